@@ -1,0 +1,1 @@
+"""Processes that look: subscribe, watch, evaluate."""

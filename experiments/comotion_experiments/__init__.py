@@ -1,0 +1,1 @@
+"""The core offline: evaluate recordings and reproduce the paper."""

@@ -1,0 +1,38 @@
+"""Messages, keys, codec, QoS and session settings of the comotion wire protocol.
+
+Importing this package does not import zenoh; :mod:`comotion_schemas.transport` does.
+"""
+
+from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, encode
+from .hypotheses import Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
+from .keys import DEFAULT_SCENE, Keys
+from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
+from .qos import QOS, QoS
+from .types import MAX_BYTES, UNDETERMINED
+
+__all__ = [
+    "DEFAULT_SCENE",
+    "MAX_BYTES",
+    "MESSAGE_TYPES",
+    "QOS",
+    "UNDETERMINED",
+    "DecodeError",
+    "Event",
+    "Hypothesis",
+    "HypothesisUpdate",
+    "JointStates",
+    "Keys",
+    "Message",
+    "ObservationBatch",
+    "Pose",
+    "Preview",
+    "QoS",
+    "RejectionReason",
+    "SourceRef",
+    "Status",
+    "TruthBatch",
+    "Twist",
+    "decode",
+    "decode_as",
+    "encode",
+]

@@ -1,0 +1,123 @@
+"""Typed NumPy columns: how an array field of a message is declared, checked and carried.
+
+A column travels as a msgpack ``bin`` of a little-endian C-order array (PROTOCOL.md, "Encoding").
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+Array = NDArray[Any]
+
+
+def reject(reason: str, detail: str) -> PydanticCustomError:
+    """Build the error that carries a rejection reason of the protocol through pydantic."""
+    # The detail goes in as a value: braces in hostile input must not be read as template fields.
+    return PydanticCustomError(reason, "{detail}", {"detail": detail})  # type: ignore[arg-type,unused-ignore]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column: wire dtype, row width and whether NaN and infinity are forbidden.
+
+    Parameters
+    ----------
+    dtype
+        NumPy type string with the byte order, e.g. ``<u8``.
+    width
+        None for a vector, a number for rows of that many values, ``"dim"`` where the message's own
+        ``dim`` settles it.
+    finite
+        Reject NaN and infinity.
+    """
+
+    dtype: str
+    width: int | str | None = None
+    finite: bool = True
+
+    def coerce(self, value: object) -> Array:
+        """Turn an array-like, or the bytes of the wire, into a read-only array of the stated dtype.
+
+        Raises
+        ------
+        PydanticCustomError
+            ``length`` for bytes that are no whole number of rows or an array of another rank,
+            ``non-finite`` where numbers must be finite, ``range`` for integers that do not fit,
+            ``schema`` for anything that is no array of numbers.
+        """
+        array = self._from_bytes(value) if isinstance(value, bytes) else self._from_array(value)
+        if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise reject("non-finite", "numbers must be finite")
+        return array
+
+    def _from_bytes(self, raw: bytes) -> Array:
+        dtype = np.dtype(self.dtype)
+        if len(raw) % dtype.itemsize:
+            raise reject("length", f"{len(raw)} bytes are no whole number of {dtype.name} values")
+        flat = np.frombuffer(raw, dtype)
+        if not isinstance(self.width, int):
+            return flat
+        if flat.size % self.width:
+            raise reject("length", f"{flat.size} numbers are no whole number of rows of {self.width}")
+        return flat.reshape(-1, self.width)
+
+    def _from_array(self, value: object) -> Array:
+        try:
+            given = np.asarray(value)
+            self._check_integers(given)
+            # An overflow to infinity is reported by the finite check, not by a warning.
+            with np.errstate(over="ignore"):
+                array = np.array(given, dtype=self.dtype, order="C")
+        except (TypeError, ValueError, OverflowError) as error:
+            raise reject("schema", f"not an array of {self.dtype}: {error}") from None
+        if not array.size:
+            array = array.reshape(0, self.width) if isinstance(self.width, int) else array.reshape(0)
+        self._check_rank(array)
+        array.flags.writeable = False
+        return array
+
+    def _check_rank(self, array: Array) -> None:
+        rank = 1 if self.width is None or not array.size else 2
+        if array.size and array.ndim != rank:
+            raise reject("length", f"expected {rank} dimensions, got {array.ndim}")
+        if isinstance(self.width, int) and array.shape[-1] != self.width:
+            raise reject("length", f"expected rows of {self.width}, got {array.shape[-1]}")
+
+    def _check_integers(self, given: Array) -> None:
+        target = np.dtype(self.dtype)
+        if target.kind not in "iu" or not given.size:
+            return
+        if given.dtype.kind not in "iu":
+            raise reject("schema", f"expected integers, got {given.dtype}")
+        info = np.iinfo(target)
+        if int(given.min()) < info.min or int(given.max()) > info.max:
+            raise reject("range", f"an integer does not fit in {target.name}")
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Validate through :meth:`coerce`."""
+        return core_schema.no_info_plain_validator_function(self.coerce)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Describe the field as bytes, with the array layout as extension keys."""
+        shape = ["N"] if self.width is None else ["N", self.width]
+        return {"type": "string", "contentEncoding": "binary", "x-dtype": self.dtype, "x-shape": shape}
+
+
+def has_duplicates(ids: Array) -> bool:
+    """Whether an id occurs twice. The common sorted case needs no sort."""
+    if ids.size < 2 or bool((ids[1:] > ids[:-1]).all()):
+        return False
+    ordered = np.sort(ids)
+    return bool((ordered[1:] == ordered[:-1]).any())
+
+
+def require_rows(name: str, array: Array, expected: int) -> None:
+    """Reject a column that does not have one row per id."""
+    if len(array) != expected:
+        raise reject("length", f"{name} has {len(array)} rows, expected {expected}")

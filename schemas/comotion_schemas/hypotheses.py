@@ -1,0 +1,172 @@
+"""What the service publishes: which features move together (``comotion.HypothesisUpdate/1``)."""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from .columns import reject, require_rows
+from .types import (
+    MESSAGE_CONFIG,
+    UNDETERMINED,
+    Count,
+    F4Column,
+    Finite,
+    IdColumn,
+    Int64,
+    Name,
+    PointColumn,
+    Record,
+    SessionId,
+    SpaceName,
+    U2Column,
+    U4Column,
+    UInt32,
+)
+
+HypothesisState = Literal["static", "moving", "undetermined"]
+EventKind = Literal["born", "split", "merged", "ended"]
+Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
+Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
+AngularVector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+HypothesisId = Annotated[UInt32, Field(lt=UNDETERMINED)]
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class SourceRef(Record):
+    """A source of the update's tracks: its name and the session its ids belong to."""
+
+    name: Name
+    session: SessionId
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Pose(Record):
+    """Motion since birth in the axes of the space: x(stamp) = R·x(born) + translation.
+
+    `rotation` is a quaternion (x, y, z, w) in 3-D and an angle in rad in 2-D.
+    """
+
+    translation: Vector
+    rotation: Quaternion | Finite
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Twist(Record):
+    """Velocity of the centroid (unit/s) and angular velocity: 3-vector in rad/s, in 2-D a number."""
+
+    linear: Vector
+    angular: AngularVector | Finite
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Hypothesis(Record):
+    """A set of features that move as one rigid body.
+
+    `size` counts its tracks in this update, `centroid` is their mean position [dim], `noise` the
+    one-sigma residual in the space's unit, `linked` ids in other spaces that are the same body.
+    """
+
+    id: HypothesisId
+    space: SpaceName
+    size: Count
+    born_ns: Int64
+    state: HypothesisState
+    centroid: Vector
+    pose: Pose | None = None
+    twist: Twist | None = None
+    noise: Annotated[Finite, Field(ge=0)] | None = None
+    linked: list[HypothesisId] | None = None
+
+
+_OTHERS = {"born": (0, 0), "ended": (0, 0), "split": (1, 1), "merged": (1, None)}
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Event(Record):
+    """A change of the set of hypotheses.
+
+    ``born``: new, from nothing. ``split``: `hypothesis` is the new one, `others` the one it left.
+    ``merged``: `hypothesis` survives, `others` are gone. ``ended``: no members left.
+    """
+
+    stamp_ns: Int64
+    kind: EventKind
+    hypothesis: HypothesisId
+    others: list[HypothesisId]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        least, most = _OTHERS[self.kind]
+        if len(self.others) < least or (most is not None and len(self.others) > most):
+            raise reject("length", f"{self.kind} with {len(self.others)} others")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class HypothesisUpdate:
+    """Every current trajectory and its hypothesis, whole in itself.
+
+    Attributes
+    ----------
+    stamp_ns, published_ns, period_ns
+        The watermark this update is fused up to, the clock at publication, the fixed period.
+    sources
+        (name, session) pairs; `track_source` indexes them.
+    track_source, track_id
+        uint16 [N] and uint64 [N]: which trajectory a row is.
+    track_hypothesis
+        uint32 [N], hypothesis id or :data:`UNDETERMINED`.
+    track_confidence
+        float32 [N] in 0..1.
+    track_position
+        float32 [N, 3], newest fused state, NaN in the third column in 2-D.
+    hypotheses, events
+        The hypotheses with their motion; the changes of the last 2 s.
+    """
+
+    schema: Literal["comotion.HypothesisUpdate/1"] = "comotion.HypothesisUpdate/1"
+    scene: Name
+    session: SessionId
+    seq: Count
+    stamp_ns: Int64
+    published_ns: Int64
+    period_ns: Annotated[Int64, Field(gt=0)]
+    sources: list[SourceRef]
+    track_source: U2Column
+    track_id: IdColumn
+    track_hypothesis: U4Column
+    track_confidence: F4Column
+    track_position: PointColumn
+    hypotheses: list[Hypothesis]
+    events: list[Event]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        count = len(self.track_id)
+        for name in ("track_source", "track_hypothesis", "track_confidence", "track_position"):
+            require_rows(name, getattr(self, name), count)
+        self._check_tracks(count)
+        ids = [h.id for h in self.hypotheses]
+        if len(set(ids)) != len(ids):
+            raise reject("duplicate-id", "a hypothesis is listed twice")
+        known = np.isin(self.track_hypothesis, np.array([*ids, UNDETERMINED], np.uint32))
+        if not known.all():
+            raise reject("range", "a track names a hypothesis that is not listed")
+        return self
+
+    def _check_tracks(self, count: int) -> None:
+        if not count:
+            return
+        if int(self.track_source.max()) >= len(self.sources):
+            raise reject("range", "track_source points beyond sources")
+        if ((self.track_confidence < 0) | (self.track_confidence > 1)).any():
+            raise reject("range", "track_confidence must lie in 0..1")
+        if not np.isfinite(self.track_position[:, :2]).all() or np.isinf(self.track_position[:, 2]).any():
+            raise reject("non-finite", "track_position must be finite")
+        pairs = np.empty(count, np.dtype([("source", "<u2"), ("id", "<u8")]))
+        pairs["source"], pairs["id"] = self.track_source, self.track_id
+        order = np.lexsort((self.track_id, self.track_source))
+        if (pairs[order][1:] == pairs[order][:-1]).any():
+            raise reject("duplicate-id", "a track is listed twice")

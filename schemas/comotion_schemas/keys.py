@@ -1,0 +1,79 @@
+"""Key expressions of the protocol: one place that builds and takes apart every key."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from .messages import Role
+from .types import is_name
+
+ROOT = "comotion/@v1"
+DEFAULT_SCENE = "default"
+
+StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
+QueryName = Literal["snapshot", "status", "config", "affinity", "schema"]
+
+_STREAMS = get_args(StreamKind)
+
+
+def _chunk(what: str, name: str) -> str:
+    if not is_name(name):
+        raise ValueError(f"{what} {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
+    return name
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of one scene.
+
+    Raises
+    ------
+    ValueError
+        If a scene, source or component name is not one chunk of ``[a-z0-9_-]{1,64}``.
+    """
+
+    scene: str = DEFAULT_SCENE
+
+    def __post_init__(self) -> None:
+        _chunk("scene", self.scene)
+
+    @property
+    def prefix(self) -> str:
+        """What every key of the scene starts with."""
+        return f"{ROOT}/{self.scene}"
+
+    def stream(self, kind: StreamKind, name: str) -> str:
+        """Key of one publisher's stream, e.g. ``obs/klt-left``."""
+        return f"{self.prefix}/{kind}/{_chunk('name', name)}"
+
+    def streams(self, kind: StreamKind) -> str:
+        """Key expression that matches the streams of every publisher of a kind."""
+        return f"{self.prefix}/{kind}/*"
+
+    @property
+    def hypotheses(self) -> str:
+        """Key of the service's updates."""
+        return f"{self.prefix}/hypotheses"
+
+    def live(self, role: Role, name: str) -> str:
+        """Key of a liveliness token."""
+        return f"{self.prefix}/live/{role}/{_chunk('name', name)}"
+
+    def all_live(self, role: Role | Literal["*"] = "*") -> str:
+        """Key expression of the liveliness tokens of a role, or of all."""
+        return f"{self.prefix}/live/{role}/*"
+
+    def query(self, name: QueryName) -> str:
+        """Key of a queryable of the service."""
+        return f"{self.prefix}/query/{name}"
+
+
+def last_chunk(key: str) -> str:
+    """Name of the publisher of a stream or liveliness key."""
+    return key.rsplit("/", 1)[-1]
+
+
+def stream_kind(key: str) -> StreamKind | None:
+    """Kind of a stream key, or None for any other key."""
+    chunks = key.split("/")
+    kind = chunks[-2] if len(chunks) == 5 and key.startswith(ROOT + "/") else ""
+    return kind if kind in _STREAMS else None  # type: ignore[return-value]

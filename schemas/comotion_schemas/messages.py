@@ -1,0 +1,275 @@
+"""What sources publish: every message of the wire protocol but the service's own.
+
+A message is a frozen pydantic dataclass: header fields are plain values, columns are read-only
+NumPy arrays of the stated dtype. Building one validates it wholly, so a message that exists is
+well formed; checks that need the key or the clock belong to the receiver.
+"""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
+from pydantic.dataclasses import dataclass
+
+from .columns import Array, Column, has_duplicates, reject, require_rows
+from .types import (
+    MESSAGE_CONFIG,
+    Count,
+    F8Column,
+    Finite,
+    I4Column,
+    IdColumn,
+    Int64,
+    Name,
+    PixelColumn,
+    PositionColumn,
+    QuaternionColumn,
+    SessionId,
+    ShortText,
+    SpaceName,
+    StampColumn,
+    Unit,
+)
+
+_UNIT_NORM_TOLERANCE = 1e-3
+_SIGMA = Column("<f4")
+
+
+def _sigma(value: object) -> float | Array:
+    """One number for all rows, or one per row; always above zero and finite."""
+    if isinstance(value, bool | str):
+        raise reject("schema", "sigma is a number or a column")
+    if isinstance(value, int | float | np.number):
+        number = float(value)
+        if not np.isfinite(number):
+            raise reject("non-finite", "sigma must be finite")
+        if number <= 0:
+            raise reject("range", "sigma must be above zero")
+        return number
+    column = _SIGMA.coerce(value)
+    if (column <= 0).any():
+        raise reject("range", "sigma must be above zero")
+    return column
+
+
+Sigma = Annotated[
+    float | NDArray[np.float32],
+    BeforeValidator(_sigma),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "exclusiveMinimum": 0},
+                {"type": "string", "contentEncoding": "binary", "x-dtype": "<f4", "x-shape": ["N"]},
+            ]
+        }
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class ObservationBatch:
+    """Observations of one source: newest states of its features (``comotion.ObservationBatch/1``).
+
+    Attributes
+    ----------
+    source, session, seq
+        Publisher, its run and its message number. A trajectory is (source, session, id).
+    space, unit, dim
+        Coordinate space of the states, ``m`` or ``px``, 2 or 3.
+    stamp_ns
+        Acquisition time of the newest instant, nanoseconds since the Unix epoch.
+    ids
+        uint64 [N], feature ids; never reused within a session.
+    positions
+        float32 [N, dim], in `unit`, finite.
+    stamps_ns
+        int64 [N] or None: acquisition time per row.
+    sigma
+        One-sigma isotropic noise in `unit`: a number, float32 [N], or None when unknown.
+    quaternions
+        float32 [N, 4] (x, y, z, w) or None; a row of NaN is a point. 3-D only.
+    ended
+        uint64 [M] or None: ids the source has lost for good.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        With a rejection reason of the protocol as error type.
+    """
+
+    schema: Literal["comotion.ObservationBatch/1"] = "comotion.ObservationBatch/1"
+    source: Name
+    session: SessionId
+    seq: Count
+    space: SpaceName
+    unit: Unit
+    dim: Annotated[int, Field(strict=True, ge=2, le=3)]
+    stamp_ns: Int64
+    ids: IdColumn
+    positions: PositionColumn
+    stamps_ns: StampColumn | None = None
+    sigma: Sigma | None = None
+    quaternions: QuaternionColumn | None = None
+    ended: IdColumn | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        self._shape_positions()
+        self._check_stamps()
+        if isinstance(self.sigma, np.ndarray):
+            require_rows("sigma", self.sigma, len(self.ids))
+        self._check_quaternions()
+        if self.ended is not None and has_duplicates(self.ended):
+            raise reject("duplicate-id", "an id occurs twice in ended")
+        return self
+
+    def _shape_positions(self) -> None:
+        positions, expected = self.positions, (len(self.ids), self.dim)
+        if positions.size != expected[0] * expected[1] or (
+            positions.ndim == 2 and positions.shape != expected
+        ):
+            raise reject(
+                "length", f"positions hold {positions.size} numbers, expected {expected[0]} x {expected[1]}"
+            )
+        # The width is known only here; the instance is frozen for everyone else.
+        object.__setattr__(self, "positions", positions.reshape(expected))
+
+    def _check_stamps(self) -> None:
+        if self.stamps_ns is None:
+            if has_duplicates(self.ids):
+                raise reject("duplicate-id", "an id occurs twice in one instant")
+            return
+        require_rows("stamps_ns", self.stamps_ns, len(self.ids))
+        if not len(self.ids):
+            return
+        if int(self.stamps_ns.max()) != self.stamp_ns:
+            raise reject("range", "the largest of stamps_ns must equal stamp_ns")
+        order = np.argsort(self.ids, kind="stable")
+        ids, stamps = self.ids[order], self.stamps_ns[order]
+        same = ids[1:] == ids[:-1]
+        if (same & (stamps[1:] < stamps[:-1])).any():
+            raise reject("range", "stamps_ns must not decrease within an id")
+        if (same & (stamps[1:] == stamps[:-1])).any():
+            raise reject("duplicate-id", "an id occurs twice in one instant")
+
+    def _check_quaternions(self) -> None:
+        if self.quaternions is None:
+            return
+        if self.dim != 3:
+            raise reject("schema", "quaternions need dim 3")
+        require_rows("quaternions", self.quaternions, len(self.ids))
+        point = np.isnan(self.quaternions).all(axis=1)
+        poses = self.quaternions[~point].astype(np.float64)
+        if not np.isfinite(poses).all():
+            raise reject("non-finite", "a quaternion is partly NaN or infinite")
+        if (np.abs(np.sqrt((poses**2).sum(axis=1)) - 1.0) > _UNIT_NORM_TOLERANCE).any():
+            raise reject("range", "a quaternion is not of unit norm")
+
+
+_ObjectNumber = Annotated[str, StringConstraints(strict=True, pattern=r"^(0|-?[1-9][0-9]{0,9})\z")]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class TruthBatch:
+    """Which object each feature belongs to (``comotion.TruthBatch/1``).
+
+    `ids` uint64 [N]; `objects` int32 [N], -1 for ambiguous (never scored); `names` maps object
+    numbers in decimal to readable names. Batches add up; the last value of an id holds.
+    """
+
+    schema: Literal["comotion.TruthBatch/1"] = "comotion.TruthBatch/1"
+    source: Name
+    session: SessionId
+    ids: IdColumn
+    objects: I4Column
+    names: dict[_ObjectNumber, ShortText]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        require_rows("objects", self.objects, len(self.ids))
+        if has_duplicates(self.ids):
+            raise reject("duplicate-id", "an id occurs twice")
+        if (self.objects < -1).any():
+            raise reject("range", "an object number is below -1")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class JointStates:
+    """Joint positions of a robot (``comotion.JointStates/1``): float64 [J], rad or m."""
+
+    schema: Literal["comotion.JointStates/1"] = "comotion.JointStates/1"
+    source: Name
+    session: SessionId
+    seq: Count
+    stamp_ns: Int64
+    names: list[ShortText]
+    positions: F8Column
+    velocities: F8Column | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(set(self.names)) != len(self.names):
+            raise reject("duplicate-id", "a joint is named twice")
+        require_rows("positions", self.positions, len(self.names))
+        if self.velocities is not None:
+            require_rows("velocities", self.velocities, len(self.names))
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class Preview:
+    """A camera image with its features (``comotion.Preview/1``): ids uint64 [N], pixels float32 [N, 2]."""
+
+    schema: Literal["comotion.Preview/1"] = "comotion.Preview/1"
+    source: Name
+    session: SessionId
+    stamp_ns: Int64
+    encoding: Literal["jpeg"]
+    image: Annotated[bytes, Field(strict=True)]
+    ids: IdColumn
+    pixels: PixelColumn
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        require_rows("pixels", self.pixels, len(self.ids))
+        if has_duplicates(self.ids):
+            raise reject("duplicate-id", "an id occurs twice")
+        return self
+
+
+StatusState = Literal["ok", "degraded", "stalled"]
+Role = Literal["source", "service", "recorder", "viewer"]
+RejectionReason = Literal[
+    "malformed",
+    "schema",
+    "unknown-field",
+    "length",
+    "non-finite",
+    "duplicate-id",
+    "source-mismatch",
+    "space-mismatch",
+    "too-large",
+    "future",
+    "past",
+    "range",
+    "limit",
+]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
+class Status:
+    """Health of one component, once a second (``comotion.Status/1``). Counters only grow."""
+
+    schema: Literal["comotion.Status/1"] = "comotion.Status/1"
+    component: Name
+    role: Role
+    session: SessionId
+    stamp_ns: Int64
+    state: StatusState
+    rates: dict[ShortText, Finite]
+    ages: dict[ShortText, Finite]
+    counters: dict[ShortText, Count]
+    rejected: dict[RejectionReason, Count]
+    message: ShortText

@@ -1,0 +1,60 @@
+"""Quality of service per kind of key: how a message travels, apart from what travels.
+
+Every stream drops under congestion: with BLOCK one stuck subscriber stalls the healthy ones.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from .keys import StreamKind
+
+Kind = Literal[StreamKind, "hypotheses"]
+PriorityName = Literal[
+    "REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class QoS:
+    """How the messages of one kind of key are sent.
+
+    Attributes
+    ----------
+    message
+        Name of the message type the key carries.
+    priority
+        Zenoh priority; lower ones wait when a link is full.
+    express
+        Send at once instead of batching small messages.
+    reliable
+        Ask for reliable links.
+    cache
+        How many samples the publisher keeps for late joiners; 0: none.
+    congestion
+        Always DROP.
+    """
+
+    message: str
+    priority: PriorityName
+    express: bool
+    reliable: bool
+    cache: int
+    congestion: Literal["DROP"] = "DROP"
+
+    @property
+    def encoding(self) -> str:
+        """Zenoh encoding of the payload."""
+        return f"application/msgpack;comotion.{self.message}/1"
+
+
+QOS: dict[Kind, QoS] = {
+    "obs": QoS("ObservationBatch", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
+    "joints": QoS("JointStates", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
+    "hypotheses": QoS("HypothesisUpdate", "DATA_HIGH", express=True, reliable=True, cache=1),
+    "truth": QoS("TruthBatch", "DATA", express=False, reliable=True, cache=4096),
+    "status": QoS("Status", "DATA_LOW", express=False, reliable=True, cache=1),
+    "preview": QoS("Preview", "BACKGROUND", express=False, reliable=False, cache=0),
+}
+
+HEARTBEAT_S = 0.5
+"""Period of the cached publishers' heartbeat; without it several cached publishers in one session lose last values."""

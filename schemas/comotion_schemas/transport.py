@@ -1,0 +1,150 @@
+"""Zenoh sessions and publishers with the settings that were measured to work together.
+
+The one module of this package that imports zenoh; everything else is transport-free.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import zenoh
+import zenoh.ext
+
+from .keys import Keys, StreamKind
+from .qos import HEARTBEAT_S, QOS, Kind, QoS
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+TRANSPORT_LIMIT = 32 * 1024 * 1024
+"""Above the codec's limit, so that an oversized message is rejected with a reason and not by the link."""
+LEASE_MS = 2000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TlsFiles:
+    """PEM files of a mutual TLS link."""
+
+    root_ca: Path
+    certificate: Path
+    key: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionSettings:
+    """Where a process connects or listens.
+
+    A client connects through a router; only the router itself listens.
+    """
+
+    mode: Literal["client", "router"] = "client"
+    connect: Sequence[str] = (DEFAULT_ENDPOINT,)
+    listen: Sequence[str] = ()
+    tls: TlsFiles | None = None
+
+
+class Publisher(Protocol):
+    """What :func:`declare_publisher` returns: a plain or a cached Zenoh publisher."""
+
+    def put(self, payload: bytes) -> None:
+        """Publish one payload; drops silently while disconnected."""
+
+    def undeclare(self) -> None:
+        """Stop publishing."""
+
+
+def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
+    """Session configuration as Zenoh's JSON5 tree."""
+    config: dict[str, Any] = {
+        "mode": settings.mode,
+        "connect": {
+            "endpoints": list(settings.connect),
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        },
+        "listen": {"endpoints": list(settings.listen)},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        # The cache of a cached publisher needs time stamps.
+        "timestamping": {"enabled": True},
+        "transport": {
+            # Shared memory leaks across publisher restarts.
+            "shared_memory": {"enabled": False},
+            "link": {"tx": {"lease": LEASE_MS}, "rx": {"max_message_size": TRANSPORT_LIMIT}},
+        },
+    }
+    if settings.tls is not None:
+        config["transport"]["link"]["tls"] = _tls(settings)
+    return config
+
+
+def _tls(settings: SessionSettings) -> dict[str, Any]:
+    tls = settings.tls
+    assert tls is not None  # noqa: S101 - narrowed by the caller
+    role = "connect" if settings.mode == "client" else "listen"
+    return {
+        "root_ca_certificate": str(tls.root_ca),
+        f"{role}_certificate": str(tls.certificate),
+        f"{role}_private_key": str(tls.key),
+        "enable_mtls": True,
+    }
+
+
+def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = None) -> zenoh.Session:
+    """Open a session; use it as a context manager, else the process hangs at exit.
+
+    Parameters
+    ----------
+    settings
+        Endpoints and mode.
+    overrides
+        Top-level keys of Zenoh's configuration to add or replace, e.g. ``access_control``.
+    """
+    config = zenoh_config(settings) | (overrides or {})
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+
+def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher:
+    """Declare a publisher with the quality of service of its kind of key."""
+    qos = QOS[kind]
+    options = _options(qos)
+    if not qos.cache:
+        return session.declare_publisher(key, **options)
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        cache=zenoh.ext.CacheConfig(max_samples=qos.cache),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=HEARTBEAT_S),
+        publisher_detection=True,
+        **options,
+    )
+
+
+def _options(qos: QoS) -> dict[str, Any]:
+    return {
+        "encoding": qos.encoding,
+        "congestion_control": getattr(zenoh.CongestionControl, qos.congestion),
+        "priority": getattr(zenoh.Priority, qos.priority),
+        "express": qos.express,
+        "reliability": zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
+    }
+
+
+def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: Any) -> Any:
+    """Declare a subscriber that also gets what the publishers of a cached kind keep for late joiners."""
+    qos = QOS[kind]
+    if not qos.cache:
+        return session.declare_subscriber(key, handler)
+    return zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        handler,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=qos.cache),
+        recovery=zenoh.ext.RecoveryConfig(heartbeat=True),
+        subscriber_detection=True,
+    )
+
+
+def stream_publisher(session: zenoh.Session, keys: Keys, kind: StreamKind, name: str) -> Publisher:
+    """Declare the publisher of a named stream of a scene."""
+    return declare_publisher(session, keys.stream(kind, name), kind)

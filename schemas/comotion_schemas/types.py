@@ -1,0 +1,79 @@
+"""Field types that several messages share."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints
+
+from .columns import Column
+
+MAX_BYTES = 16 * 1024 * 1024
+"""Largest message the codec takes (PROTOCOL.md, "Encoding")."""
+
+UNDETERMINED = 0xFFFF_FFFF
+"""``track_hypothesis`` of a trajectory that belongs to no hypothesis."""
+
+MESSAGE_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+# [0-9a-z_-] with an explicit end: `$` would also match before a trailing newline.
+_NAME = r"[a-z0-9_-]{1,64}"
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars are what users compute with; the header holds plain numbers."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+_PLAIN = BeforeValidator(_plain)
+Int64 = Annotated[int, Field(strict=True, ge=-(2**63), le=2**63 - 1), _PLAIN]
+UInt64 = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1), _PLAIN]
+UInt32 = Annotated[int, Field(strict=True, ge=0, le=2**32 - 1), _PLAIN]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False), _PLAIN]
+Count = Annotated[int, Field(strict=True, ge=0), _PLAIN]
+
+Name = Annotated[str, StringConstraints(strict=True, pattern=rf"^{_NAME}\z")]
+SessionId = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{16}\z")]
+SpaceName = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=256)]
+ShortText = Annotated[str, StringConstraints(strict=True, max_length=4096)]
+Unit = Literal["m", "px"]
+
+IdColumn = Annotated[NDArray[np.uint64], Column("<u8")]
+StampColumn = Annotated[NDArray[np.int64], Column("<i8")]
+F4Column = Annotated[NDArray[np.float32], Column("<f4")]
+F8Column = Annotated[NDArray[np.float64], Column("<f8")]
+I4Column = Annotated[NDArray[np.int32], Column("<i4")]
+U2Column = Annotated[NDArray[np.uint16], Column("<u2")]
+U4Column = Annotated[NDArray[np.uint32], Column("<u4")]
+PositionColumn = Annotated[NDArray[np.float32], Column("<f4", "dim")]
+PixelColumn = Annotated[NDArray[np.float32], Column("<f4", 2)]
+PointColumn = Annotated[NDArray[np.float32], Column("<f4", 3, finite=False)]
+QuaternionColumn = Annotated[NDArray[np.float32], Column("<f4", 4, finite=False)]
+
+
+def is_name(value: str) -> bool:
+    """Whether a scene, source or component name is one chunk of ``[a-z0-9_-]{1,64}``."""
+    return re.fullmatch(_NAME, value) is not None
+
+
+class Record:
+    """A map inside a message: fields read as attributes, or by key as on the wire."""
+
+    def __getitem__(self, key: str) -> Any:
+        if key in self:
+            return getattr(self, key)
+        raise KeyError(key)
+
+    def __contains__(self, key: object) -> bool:
+        return key in tuple(self.keys())
+
+    def keys(self) -> Iterator[str]:
+        """Names of the fields that are set, as they would be on the wire."""
+        return (f.name for f in fields(self) if getattr(self, f.name) is not None)  # type: ignore[arg-type]
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Value of a field, or `default` where it is unset."""
+        return self[key] if key in self else default

@@ -1,0 +1,1 @@
+"""Fuses feature trajectories from several sources into hypotheses of rigid bodies."""

@@ -1,0 +1,1 @@
+"""Processes that observe: simulator, cameras, proprioception, replay."""
