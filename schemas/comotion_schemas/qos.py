@@ -57,4 +57,4 @@ QOS: dict[Kind, QoS] = {
 }
 
 HEARTBEAT_S = 0.5
-"""Period of the cached publishers' heartbeat; without it several cached publishers in one session lose last values."""
+"""Heartbeat of cached publishers; without it several of them in one session lose last values."""

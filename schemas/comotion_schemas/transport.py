@@ -114,7 +114,7 @@ def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher
         session,
         key,
         cache=zenoh.ext.CacheConfig(max_samples=qos.cache),
-        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=HEARTBEAT_S),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
         publisher_detection=True,
         **options,
     )
@@ -140,7 +140,7 @@ def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: An
         key,
         handler,
         history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=qos.cache),
-        recovery=zenoh.ext.RecoveryConfig(heartbeat=True),
+        recovery=zenoh.ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
         subscriber_detection=True,
     )
 

@@ -76,4 +76,5 @@ class Record:
 
     def get(self, key: str, default: Any = None) -> Any:
         """Value of a field, or `default` where it is unset."""
-        return self[key] if key in self else default
+        value = getattr(self, key) if key in self else None
+        return default if value is None else value
