@@ -1,1 +1,12 @@
-"""Fuses feature trajectories from several sources into hypotheses of rigid bodies."""
+"""Fuses feature trajectories from several sources into hypotheses of rigid bodies.
+
+The package is a pure core - arrays in, arrays out, time injected - and :mod:`comotion.runtime`,
+the process that puts it on the wire.
+"""
+
+from .config import FusionConfig
+from .fusion import AffinitySnapshot, Fusion
+from .health import SourceHealth
+from .stats import Stats
+
+__all__ = ["AffinitySnapshot", "Fusion", "FusionConfig", "SourceHealth", "Stats"]

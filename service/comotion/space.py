@@ -1,0 +1,178 @@
+"""One coordinate space: its trajectories, which of them are current, and the method over them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .config import FusionConfig, to_ns
+from .engine import Engine, EngineFactory, IdAllocator, Partition, Rows, SpaceSpec
+from .stats import Stats
+from .timeline import Instant
+from .window import Bools, Slots, Window
+
+_MIN_OBSERVATIONS = 2
+
+Ids = NDArray[np.uint64]
+
+
+class Space:
+    """Trajectories of one space and the engine that partitions them.
+
+    States in different spaces are not comparable, so spaces share nothing but the id allocator.
+    """
+
+    def __init__(
+        self, config: FusionConfig, spec: SpaceSpec, make: EngineFactory, ids: IdAllocator, stats: Stats
+    ) -> None:
+        self.spec = spec
+        self._config = config
+        self._stats = stats
+        self.window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
+        self.engine: Engine = make(config, spec, ids)
+        # (source index, id) of every slot in use, and back.
+        self._slot_of: dict[tuple[int, int], int] = {}
+        self.ids: Ids = np.zeros(0, np.uint64)
+        self.current: Slots = np.zeros(0, np.intp)
+        self._opened = 0
+
+    def store(self, instant: Instant, source: int, room: int) -> None:
+        """Put one instant of one source into the window and tell the engine.
+
+        Parameters
+        ----------
+        instant
+            Released rows, in event-time order.
+        source
+            Index of the (source, session) the ids belong to.
+        room
+            How many new trajectories may be opened; the rows of others are refused.
+        """
+        batch, rows = instant.batch, instant.rows
+        slots = self._find_or_open(batch.ids[rows], source, room)
+        known = slots >= 0
+        ended = np.zeros(len(slots), np.bool_)
+        ended[known] = self.window.ended[slots[known]]
+        if ended.any():
+            # An id that its source has declared lost for good must not come back.
+            self._stats.reject("duplicate-id")
+        keep = known & ~ended
+        self._insert(instant, slots[keep], rows[keep])
+
+    def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
+        batch = instant.batch
+        if not len(slots):
+            return
+        sigma = np.full(len(rows), np.nan)
+        if batch.sigma is not None:
+            sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
+        turns = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
+        positions = batch.positions[rows].astype(np.float64)
+        stored = self.window.insert(slots, instant.stamp_ns, positions, sigma, turns)
+        self._stats.observations += int(stored.sum())
+        self._stats.duplicates += not stored.all()
+        if stored.any():
+            self.engine.observed(self.window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
+
+    def _find_or_open(self, ids: Ids, source: int, room: int) -> Slots:
+        slots = np.array([self._slot_of.get((source, i), -1) for i in ids.tolist()], np.intp)
+        fresh = np.flatnonzero(slots < 0)
+        if len(fresh) > room:
+            self._stats.reject("limit")
+            fresh = fresh[:room]
+        if len(fresh):
+            slots[fresh] = self._open(ids[fresh], source)
+        return slots
+
+    def _open(self, ids: Ids, source: int) -> Slots:
+        slots = self.window.open(len(ids), source)
+        if len(self.ids) < self.window.capacity:
+            self.ids = np.concatenate([self.ids, np.zeros(self.window.capacity - len(self.ids), np.uint64)])
+        self.ids[slots] = ids
+        self._slot_of.update(((source, i), int(s)) for i, s in zip(ids.tolist(), slots, strict=True))
+        self._stats.tracks += len(ids)
+        self._opened += len(ids)
+        return slots
+
+    def end(self, ids: Ids, source: int) -> None:
+        """Mark trajectories as lost for good."""
+        slots = [self._slot_of[source, i] for i in ids.tolist() if (source, i) in self._slot_of]
+        self.window.ended[slots] = True
+
+    def end_source(self, source: int) -> None:
+        """Mark every trajectory of a session that is over."""
+        self.window.ended |= self.window.used & (self.window.source == source)
+
+    def occupied(self) -> int:
+        """Trajectories that count against the limit: those current at the last update or opened since.
+
+        A source that churns keeps a tail of outdated trajectories in the window; they count by the
+        quarter, which bounds memory without starving the living.
+        """
+        used = int(self.window.used.sum())
+        return max(len(self.current) + self._opened, used // 4)
+
+    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Partition:
+        """Let the window follow the watermark and partition what is current.
+
+        `timeout_ns` gives the time without observation after which a trajectory of a source index
+        is outdated.
+        """
+        window = self.window
+        slots, counts = window.evictable(stamp_ns - window.span_ns)
+        if len(slots):
+            self.engine.evicting(window, slots, counts)
+            window.evict(slots, counts)
+        fresh = self._fresh(stamp_ns, timeout_ns)
+        self._forget(fresh)
+        self.current = window.slots()
+        self.current = self.current[fresh[self.current] & ~window.ended[self.current]]
+        self._opened = 0
+        return self.engine.update(window, self.current, stamp_ns)
+
+    def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
+        limits = np.zeros(self.window.capacity, np.int64)
+        for source in np.unique(self.window.source[self.window.used]).tolist():
+            limits[self.window.source == source] = timeout_ns(source)
+        # Compare stamps, not differences: the smallest int64 stands for "never observed".
+        return self.window.used & (self.window.last_ns >= stamp_ns - limits)
+
+    def _forget(self, fresh: Bools) -> None:
+        """Let go of trajectories that are outdated and too short to say anything."""
+        slots = self.window.slots()
+        short = self.window.counts(slots) < _MIN_OBSERVATIONS
+        gone = slots[short & ~fresh[slots]]
+        if not len(gone):
+            return
+        self.engine.forgetting(self.window, gone)
+        for slot in gone.tolist():
+            del self._slot_of[int(self.window.source[slot]), int(self.ids[slot])]
+        self.window.close(gone)
+
+    def sources_in_use(self) -> set[int]:
+        """Indices of the sessions that have a trajectory here."""
+        return set(self.window.source[self.window.used].tolist())
+
+    def state(self) -> dict[str, Any]:
+        """The window and the engine, as plain values and arrays."""
+        slots = self.window.slots()
+        return {
+            "name": self.spec.name,
+            "unit": self.spec.unit,
+            "dim": self.spec.dim,
+            "ids": self.ids[slots],
+            "window": self.window.state(),
+            "engine": self.engine.state(self.window),
+        }
+
+    def load(self, state: dict[str, Any], *, keep_engine: bool) -> None:
+        """Take up :meth:`state`; without `keep_engine` the trajectories alone."""
+        slots = self.window.load(state["window"])
+        self.ids = np.zeros(self.window.capacity, np.uint64)
+        self.ids[slots] = state["ids"]
+        sources = self.window.source[slots].tolist()
+        self._slot_of = {
+            (s, i): int(slot) for s, i, slot in zip(sources, state["ids"].tolist(), slots, strict=True)
+        }
+        self.engine.load(state["engine"] if keep_engine else {}, self.window)
