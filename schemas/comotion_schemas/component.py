@@ -1,0 +1,235 @@
+"""Presence of one process in a scene: session, liveliness, Status, signals and readiness.
+
+Sources, the service and clients all live inside a :class:`Component`::
+
+    with Component(scene="default", role="source", name="my-tracker") as component:
+        publisher = stream_publisher(component.session, component.keys, "obs", component.name)
+        component.ready()
+        while not component.stop.is_set():
+            ...
+"""
+
+import logging
+import os
+import secrets
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from .codec import encode
+from .keys import DEFAULT_SCENE, Keys
+from .messages import RejectionReason, Role, Status, StatusState
+from .transport import Publisher, SessionSettings, declare_publisher, open_session
+
+STATUS_PERIOD_S = 1.0
+_CONNECT_TIMEOUT_MS = 500
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_log = logging.getLogger(__name__)
+
+
+def new_session_id() -> str:
+    """Draw a new session: 16 hexadecimal digits, different at each start of a process."""
+    return secrets.token_hex(8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatusFields:
+    """What a component tells about itself; the rest of a Status is known to :class:`Component`."""
+
+    state: StatusState = "ok"
+    rates: dict[str, float] = field(default_factory=dict)
+    ages: dict[str, float] = field(default_factory=dict)
+    counters: dict[str, int] = field(default_factory=dict)
+    rejected: dict[RejectionReason, int] = field(default_factory=dict)
+    message: str = ""
+
+
+class Component:
+    """Context manager around a Zenoh session that makes a process a citizen of a scene.
+
+    While open it holds the liveliness token ``live/<role>/<name>``, publishes a Status at once and
+    then every second from a thread of its own, and turns SIGINT and SIGTERM into :attr:`stop`.
+    Entering waits for a router that is not there yet; one that restarts is found again by the
+    session itself. A second signal has its usual effect.
+
+    Parameters
+    ----------
+    scene, role, name
+        Who this is; `name` is one chunk of ``[a-z0-9_-]{1,64}``.
+    settings
+        Where to connect.
+    status
+        Called from the Status thread once a second; must not block. An exception in it is logged
+        and reported as ``degraded``.
+    ready_file
+        Written by :meth:`ready` instead of the line ``ready`` on standard output.
+    session_id
+        16 hexadecimal digits; new by default.
+    overrides
+        Top-level keys of Zenoh's configuration to add or replace.
+
+    Raises
+    ------
+    ValueError
+        If scene or name is no valid chunk of a key.
+    KeyboardInterrupt
+        From entering, when a signal arrives while no router has been found yet.
+    """
+
+    def __init__(
+        self,
+        *,
+        role: Role,
+        name: str,
+        scene: str = DEFAULT_SCENE,
+        settings: SessionSettings | None = None,
+        status: Callable[[], StatusFields] = StatusFields,
+        ready_file: Path | None = None,
+        session_id: str | None = None,
+        overrides: dict[str, Any] | None = None,
+    ) -> None:
+        self.keys = Keys(scene)
+        self.role: Role = role
+        self.name = name
+        self.session_id = session_id or new_session_id()
+        self.stop = threading.Event()
+        self._live_key = self.keys.live(role, name)
+        self._settings = settings or SessionSettings()
+        self._status = status
+        self._ready_file = ready_file
+        self._overrides = overrides or {}
+        self._exit = ExitStack()
+        self._session: zenoh.Session | None = None
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The open Zenoh session."""
+        if self._session is None:
+            raise RuntimeError("the component is not open")
+        return self._session
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.callback(self._install_signals())
+            self._session = stack.enter_context(self._connect())
+            stack.callback(self.stop.set)
+            # Undeclared by hand: a token that is garbage-collected vanishes from the scene.
+            token = self.session.liveliness().declare_token(self._live_key)
+            stack.callback(token.undeclare)
+            self._start_status(stack)
+            self._exit = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._exit.close()
+        if self._ready_file is not None:
+            self._ready_file.unlink(missing_ok=True)
+
+    def ready(self) -> None:
+        """Tell whoever started this process that it serves."""
+        if self._ready_file is None:
+            print("ready", flush=True)  # noqa: T201 - the contract with launchers and scripts
+            return
+        # In one step, so that nobody reads a file that is half there.
+        partial = self._ready_file.with_name(f".{self._ready_file.name}.{os.getpid()}")
+        partial.write_text(f"{os.getpid()} {self.session_id}\n")
+        partial.replace(self._ready_file)
+
+    def status(self) -> Status:
+        """Build the Status as of now."""
+        try:
+            fields = self._status()
+        except Exception as error:  # a defect in what is reported must not end the reporting
+            _log.exception("the status of %s could not be determined", self.name)
+            fields = StatusFields(state="degraded", message=f"status unavailable: {error!r}"[:500])
+        return Status(
+            component=self.name,
+            role=self.role,
+            session=self.session_id,
+            stamp_ns=time.time_ns(),
+            state=fields.state,
+            rates=fields.rates,
+            ages=fields.ages,
+            counters=fields.counters,
+            rejected=fields.rejected,
+            message=fields.message,
+        )
+
+    def _connect(self) -> zenoh.Session:
+        """Open the session, trying again until a router answers or a signal stops it."""
+        # An unlimited connect cannot be interrupted by a signal; short ones in a loop can. Once
+        # connected, the session reconnects by itself for ever whatever the time-out says.
+        connect = {
+            "endpoints": list(self._settings.connect),
+            "timeout_ms": _CONNECT_TIMEOUT_MS,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        }
+        waiting = False
+        while not self.stop.is_set():
+            began = time.monotonic()
+            try:
+                return open_session(self._settings, self._overrides | {"connect": connect})
+            except zenoh.ZError as error:
+                self._refuse_unless_unreachable(error)
+            if not waiting:
+                _log.warning("waiting for a router at %s", ", ".join(self._settings.connect))
+            waiting = True
+            self.stop.wait(max(0.0, began + 0.2 - time.monotonic()))
+        raise KeyboardInterrupt
+
+    def _refuse_unless_unreachable(self, error: zenoh.ZError) -> None:
+        """Waiting helps against an absent router, not against a wrong endpoint or certificate."""
+        reason = str(error).split(" at /")[0]
+        if "Unable to connect" not in reason:
+            raise ValueError(
+                f"cannot open a session at {', '.join(self._settings.connect)}: {reason}"
+            ) from error
+
+    def _start_status(self, stack: ExitStack) -> None:
+        publisher = declare_publisher(self.session, self.keys.stream("status", self.name), "status")
+        closing = threading.Event()
+        thread = threading.Thread(
+            target=self._publish_status, args=(publisher, closing), name="status", daemon=True
+        )
+        thread.start()
+        stack.callback(publisher.undeclare)
+        stack.callback(thread.join, 2 * STATUS_PERIOD_S)
+        stack.callback(closing.set)
+
+    def _publish_status(self, publisher: Publisher, closing: threading.Event) -> None:
+        due = time.monotonic()
+        while True:
+            publisher.put(encode(self.status()))
+            due = max(due + STATUS_PERIOD_S, time.monotonic())
+            if closing.wait(due - time.monotonic()):
+                return
+
+    def _install_signals(self) -> Callable[[], None]:
+        """Turn signals into the stop event; answers with what undoes it."""
+        if threading.current_thread() is not threading.main_thread():
+            return lambda: None
+        previous = {number: signal.getsignal(number) for number in _SIGNALS}
+
+        def restore() -> None:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+        def on_signal(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+            # The next one has its usual effect, should the clean stop hang.
+            restore()
+            self.stop.set()
+
+        for number in _SIGNALS:
+            signal.signal(number, on_signal)
+        return restore
