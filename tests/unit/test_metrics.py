@@ -1,0 +1,188 @@
+"""Metrics against scikit-learn, brute force and hand-made cases."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from sklearn.metrics import normalized_mutual_info_score
+from sklearn.metrics.cluster import contingency_matrix
+
+from comotion_clients.metrics import (
+    Switches,
+    Truth,
+    contingency,
+    isolate,
+    label_switches,
+    misclassification,
+    nmi,
+    score_update,
+)
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, SourceRef, TruthBatch
+
+SESSION = "0123456789abcdef"
+NONE = UNDETERMINED
+
+
+def partitions(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 40))
+    return rng.integers(0, rng.integers(1, 7), count), rng.integers(-3, rng.integers(-2, 5), count)
+
+
+def update(rows: dict[tuple[str, int], int], seq: int = 0) -> HypothesisUpdate:
+    """An update that lists {(source, feature id): hypothesis}."""
+    names = sorted({name for name, _ in rows})
+    ids = sorted(set(rows.values()) - {NONE})
+    return HypothesisUpdate(
+        scene="default",
+        session=SESSION,
+        seq=seq,
+        stamp_ns=10**9 + seq,
+        published_ns=10**9 + seq,
+        period_ns=10**8,
+        sources=[SourceRef(name=name, session=SESSION) for name in names],
+        track_source=[names.index(name) for name, _ in rows],
+        track_id=[feature for _, feature in rows],
+        track_hypothesis=list(rows.values()),
+        track_confidence=[1.0] * len(rows),
+        track_position=np.zeros((len(rows), 3), np.float32),
+        hypotheses=[
+            Hypothesis(
+                id=i,
+                space="world",
+                size=list(rows.values()).count(i),
+                born_ns=0,
+                state="moving",
+                centroid=[0.0, 0.0, 0.0],
+            )
+            for i in ids
+        ],
+        events=[],
+    )
+
+
+def truth(objects: dict[tuple[str, int], int]) -> Truth:
+    return Truth(
+        TruthBatch(source=name, session=SESSION, ids=[feature], objects=[number], names={})
+        for (name, feature), number in objects.items()
+    )
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_nmi_equals_scikit_learn(seed: int) -> None:
+    labels, objects = partitions(seed)
+    expected = normalized_mutual_info_score(objects, labels, average_method="arithmetic")
+    assert nmi(labels, objects) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_contingency_equals_scikit_learn(seed: int) -> None:
+    labels, objects = partitions(seed)
+    np.testing.assert_array_equal(contingency(labels, objects), contingency_matrix(labels, objects))
+
+
+def test_nmi_at_its_corners() -> None:
+    one, many, two = np.zeros(6, int), np.arange(6), np.array([0, 0, 0, 1, 1, 1])
+    assert nmi(one, one) == 1.0
+    assert nmi(two, one) == 0.0
+    assert nmi(one, two) == 0.0
+    assert nmi(two + 5, two) == pytest.approx(1.0)
+    # Over-segmentation is penalised: I = log 2, H(C) = log 6.
+    assert nmi(many, two) == pytest.approx(2 * np.log(2) / (np.log(6) + np.log(2)))
+    assert np.isnan(nmi(np.empty(0, int), np.empty(0, int)))
+
+
+def test_partitions_of_different_length_are_refused() -> None:
+    with pytest.raises(ValueError, match="one length"):
+        nmi(np.zeros(3, int), np.zeros(4, int))
+
+
+def brute_force_errors(labels: np.ndarray, objects: np.ndarray) -> float:
+    clusters, truths = np.unique(labels), np.unique(objects)
+    names = list(truths) + [None] * len(clusters)
+    best = 0
+    for assignment in set(permutations(names, len(clusters))):
+        named = dict(zip(clusters, assignment, strict=True))
+        best = max(best, sum(named[c] == g for c, g in zip(labels, objects, strict=True)))
+    return 1 - best / len(labels)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_misclassification_equals_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    labels, objects = rng.integers(0, 4, 15), rng.integers(0, 3, 15)
+    assert misclassification(labels, objects) == pytest.approx(brute_force_errors(labels, objects))
+
+
+def test_members_of_an_extra_cluster_are_errors() -> None:
+    objects = np.array([1] * 6 + [2] * 4)
+    labels = np.array([7] * 4 + [8] * 2 + [9] * 4)
+    assert misclassification(labels, objects) == pytest.approx(0.2)
+
+
+def test_isolate_gives_each_undetermined_track_its_own_cluster() -> None:
+    clusters = isolate(np.array([NONE, 5, 9, NONE, 5]))
+    assert clusters[1] == clusters[4]
+    assert len(set(clusters.tolist())) == 4
+    assert clusters.max() == 3
+
+
+def test_a_perfect_update_scores_one() -> None:
+    tracks = {("a", 1): 4, ("a", 2): 4, ("b", 1): 7}
+    score = score_update(update(tracks), truth({("a", 1): 0, ("a", 2): 0, ("b", 1): 1}))
+    assert (score.nmi, score.misclassification) == (1.0, 0.0)
+    assert (score.hypotheses, score.objects, score.scored, score.singletons) == (2, 2, 3, 0)
+
+
+def test_undetermined_and_unlisted_tracks_are_singletons() -> None:
+    objects = {("a", i): i // 4 for i in range(8)}
+    listed = {("a", 0): 1, ("a", 1): 1, ("a", 2): NONE, ("a", 4): 2, ("a", 5): 2, ("a", 6): 2}
+    observed = {("a", SESSION): np.arange(8, dtype=np.uint64)}
+    score = score_update(update(listed), truth(objects), observed)
+    expected = normalized_mutual_info_score([0, 0, 0, 0, 1, 1, 1, 1], [1, 1, 10, 11, 2, 2, 2, 12])
+    assert score.nmi == pytest.approx(expected)
+    assert (score.scored, score.singletons, score.hypotheses) == (8, 3, 2)
+
+
+def test_only_observed_tracks_are_scored() -> None:
+    listed = {("a", 0): 1, ("a", 1): 2, ("a", 2): 2}
+    observed = {("a", SESSION): np.array([1, 2], np.uint64)}
+    score = score_update(update(listed), truth({("a", 0): 5, ("a", 1): 5, ("a", 2): 5}), observed)
+    assert (score.scored, score.nmi) == (2, 1.0)
+
+
+def test_ambiguous_and_unlabelled_tracks_are_never_scored() -> None:
+    objects = {("a", 0): 1, ("a", 1): 1, ("a", 2): -1}
+    listed = {("a", 0): 3, ("a", 1): 3, ("a", 2): 8, ("a", 9): 8, ("b", 0): 8}
+    score = score_update(update(listed), truth(objects))
+    assert (score.scored, score.nmi, score.hypotheses) == (2, 1.0, 1)
+
+
+def test_nothing_to_score_is_not_a_number() -> None:
+    score = score_update(update({("a", 0): 1}), Truth())
+    assert np.isnan(score.nmi)
+    assert np.isnan(score.misclassification)
+    assert score.scored == 0
+
+
+def test_truth_batches_add_up_and_the_last_value_holds() -> None:
+    table = truth({("a", 1): 3})
+    table.add(TruthBatch(source="a", session=SESSION, ids=[1, 2], objects=[4, -1], names={"4": "door"}))
+    found = table.objects(("a", SESSION), np.array([1, 2, 3], np.uint64))
+    assert found.tolist() == [4, -1, -1]
+    assert table.objects(("a", "f" * 16), np.array([1], np.uint64)).tolist() == [-1]
+    assert table.names == {4: "door"}
+    assert len(table) == 2
+
+
+def test_label_switches_count_tracks_present_in_both() -> None:
+    before = update({("a", 1): 1, ("a", 2): 1, ("a", 3): NONE, ("a", 4): 2})
+    after = update({("a", 1): 1, ("a", 2): 2, ("a", 3): 2, ("b", 4): 2, ("a", 5): 2}, seq=1)
+    switches = label_switches(before, after)
+    assert (switches.switched, switches.common) == (2, 3)
+    assert switches.per_100 == pytest.approx(200 / 3)
+
+
+def test_switches_add_up() -> None:
+    assert (Switches(1, 10) + Switches(2, 20)).per_100 == pytest.approx(10.0)
+    assert Switches().per_100 == 0.0
