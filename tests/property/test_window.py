@@ -1,0 +1,95 @@
+"""The window against a plain list of observations, under random life and death."""
+
+import numpy as np
+from comotion.window import Window
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+SPAN = 100
+
+operations = st.lists(
+    st.one_of(
+        st.tuples(st.just("insert"), st.integers(0, 5), st.integers(-30, 40)),
+        st.tuples(st.just("evict"), st.just(0), st.integers(0, 30)),
+        st.tuples(st.just("close"), st.integers(0, 5), st.just(0)),
+    ),
+    max_size=120,
+)
+
+
+def literal_speeds(track):
+    """Backward differences over everything ever observed; the first takes the second's."""
+    ordered = sorted(track)
+    speeds = [0.0]
+    for (t0, x0), (t1, x1) in zip(ordered, ordered[1:], strict=False):
+        speeds.append(float(np.linalg.norm(np.subtract(x1, x0))) / ((t1 - t0) * 1e-9))
+    if len(speeds) > 1:
+        speeds[0] = speeds[1]
+    return {t: s for (t, _), s in zip(ordered, speeds, strict=True)}
+
+
+@settings(max_examples=150, deadline=None)
+@given(operations, st.integers(0, 2**32 - 1))
+def test_window_holds_exactly_what_lies_inside_it(steps, seed):
+    rng = np.random.default_rng(seed)
+    window = Window(2, SPAN, 10)
+    slot_of, ever, held, now = {}, {}, {}, 100
+    for kind, track, step in steps:
+        if kind == "insert":
+            now = max(now, now + step)
+            stamp = now + min(step, 0)
+            if track not in slot_of:
+                slot_of[track] = window.open(1, 0)
+                ever[track], held[track] = [], {}
+            position = rng.normal(size=2)
+            known = stamp in held[track]
+            if held[track] and stamp < min(held[track]):
+                continue
+            if not held[track] and ever[track]:
+                continue
+            stored = window.insert(slot_of[track], stamp, position[None], np.array([np.nan]), None)
+            assert bool(stored[0]) is not known
+            if not known:
+                ever[track].append((stamp, tuple(position)))
+                held[track][stamp] = position
+        elif kind == "evict":
+            before = now - SPAN + step
+            slots, counts = window.evictable(before)
+            window.evict(slots, counts)
+            held = {k: {t: x for t, x in v.items() if t >= before} for k, v in held.items()}
+        elif track in slot_of:
+            window.close(slot_of.pop(track))
+            del ever[track], held[track]
+    for track, slot in slot_of.items():
+        series = window.series(int(slot[0]))
+        assert series.times.tolist() == sorted(held[track])
+        speeds = literal_speeds(ever[track])
+        for time, position, speed in zip(series.times, series.positions, series.speed, strict=True):
+            assert np.array_equal(position, held[track][time])
+            assert np.isclose(speed, speeds[time], rtol=1e-12)
+
+
+def test_state_round_trip_keeps_every_view():
+    rng = np.random.default_rng(0)
+    window = Window(3, SPAN, 10)
+    slots = window.open(3, 7)
+    for stamp in range(5):
+        turns = np.full((3, 4), np.nan) if stamp else None
+        window.insert(slots, stamp, rng.normal(size=(3, 3)), np.full(3, 0.1), turns)
+    window.evict(*window.evictable(2))
+    other = Window(3, SPAN, 10)
+    twin = other.load(window.state())
+    for mine, theirs in zip(window.slots(), twin, strict=True):
+        a, b = window.series(int(mine)), other.series(int(theirs))
+        for left, right in zip(vars(a).values(), vars(b).values(), strict=True):
+            assert np.array_equal(left, right, equal_nan=True)
+    assert other.key[twin].tolist() == window.key[window.slots()].tolist()
+    assert not set(other.open(1, 0).tolist()) & set(twin.tolist())
+
+
+def test_rows_and_slots_grow_without_losing_anything():
+    window = Window(2, 10_000, 10)
+    slots = window.open(200, 0)
+    for stamp in range(300):
+        window.insert(slots, stamp, np.full((200, 2), float(stamp)), np.full(200, np.nan), None)
+    assert window.series(int(slots[123])).positions[:, 0].tolist() == list(map(float, range(300)))
