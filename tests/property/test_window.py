@@ -1,9 +1,12 @@
 """The window against a plain list of observations, under random life and death."""
 
+from itertools import pairwise
+
 import numpy as np
-from comotion.window import Window
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from comotion.window import Window
 
 SPAN = 100
 
@@ -21,7 +24,7 @@ def literal_speeds(track):
     """Backward differences over everything ever observed; the first takes the second's."""
     ordered = sorted(track)
     speeds = [0.0]
-    for (t0, x0), (t1, x1) in zip(ordered, ordered[1:], strict=False):
+    for (t0, x0), (t1, x1) in pairwise(ordered):
         speeds.append(float(np.linalg.norm(np.subtract(x1, x0))) / ((t1 - t0) * 1e-9))
     if len(speeds) > 1:
         speeds[0] = speeds[1]

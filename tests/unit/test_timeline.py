@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+
 from comotion.config import FusionConfig
 from comotion.stats import Stats
 from comotion.timeline import Timeline
-
 from comotion_schemas import ObservationBatch
 
 MS = 1_000_000
