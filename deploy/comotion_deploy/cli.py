@@ -1,0 +1,66 @@
+"""The command ``comotion``: what there is, and how its errors read."""
+
+import logging
+import sys
+from collections.abc import Sequence
+from importlib import metadata
+
+import typer
+
+from .commands import config
+from .errors import UserError, one_line
+
+app = typer.Typer(
+    name="comotion",
+    help="Group tracked features from several live sources into objects by how they move.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"comotion {metadata.version('comotion')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: bool = typer.Option(
+        False, "--version", is_eager=True, callback=_print_version, help="Print the version."
+    ),
+) -> None:
+    pass
+
+
+app.command("config", epilog=config.EPILOG)(config.config)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; answers with the exit status: 0, 2 for a known error, 130 when interrupted.
+
+    An error that is no known one is a defect and keeps its traceback.
+    """
+    try:
+        result = app(list(arguments), prog_name="comotion", standalone_mode=False)
+    except typer.TyperException as error:
+        return _fail(error.format_message(), error)
+    except (UserError, ValueError, OSError) as error:
+        return _fail(error, error)
+    except (typer.Abort, KeyboardInterrupt):
+        return 130
+    return result if isinstance(result, int) else 0
+
+
+def _fail(message: object, error: Exception) -> int:
+    logging.getLogger(__name__).debug("where it happened", exc_info=error)
+    if text := one_line(message):  # empty: the help has been printed instead
+        print(f"error: {text}", file=sys.stderr)
+    return 2
+
+
+def main() -> None:
+    """Entry point of the command."""
+    sys.exit(run(sys.argv[1:]))

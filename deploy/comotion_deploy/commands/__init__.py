@@ -1,0 +1,6 @@
+"""The commands of ``comotion``, one module each.
+
+A module imports nothing heavy at its top (typer, options and errors only), so that ``comotion
+--help`` stays fast; it offers a function, or a :class:`typer.Typer` for a group of commands, that
+:mod:`comotion_deploy.cli` registers by name.
+"""

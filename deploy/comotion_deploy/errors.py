@@ -1,0 +1,15 @@
+"""Errors a user can mend: reported as one line, never as a traceback."""
+
+
+class UserError(Exception):
+    """A known error; its message is one clear line."""
+
+
+def one_line(message: object) -> str:
+    """Collapse a message to one line."""
+    return " ".join(str(message).split())
+
+
+def missing_extra(extra: str, error: ImportError) -> UserError:
+    """Build the error for an optional dependency that is not installed."""
+    return UserError(f"{error.name} is not installed: pip install 'comotion[{extra}]'")
