@@ -1,0 +1,96 @@
+"""A bounded mailbox between the thread that receives and the one, or the event loop, that reads."""
+
+import asyncio
+import threading
+from collections import deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Closed(Exception):  # noqa: N818 - an end, not an error
+    """Nothing more will come."""
+
+
+class Inbox(Generic[T]):
+    """Keeps the newest `capacity` items; putting never blocks, reading waits.
+
+    Parameters
+    ----------
+    capacity
+        Items kept; when full the oldest makes room and :attr:`dropped` counts it.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        if capacity < 1:
+            raise ValueError("an inbox needs room for one item")
+        self.dropped = 0
+        self._items: deque[T] = deque()
+        self._capacity = capacity
+        self._closed = False
+        self._changed = threading.Condition()
+        self._waiters: set[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = set()
+
+    def put(self, item: T) -> None:
+        """Add an item from any thread."""
+        with self._changed:
+            if len(self._items) == self._capacity:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._notify()
+
+    def close(self) -> None:
+        """Let readers drain what is there and then end."""
+        with self._changed:
+            self._closed = True
+            self._notify()
+
+    def get(self, timeout: float | None = None) -> T:
+        """Take the oldest item.
+
+        Raises
+        ------
+        TimeoutError
+            If none came within `timeout` seconds.
+        Closed
+            If the inbox is closed and empty.
+        """
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._items or self._closed, timeout):
+                raise TimeoutError
+            return self._take()
+
+    async def aget(self, timeout: float | None = None) -> T:
+        """:meth:`get` for asyncio; cancelling it loses no item."""
+        async with asyncio.timeout(timeout):
+            while True:
+                with self._changed:
+                    if self._items or self._closed:
+                        return self._take()
+                    loop = asyncio.get_running_loop()
+                    waiter = (loop, loop.create_future())
+                    self._waiters.add(waiter)
+                try:
+                    await waiter[1]
+                finally:
+                    with self._changed:
+                        self._waiters.discard(waiter)
+
+    def _take(self) -> T:
+        if not self._items:
+            raise Closed
+        return self._items.popleft()
+
+    def _notify(self) -> None:
+        self._changed.notify_all()
+        for loop, future in self._waiters:
+            # A loop that was closed while it waited has nobody left to tell.
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(_wake, future)
+        self._waiters.clear()
+
+
+def _wake(future: "asyncio.Future[None]") -> None:
+    if not future.done():
+        future.set_result(None)

@@ -1,0 +1,186 @@
+"""Subscriptions over real Zenoh on a loopback port."""
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import zenoh
+
+from comotion_clients.subscribe import Subscription, subscribe
+from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, encode
+from comotion_schemas.transport import SessionSettings, declare_publisher, open_session
+
+pytestmark = pytest.mark.e2e
+SESSION = "0123456789abcdef"
+KEYS = Keys("scene")
+
+
+@pytest.fixture
+def endpoint() -> Iterator[str]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with open_session(SessionSettings(mode="router", connect=(), listen=(address,))):
+        yield address
+
+
+@pytest.fixture
+def session(endpoint: str) -> Iterator[zenoh.Session]:
+    with open_session(SessionSettings(connect=(endpoint,))) as session:
+        yield session
+
+
+def update(seq: int, *, scene: str = "scene", session: str = SESSION) -> HypothesisUpdate:
+    return HypothesisUpdate(
+        scene=scene,
+        session=session,
+        seq=seq,
+        stamp_ns=seq,
+        published_ns=seq,
+        period_ns=10**8,
+        sources=[],
+        track_source=[],
+        track_id=[],
+        track_hypothesis=[],
+        track_confidence=[],
+        track_position=np.zeros((0, 3), np.float32),
+        hypotheses=[],
+        events=[],
+    )
+
+
+def batch(source: str, seq: int) -> ObservationBatch:
+    return ObservationBatch(
+        source=source,
+        session=SESSION,
+        seq=seq,
+        space="world",
+        unit="m",
+        dim=3,
+        stamp_ns=seq,
+        ids=[1],
+        positions=np.zeros((1, 3), np.float32),
+    )
+
+
+def test_the_last_update_comes_at_once_and_then_the_next(endpoint: str, session: zenoh.Session) -> None:
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    for seq in range(3):
+        publisher.put(encode(update(seq)))
+    with subscribe("scene", endpoint, timeout=20) as updates:
+        assert next(updates).seq == 2
+        publisher.put(encode(update(3)))
+        assert next(updates).seq == 3
+
+
+def test_a_reader_that_is_too_slow_loses_the_oldest(endpoint: str, session: zenoh.Session) -> None:
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    other = Subscription(session, HypothesisUpdate, "scene", timeout=20)
+    with other, Subscription(session, HypothesisUpdate, "scene", capacity=2, timeout=20) as slow:
+        for seq in range(10):
+            publisher.put(encode(update(seq)))
+        assert [next(other).seq for _ in range(10)] == list(range(10))
+        while slow.counters.received < 10:
+            pass
+        assert slow.dropped == 8
+        assert [m.seq for m in slow.drain()] == [8, 9]
+
+
+def test_invalid_payloads_are_counted_by_reason_and_skipped(endpoint: str, session: zenoh.Session) -> None:
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, "scene", timeout=20) as updates:
+        publisher.put(b"\xc1 not msgpack")
+        publisher.put(encode(batch("a", 0)))
+        publisher.put(encode(update(0, scene="elsewhere")))
+        publisher.put(encode(update(1)))
+        assert next(updates).seq == 1
+        assert updates.counters.invalid == {"malformed": 1, "schema": 1, "source-mismatch": 1}
+
+
+def test_gaps_repeats_and_restarts_are_told_apart(endpoint: str, session: zenoh.Session) -> None:
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, "scene", timeout=20) as updates:
+        for seq in (5, 8, 8, 7):
+            publisher.put(encode(update(seq)))
+        publisher.put(encode(update(0, session="f" * 16)))
+        assert [next(updates).seq for _ in range(3)] == [5, 8, 0]
+        assert (updates.counters.lost, updates.counters.stale) == (2, 2)
+
+
+def test_observations_status_and_truth(endpoint: str, session: zenoh.Session) -> None:
+    truths = declare_publisher(session, KEYS.stream("truth", "cam"), "truth")
+    for feature in range(1500):
+        truths.put(encode(TruthBatch(source="cam", session=SESSION, ids=[feature], objects=[1], names={})))
+    with subscribe("scene", endpoint, message=TruthBatch, timeout=20) as truth:
+        assert [int(next(truth).ids[0]) for _ in range(1500)] == list(range(1500))
+    observations = declare_publisher(session, KEYS.stream("obs", "cam"), "obs")
+    with Subscription(session, ObservationBatch, "scene", timeout=20) as batches:
+        observations.put(encode(batch("spoof", 0)))
+        observations.put(encode(batch("cam", 0)))
+        assert next(batches).source == "cam"
+        assert batches.counters.invalid == {"source-mismatch": 1}
+    status = declare_publisher(session, KEYS.stream("status", "cam"), "status")
+    status.put(encode(_status("cam")))
+    with subscribe("scene", endpoint, message=Status, timeout=20) as statuses:
+        assert next(statuses).component == "cam"
+
+
+def _status(name: str) -> Status:
+    return Status(
+        component=name,
+        role="source",
+        session=SESSION,
+        stamp_ns=0,
+        state="ok",
+        rates={},
+        ages={},
+        counters={},
+        rejected={},
+        message="",
+    )
+
+
+def test_asyncio(endpoint: str, session: zenoh.Session) -> None:
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    publisher.put(encode(update(0)))
+
+    async def read() -> list[int]:
+        found = []
+        async with subscribe("scene", endpoint, timeout=20) as updates:
+            async for message in updates:
+                found.append(message.seq)
+                if len(found) == 3:
+                    return found
+                publisher.put(encode(update(len(found))))
+        return found
+
+    assert asyncio.run(read()) == [0, 1, 2]
+
+
+def test_closing_ends_a_loop_that_waits(endpoint: str, session: zenoh.Session) -> None:
+    updates = Subscription(session, HypothesisUpdate, "scene")
+    closer = threading.Thread(target=updates.close)
+    closer.start()
+    assert list(updates) == []
+    closer.join()
+    updates.close()
+
+
+def test_silence_is_a_timeout(endpoint: str) -> None:
+    with subscribe("scene", endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
+        next(updates)
+
+
+def test_no_router_is_a_timeout_that_names_it() -> None:
+    with pytest.raises(TimeoutError, match=r"no router answers at tcp/127\.0\.0\.1:1"):
+        subscribe("scene", "tcp/127.0.0.1:1", timeout=0.2).__enter__()
+
+
+def test_wrong_names_and_endpoints_are_refused_at_once() -> None:
+    with pytest.raises(ValueError, match="scene"):
+        subscribe("No Scene")
+    with pytest.raises(ValueError, match="cannot connect"):
+        subscribe("scene", "nonsense").__enter__()
