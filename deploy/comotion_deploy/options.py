@@ -2,7 +2,8 @@
 
 A flag beats ``COMOTION_*`` in the environment, which beats the file given by ``--config``, which
 beats the default. In the file, common options are top-level keys, the options of a command are in
-a table of its name (``[serve]``, ``[source.simulator]``), the fusion parameters in ``[fusion]``.
+a table of its name (``[serve]``, ``[source.simulator]``), the fusion parameters in ``[fusion]``,
+settings of the router in ``[zenoh]``.
 """
 
 import json
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings
 
 COMMON = frozenset({"scene", "connect", "listen", "log_level", "json"})
-FREE_TABLES = frozenset({"fusion", "process"})
+FREE_TABLES = frozenset({"fusion", "process", "zenoh"})
 _FILE = "comotion.config-file"
 
 
@@ -140,9 +141,21 @@ def command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
         For a key that no command knows: a misspelt option must not pass in silence.
     """
     _check_top_level(ctx, path, content)
-    known = {parameter.name for parameter in ctx.command.params if parameter.name}
-    common = {name: value for key, value in content.items() if (name := _name(key)) in COMMON & known}
+    known = _parameters(ctx)
+    common = {
+        known[name]: value for key, value in content.items() if (name := _name(key)) in COMMON & set(known)
+    }
     return common | _command_table(ctx, path, content, known)
+
+
+def _parameters(ctx: typer.Context) -> dict[str, str]:
+    """Names of a command's options as a file spells them, and as its function does."""
+    known = {}
+    for parameter in ctx.command.params:
+        for spelling in parameter.opts:
+            if parameter.name:
+                known[_name(spelling.lstrip("-"))] = parameter.name
+    return known
 
 
 def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) -> None:
@@ -155,7 +168,7 @@ def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
 
 
 def _command_table(
-    ctx: typer.Context, path: Path, content: dict[str, Any], known: set[str]
+    ctx: typer.Context, path: Path, content: dict[str, Any], known: dict[str, str]
 ) -> dict[str, Any]:
     table: Any = content
     chunks = ctx.command_path.split()[1:]
@@ -166,11 +179,17 @@ def _command_table(
     for key in table:
         if _name(key) not in known:
             raise UserError(f"{path}: [{'.'.join(chunks)}] has no option {key!r}")
-    return {_name(key): value for key, value in table.items()}
+    return {known[_name(key)]: value for key, value in table.items()}
 
 
 def _name(key: str) -> str:
     return key.replace("-", "_")
+
+
+def file_table(ctx: typer.Context, name: str) -> dict[str, Any]:
+    """Read a table of the configuration file that belongs to no command; empty without one."""
+    table: dict[str, Any] = ctx.meta.get(_FILE, {}).get(name, {})
+    return table
 
 
 def session_settings(connect: list[str] | None, listen: list[str] | None = None) -> "SessionSettings":
@@ -199,7 +218,7 @@ def fusion_config(
 
     from comotion import FusionConfig
 
-    table = ctx.meta.get(_FILE, {}).get("fusion", {})
+    table = file_table(ctx, "fusion")
     values = {_name(key): None if value == "null" else value for key, value in table.items()}
     if method is not None:
         values["method"] = method

@@ -15,8 +15,8 @@ import secrets
 import signal
 import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -52,6 +52,50 @@ class StatusFields:
     message: str = ""
 
 
+@contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into an event; a second one has its usual effect.
+
+    Does nothing outside the main thread, where Python takes no signals.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = {number: signal.getsignal(number) for number in _SIGNALS}
+
+    def restore() -> None:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+    def on_signal(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        restore()
+        stop.set()
+
+    for number in _SIGNALS:
+        signal.signal(number, on_signal)
+    try:
+        yield
+    finally:
+        restore()
+
+
+@contextmanager
+def announce_ready(ready_file: Path | None) -> Iterator[None]:
+    """Tell whoever started this process that it serves; the file goes when the process does."""
+    if ready_file is None:
+        print("ready", flush=True)  # noqa: T201 - the contract with launchers and scripts
+        yield
+        return
+    # In one step, so that nobody reads a file that is half there.
+    partial = ready_file.with_name(f".{ready_file.name}.{os.getpid()}")
+    partial.write_text(f"{os.getpid()}\n")
+    partial.replace(ready_file)
+    try:
+        yield
+    finally:
+        ready_file.unlink(missing_ok=True)
+
+
 class Component:
     """Context manager around a Zenoh session that makes a process a citizen of a scene.
 
@@ -80,8 +124,8 @@ class Component:
     ------
     ValueError
         If scene or name is no valid chunk of a key.
-    KeyboardInterrupt
-        From entering, when a signal arrives while no router has been found yet.
+    SystemExit
+        From entering, with status 0, when a signal arrives while no router has been found yet.
     """
 
     def __init__(
@@ -118,7 +162,7 @@ class Component:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.callback(self._install_signals())
+            stack.enter_context(stop_on_signals(self.stop))
             self._session = stack.enter_context(self._connect())
             stack.callback(self.stop.set)
             # Undeclared by hand: a token that is garbage-collected vanishes from the scene.
@@ -132,18 +176,10 @@ class Component:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._exit.close()
-        if self._ready_file is not None:
-            self._ready_file.unlink(missing_ok=True)
 
     def ready(self) -> None:
         """Tell whoever started this process that it serves."""
-        if self._ready_file is None:
-            print("ready", flush=True)  # noqa: T201 - the contract with launchers and scripts
-            return
-        # In one step, so that nobody reads a file that is half there.
-        partial = self._ready_file.with_name(f".{self._ready_file.name}.{os.getpid()}")
-        partial.write_text(f"{os.getpid()} {self.session_id}\n")
-        partial.replace(self._ready_file)
+        self._exit.enter_context(announce_ready(self._ready_file))
 
     def status(self) -> Status:
         """Build the Status as of now."""
@@ -186,7 +222,7 @@ class Component:
                 _log.warning("waiting for a router at %s", ", ".join(self._settings.connect))
             waiting = True
             self.stop.wait(max(0.0, began + 0.2 - time.monotonic()))
-        raise KeyboardInterrupt
+        raise SystemExit(0)
 
     def _refuse_unless_unreachable(self, error: zenoh.ZError) -> None:
         """Waiting helps against an absent router, not against a wrong endpoint or certificate."""
@@ -214,22 +250,3 @@ class Component:
             due = max(due + STATUS_PERIOD_S, time.monotonic())
             if closing.wait(due - time.monotonic()):
                 return
-
-    def _install_signals(self) -> Callable[[], None]:
-        """Turn signals into the stop event; answers with what undoes it."""
-        if threading.current_thread() is not threading.main_thread():
-            return lambda: None
-        previous = {number: signal.getsignal(number) for number in _SIGNALS}
-
-        def restore() -> None:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
-
-        def on_signal(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-            # The next one has its usual effect, should the clean stop hang.
-            restore()
-            self.stop.set()
-
-        for number in _SIGNALS:
-            signal.signal(number, on_signal)
-        return restore

@@ -22,7 +22,7 @@ def config(
     method: options.Method = None,
     assignments: options.Assignments = None,
     json_: options.Json = False,
-    config_file: options.ConfigFile = None,  # noqa: ARG001 - read by its callback
+    _config: options.ConfigFile = None,
 ) -> None:
     """Print the fusion parameters in effect, as TOML that --config reads (or JSON)."""
     from comotion import FusionConfig
