@@ -1,0 +1,159 @@
+"""Camera models: intrinsics (pinhole with OpenCV's distortion) and extrinsics (camera to world).
+
+Optical axes as in OpenCV and ROS ``..._optical`` frames: x right, y down, z forward. The centre of
+the upper left pixel is (0, 0). Quaternions are x, y, z, w.
+"""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Vectors = NDArray[np.float64]
+
+_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV accepts
+_ORTHONORMAL_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Intrinsics:
+    """Pinhole camera with OpenCV's distortion ("plumb_bob" and "rational_polynomial" in ROS).
+
+    Attributes
+    ----------
+    width, height
+        Image size in pixels.
+    fx, fy, cx, cy
+        Focal lengths and principal point in pixels.
+    distortion
+        float64 [D], D in {0, 4, 5, 8, 12, 14}: k1, k2, p1, p2, k3, ... in OpenCV's order.
+
+    Raises
+    ------
+    ValueError
+        For sizes or focal lengths that are not above zero, numbers that are not finite, or a number
+        of distortion coefficients that OpenCV does not know.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: Vectors = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        distortion = np.asarray(self.distortion, np.float64).ravel()
+        object.__setattr__(self, "distortion", distortion)
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"image size {self.width} x {self.height} is not above zero")
+        numbers = np.array([self.fx, self.fy, self.cx, self.cy, *distortion])
+        if not np.isfinite(numbers).all():
+            raise ValueError("intrinsics must be finite")
+        if self.fx <= 0 or self.fy <= 0:
+            raise ValueError(f"focal lengths {self.fx}, {self.fy} are not above zero")
+        if distortion.size not in _DISTORTION_LENGTHS:
+            raise ValueError(f"{distortion.size} distortion coefficients; OpenCV knows 4, 5, 8, 12 or 14")
+
+    @property
+    def matrix(self) -> Vectors:
+        """Camera matrix, float64 [3, 3]."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def rays(self, pixels: ArrayLike) -> Vectors:
+        """Directions with z = 1 in the camera's frame, float64 [N, 3], of distorted pixels [N, 2]."""
+        given = np.asarray(pixels, np.float64).reshape(-1, 2)
+        if self.distortion.any() and len(given):
+            flat = cv2.undistortPoints(given[:, None], self.matrix, self.distortion).reshape(-1, 2)
+        else:
+            flat = (given - (self.cx, self.cy)) / (self.fx, self.fy)
+        return np.column_stack([flat, np.ones(len(flat))])
+
+    def lift(self, pixels: ArrayLike, depth: ArrayLike) -> Vectors:
+        """Points in the camera's frame, float64 [N, 3] in metres, of pixels [N, 2] at depth z [N]."""
+        return self.rays(pixels) * np.asarray(depth, np.float64)[:, None]
+
+    def project(self, points: ArrayLike) -> Vectors:
+        """Distorted pixels, float64 [N, 2], of points [N, 3] in the camera's frame (z > 0)."""
+        given = np.asarray(points, np.float64).reshape(-1, 3)
+        if not len(given):
+            return np.empty((0, 2))
+        pixels, _ = cv2.projectPoints(given, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        return np.asarray(pixels, np.float64).reshape(-1, 2)
+
+    def scaled(self, width: int, height: int) -> "Intrinsics":
+        """Return the intrinsics of the same camera after its image was resized."""
+        sx, sy = width / self.width, height / self.height
+        # Pixel centres are at whole numbers, so the image's corner is at -0.5.
+        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        return Intrinsics(width, height, self.fx * sx, self.fy * sy, cx, cy, self.distortion)
+
+
+@dataclass(frozen=True, eq=False)
+class Extrinsics:
+    """Where a camera is: x_world = rotation · x_camera + translation.
+
+    Attributes
+    ----------
+    rotation
+        float64 [3, 3], a proper rotation.
+    translation
+        float64 [3], metres.
+    frame
+        Name of the frame it leads to.
+
+    Raises
+    ------
+    ValueError
+        If the rotation is none, or a number is not finite.
+    """
+
+    rotation: Vectors = field(default_factory=lambda: np.eye(3))
+    translation: Vectors = field(default_factory=lambda: np.zeros(3))
+    frame: str = "world"
+
+    def __post_init__(self) -> None:
+        rotation = np.asarray(self.rotation, np.float64)
+        translation = np.asarray(self.translation, np.float64)
+        if rotation.shape != (3, 3) or translation.shape != (3,):
+            raise ValueError("extrinsics need a 3 x 3 rotation and a translation of 3 numbers")
+        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
+            raise ValueError("extrinsics must be finite")
+        error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if error > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise ValueError("the rotation is not a proper rotation matrix")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+
+    @classmethod
+    def from_quaternion(cls, quaternion: ArrayLike, translation: ArrayLike, frame: str = "world") -> Self:
+        """Build from a quaternion (x, y, z, w; any norm above zero) and a translation in metres."""
+        values = np.asarray(quaternion, np.float64)
+        if values.shape != (4,) or not np.isfinite(values).all() or np.linalg.norm(values) < 1e-9:
+            raise ValueError("a quaternion is 4 finite numbers that are not all zero")
+        return cls(Rotation.from_quat(values).as_matrix(), np.asarray(translation, np.float64), frame)
+
+    @property
+    def quaternion(self) -> Vectors:
+        """Rotation as a unit quaternion, float64 [4] (x, y, z, w), w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.rotation).as_quat(canonical=True), np.float64)
+
+    def apply(self, points: ArrayLike) -> Vectors:
+        """Points [N, 3] of the camera's frame in the world, float64 [N, 3]."""
+        return np.asarray(points, np.float64).reshape(-1, 3) @ self.rotation.T + self.translation
+
+    def inverse(self, frame: str = "camera") -> "Extrinsics":
+        """World to camera."""
+        return Extrinsics(self.rotation.T, -self.rotation.T @ self.translation, frame)
+
+    def after(self, inner: "Extrinsics") -> "Extrinsics":
+        """Return the transformation that applies `inner` first, then this one."""
+        return Extrinsics(
+            self.rotation @ inner.rotation,
+            self.rotation @ inner.translation + self.translation,
+            self.frame,
+        )
