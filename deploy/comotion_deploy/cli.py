@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import config, router
+from .commands import config, router, serve
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -35,6 +35,7 @@ def _root(
     pass
 
 
+app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("config", epilog=config.EPILOG)(config.config)
 

@@ -1,0 +1,79 @@
+"""``comotion serve``: the fusion service of a scene."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options
+
+EPILOG = """
+Examples:
+
+  comotion serve
+
+  comotion serve --method thesis --set sigma_switch=0.01 --set v_move=null
+
+  comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
+
+  comotion serve --clock event   # recordings whose stamps lie in the past
+"""
+
+
+class ClockChoice(StrEnum):
+    """What the service holds to be now."""
+
+    WALL = "wall"
+    EVENT = "event"
+
+
+def serve(
+    ctx: typer.Context,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            "--state",
+            envvar="COMOTION_STATE",
+            metavar="FILE",
+            dir_okay=False,
+            help="Keep hypotheses and their ids in this file across restarts.",
+        ),
+    ] = None,
+    state_interval: Annotated[
+        float,
+        typer.Option("--state-interval", envvar="COMOTION_STATE_INTERVAL", min=0.1, help="s between writes."),
+    ] = 1.0,
+    clock: Annotated[
+        ClockChoice,
+        typer.Option(
+            "--clock", envvar="COMOTION_CLOCK", help="Now: the wall clock, or the newest event received."
+        ),
+    ] = ClockChoice.WALL,
+    name: Annotated[
+        str, typer.Option("--name", envvar="COMOTION_SERVICE_NAME", help="Name of this service.")
+    ] = "fusion",
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
+    from comotion.runtime import server
+
+    server.serve(
+        server.ServeOptions(
+            config=options.fusion_config(ctx, method, assignments),
+            scene=scene,
+            name=name,
+            settings=options.session_settings(connect, listen),
+            clock=clock.value,
+            state=state,
+            state_interval=state_interval,
+            ready_file=ready_file,
+        )
+    )

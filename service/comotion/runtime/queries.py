@@ -1,0 +1,135 @@
+"""The queryables of the service: ``query/snapshot | status | config | affinity | schema``.
+
+| name | parameters | reply | encoding |
+|---|---|---|---|
+| snapshot | | the last HypothesisUpdate | msgpack, as on ``hypotheses`` |
+| status | | the Status as of now | msgpack, as on ``status/<component>`` |
+| config | | map of the fusion parameters | JSON |
+| schema | ``message=NAME`` (optional) | JSON Schema of that message, or map name -> schema | JSON |
+| affinity | ``space=NAME`` (optional with one space) | affinities of the last update | msgpack |
+
+Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``stamp_ns``,
+``sources`` (list of ``{name, session}``), ``track_source`` bin<u2>[N], ``track_id`` bin<u8>[N],
+``matrix`` bin<f4>[N, N] in 0..1; columns as in PROTOCOL.md. Parameter values may be percent-encoded.
+
+Every query is answered: with a reply, or with an error that says what is wrong.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any, get_args
+from urllib.parse import unquote
+
+import msgpack
+import numpy as np
+import zenoh
+from pydantic import TypeAdapter
+from zenoh.handlers import RingChannel
+
+from comotion_schemas import MAX_BYTES, MESSAGE_TYPES, QOS, HypothesisUpdate, Keys, Status, encode
+from comotion_schemas.keys import QueryName
+
+from ..fusion import AffinitySnapshot, Fusion
+
+AFFINITY_SCHEMA = "comotion.Affinity/1"
+_AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
+_JSON = "application/json"
+_RING = 64
+_log = logging.getLogger(__name__)
+
+Answer = tuple[bytes, str]
+Handler = Callable[[Mapping[str, str]], Answer]
+
+
+class QueryError(Exception):
+    """What is wrong with a query; goes to whoever asked."""
+
+
+class Queryables:
+    """Declares the queryables; :meth:`answer` serves what has come in, on the caller's thread."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
+        self._keys = keys
+        self._queryables = [
+            (session.declare_queryable(keys.query(name), RingChannel(_RING)), name, handler)
+            for name, handler in handlers.items()
+        ]
+
+    def answer(self) -> None:
+        """Answer every query that waits."""
+        for queryable, name, handler in self._queryables:
+            while (query := queryable.try_recv()) is not None:
+                with query:
+                    self._answer(query, name, handler)
+
+    def _answer(self, query: zenoh.Query, name: QueryName, handler: Handler) -> None:
+        try:
+            payload, encoding = handler(_parameters(query))
+            if len(payload) > MAX_BYTES:
+                raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
+        except QueryError as error:
+            query.reply_err(str(error).encode(), encoding="text/plain")
+        except Exception as error:  # whoever asks must hear of a defect, and the service go on
+            _log.exception("query/%s failed", name)
+            query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
+        else:
+            query.reply(self._keys.query(name), payload, encoding=encoding)
+
+
+def _parameters(query: zenoh.Query) -> dict[str, str]:
+    pairs = (pair.partition("=") for pair in str(query.parameters).split(";") if pair)
+    return {unquote(name): unquote(value) for name, _, value in pairs}
+
+
+def handlers(
+    fusion: Fusion, last_update: Callable[[], HypothesisUpdate], status: Callable[[], Status]
+) -> dict[QueryName, Handler]:
+    """Build the handler of every queryable."""
+    answers: dict[QueryName, Handler] = {
+        "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
+        "status": lambda _: (encode(status()), QOS["status"].encoding),
+        "config": lambda _: (fusion.config.model_dump_json().encode(), _JSON),
+        "schema": lambda parameters: (_schema(parameters.get("message")), _JSON),
+        "affinity": lambda parameters: (
+            _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
+            _AFFINITY_ENCODING,
+        ),
+    }
+    assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
+    return answers
+
+
+def _schema(message: str | None) -> bytes:
+    schemas = {kind.__name__: TypeAdapter(kind).json_schema() for kind in MESSAGE_TYPES}
+    if message is None:
+        return json.dumps(schemas).encode()
+    if message not in schemas:
+        raise QueryError(f"no message {message!r}; one of {', '.join(schemas)}")
+    return json.dumps(schemas[message]).encode()
+
+
+def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
+    known = sorted(fusion.spaces)
+    if space is None and len(known) == 1:
+        space = known[0]
+    if space not in fusion.spaces:
+        asked = "space is required" if space is None else f"no space {space!r}"
+        raise QueryError(f"{asked}; known: {', '.join(known) or 'none yet'}")
+    return _pack_affinity(fusion.affinity(space), space, stamp_ns)
+
+
+def _pack_affinity(snapshot: AffinitySnapshot, space: str, stamp_ns: int) -> bytes:
+    index: dict[tuple[str, str], int] = {}
+    owners = [index.setdefault((source, session), len(index)) for source, session, _ in snapshot.tracks]
+    content: dict[str, Any] = {
+        "schema": AFFINITY_SCHEMA,
+        "space": space,
+        "stamp_ns": stamp_ns,
+        "sources": [{"name": name, "session": session} for name, session in index],
+        "track_source": np.array(owners, "<u2").tobytes(),
+        "track_id": np.array([track for *_, track in snapshot.tracks], "<u8").tobytes(),
+        "matrix": np.ascontiguousarray(snapshot.matrix, "<f4").tobytes(),
+    }
+    payload: bytes = msgpack.packb(content)
+    return payload

@@ -1,0 +1,218 @@
+"""The service process: a loop on the monotonic clock between the wire and the core."""
+
+import gc
+import logging
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from comotion_schemas import (
+    DEFAULT_SCENE,
+    DecodeError,
+    HypothesisUpdate,
+    Keys,
+    Status,
+    decode_as,
+    encode,
+)
+from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.transport import SessionSettings, declare_publisher
+
+from ..config import FusionConfig, to_ns
+from ..fusion import Fusion
+from .clocks import ClockName, make_clock
+from .health import Health
+from .intake import Intake
+from .queries import Queryables, handlers
+from .state_file import StateWriter, load_fusion
+from .ticker import Ticker
+
+DEFAULT_NAME = "fusion"
+_SLICE_NS = 20_000_000
+_HEALTH_NS = 500_000_000
+_HANGING_NS = 3_000_000_000
+_COLLECT_NS = 1_000_000_000
+# A state that is expensive to take is taken less often: at most this share of the time.
+_STATE_SHARE = 0.05
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions:
+    """Everything ``comotion serve`` can be told.
+
+    `state` is the file that carries identities across restarts, written every `state_interval` s.
+    """
+
+    config: FusionConfig = field(default_factory=FusionConfig)
+    scene: str = DEFAULT_SCENE
+    name: str = DEFAULT_NAME
+    settings: SessionSettings = field(default_factory=SessionSettings)
+    clock: ClockName = "wall"
+    state: Path | None = None
+    state_interval: float = 1.0
+    ready_file: Path | None = None
+
+
+def serve(options: ServeOptions) -> None:
+    """Run the fusion service of a scene until SIGINT or SIGTERM.
+
+    Raises
+    ------
+    ValueError
+        If a name is invalid, the endpoint is, or another service has the scene.
+    OSError
+        If the directory of the state file cannot be made.
+    """
+    session_id = new_session_id()
+    fusion = _make_fusion(options, session_id)
+    monitor = _Monitor()
+    with Component(
+        role="service",
+        name=options.name,
+        scene=options.scene,
+        settings=options.settings,
+        status=monitor.status,
+        ready_file=options.ready_file,
+        session_id=session_id,
+    ) as component:
+        _require_alone(component)
+        _Service(options, fusion, component, monitor).run()
+
+
+def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
+    scene = Keys(options.scene).scene
+    if options.state is None:
+        return Fusion(options.config, scene=scene, session=session_id)
+    options.state.parent.mkdir(parents=True, exist_ok=True)
+    now_ns = time.time_ns() if options.clock == "wall" else None
+    return load_fusion(options.state, options.config, scene, session_id, now_ns)
+
+
+def _require_alone(component: Component) -> None:
+    """Two services in one scene would give two answers to everything."""
+    for reply in component.session.get(component.keys.query("status"), timeout=2.0):
+        if reply.ok is None:
+            continue
+        try:
+            other = decode_as(Status, reply.ok.payload.to_bytes())
+        except DecodeError:
+            continue
+        raise ValueError(f"scene {component.keys.scene!r} is already served by {other.component!r}")
+
+
+class _Monitor:
+    """Hands the loop's report to the Status thread, and notices when the loop hangs."""
+
+    def __init__(self) -> None:
+        self._fields = StatusFields(message="starting")
+        self._alive_ns = time.monotonic_ns()
+
+    def report(self, fields: StatusFields) -> None:
+        self._fields = fields
+
+    def alive(self, monotonic_ns: int) -> None:
+        self._alive_ns = monotonic_ns
+
+    def status(self) -> StatusFields:
+        fields, silence = self._fields, time.monotonic_ns() - self._alive_ns
+        if silence <= _HANGING_NS:
+            return fields
+        return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s")
+
+
+class _Service:
+    """Wires the core to an open component and runs it."""
+
+    def __init__(
+        self, options: ServeOptions, fusion: Fusion, component: Component, monitor: _Monitor
+    ) -> None:
+        self._options = options
+        self._fusion = fusion
+        self._component = component
+        self._monitor = monitor
+        self._clock = make_clock(options.clock)
+        self._health = Health()
+        self._intake = Intake(component.session, component.keys, fusion.stats)
+        self._publisher = declare_publisher(component.session, component.keys.hypotheses, "hypotheses")
+        self._writer: StateWriter | None = None
+        self._last = self._publish()
+        self._queryables = Queryables(
+            component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
+        )
+        self._due = {"health": 0, "collect": 0, "state": 0, "idle": 0}
+
+    def run(self) -> None:
+        """Publish at every deadline until told to stop."""
+        with ExitStack() as stack:
+            if self._options.state is not None:
+                self._writer = StateWriter(self._options.state)
+                stack.callback(self._writer.close)
+            stack.callback(gc.enable)
+            # Everything made so far stays: the collector need never look at it again.
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            self._component.ready()
+            self._loop()
+            if self._writer is not None:
+                self._writer.put(self._fusion.snapshot(clean=True))
+
+    def _loop(self) -> None:
+        ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
+        while not self._component.stop.is_set():
+            self._receive()
+            remaining = ticker.remaining_ns(time.monotonic_ns())
+            if remaining > 0:
+                self._component.stop.wait(min(remaining, _SLICE_NS) / 1e9)
+                continue
+            self._last = self._publish()
+            self._housekeeping(time.monotonic_ns())
+            self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
+
+    def _receive(self) -> None:
+        now = time.monotonic_ns()
+        for batch in self._intake.receive(now):
+            self._clock.observe(batch.stamp_ns, now)
+            self._fusion.ingest(batch)
+        self._queryables.answer()
+
+    def _publish(self) -> HypothesisUpdate:
+        update = self._fusion.update(self._clock.now_ns())
+        update = replace(update, published_ns=time.time_ns())
+        self._publisher.put(encode(update))
+        return update
+
+    def _housekeeping(self, now_ns: int) -> None:
+        """Do what may take a moment right after an update, when the next is farthest away."""
+        self._monitor.alive(now_ns)
+        if self._is_due("health", now_ns, _HEALTH_NS):
+            self._report(now_ns)
+        if self._is_due("idle", now_ns, 10 * _COLLECT_NS):
+            self._intake.drop_idle(now_ns)
+        if self._is_due("collect", now_ns, _COLLECT_NS):
+            gc.collect()
+        if self._writer is not None and self._is_due("state", now_ns, 0):
+            self._writer.put(self._fusion.snapshot())
+            took = time.monotonic_ns() - now_ns
+            self._due["state"] = now_ns + max(to_ns(self._options.state_interval), int(took / _STATE_SHARE))
+
+    def _is_due(self, what: str, now_ns: int, every_ns: int) -> bool:
+        if now_ns < self._due[what]:
+            return False
+        self._due[what] = now_ns + every_ns
+        return True
+
+    def _report(self, now_ns: int) -> None:
+        self._monitor.report(
+            self._health.report(
+                now_ns,
+                received=self._intake.received,
+                present=self._intake.present,
+                sources=self._fusion.sources(self._clock.now_ns()),
+                stats=self._fusion.stats,
+                rejection=self._intake.rejection,
+                notes=[self._writer.error] if self._writer is not None and self._writer.error else [],
+            )
+        )
