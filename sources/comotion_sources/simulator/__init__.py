@@ -1,0 +1,18 @@
+"""The simulator: scenes of rigid bodies whose truth is known."""
+
+from .motion import Poses
+from .offline import batches, stream
+from .simulation import Simulation, Split, simulate
+from .spec import SceneSpec, load_scene, scene_names
+
+__all__ = [
+    "Poses",
+    "SceneSpec",
+    "Simulation",
+    "Split",
+    "batches",
+    "load_scene",
+    "scene_names",
+    "simulate",
+    "stream",
+]

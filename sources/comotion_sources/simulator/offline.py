@@ -1,0 +1,52 @@
+"""Simulated sources as streams of messages, without processes or clocks."""
+
+from collections.abc import Iterator, Sequence
+
+from comotion_schemas import ObservationBatch, TruthBatch
+
+from ..streams import OFFLINE_SESSION, Stream, merged, numbered
+from .simulation import Simulation
+
+DEFAULT_NAME = "simulator"
+
+
+def stream(simulation: Simulation, name: str | None = None) -> Stream:
+    """Describe one simulated source; `simulator`, or `simulator-k` for part k of several, by default."""
+    spec = simulation.spec
+    return Stream(
+        name=name or numbered(DEFAULT_NAME, simulation.part, simulation.parts),
+        space=spec.space,
+        unit=spec.unit,
+        dim=spec.dim,
+        objects=simulation.object_names,
+        rate=simulation.rate,
+        frames=simulation,
+    )
+
+
+def batches(
+    simulations: Simulation | Sequence[Simulation],
+    *,
+    source: str = DEFAULT_NAME,
+    session: str = OFFLINE_SESSION,
+    epoch_ns: int = 0,
+    publish_sigma: bool = False,
+) -> Iterator[TruthBatch | ObservationBatch]:
+    """Yield what simulated sources publish, in time order: the truth of features, then their states.
+
+    Parameters
+    ----------
+    simulations
+        One, or those of several sources of the same scene.
+    source
+        Name of the source; of several, the k-th of n is ``<source>-k``.
+    session
+        Session of every source, 16 hexadecimal digits.
+    epoch_ns
+        Acquisition time of the scene's start, nanoseconds since the Unix epoch.
+    publish_sigma
+        Publish the true noise of every feature.
+    """
+    given = [simulations] if isinstance(simulations, Simulation) else simulations
+    streams = [stream(one, numbered(source, one.part, one.parts)) for one in given]
+    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)

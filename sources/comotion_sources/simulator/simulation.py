@@ -1,0 +1,204 @@
+"""The simulation of one scene as one source sees it: lazily, frame by frame."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..errors import SceneError
+from ..frames import Frame
+from .cast import NOISE, Cast, draw_cast, stream
+from .motion import Array, Poses, seen_from
+from .spec import SceneSpec, frame_count
+
+Split = Literal["features", "objects"]
+# Real sources do not sample in step. Fraction of a period that each is behind the one before.
+_PHASE_STEP = 0.37
+
+
+class Simulation:
+    """One source's view of a simulated scene.
+
+    The same spec and seed give the same world to every source. A source samples it at its own
+    rate and phase, sees its own part of the features, and adds noise of its own.
+
+    Parameters
+    ----------
+    spec
+        The scene.
+    seed
+        Seed of everything random, >= 0.
+    rate
+        Hz; the scene's own by default.
+    noise
+        Factor on the noise of every feature, >= 0.
+    time_scale
+        Scene seconds per second: 2 plays twice as fast.
+    part, parts
+        This source is number `part` (from 0) of `parts`; each feature is seen by exactly one.
+    split
+        Divide ``features`` evenly, so that every source sees every body, or whole ``objects``.
+
+    Raises
+    ------
+    SceneError
+        If an argument is out of range.
+    """
+
+    def __init__(
+        self,
+        spec: SceneSpec,
+        *,
+        seed: int = 0,
+        rate: float | None = None,
+        noise: float = 1.0,
+        time_scale: float = 1.0,
+        part: int = 0,
+        parts: int = 1,
+        split: Split = "features",
+    ) -> None:
+        self.spec = spec
+        self.seed = seed
+        self.rate = spec.rate if rate is None else rate
+        self.noise = noise
+        self.time_scale = time_scale
+        self.part, self.parts = part, parts
+        self._check()
+        self._phase = (_PHASE_STEP * part) % 1.0
+        self._cast = draw_cast(spec, seed)
+        divided = self._cast.slot if split == "features" else self._cast.object
+        self._mine = np.flatnonzero(divided % parts == part)
+        self._has_poses = bool(np.isfinite(self._cast.pose_sigma[self._mine]).any())
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last instant, as the source counts them."""
+        return self.spec.duration / self.time_scale
+
+    @property
+    def object_names(self) -> dict[int, str]:
+        """Name of each object by its number."""
+        return dict(self._cast.names)
+
+    def __len__(self) -> int:
+        return frame_count(self.duration, self.rate, self._phase)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self.frames()
+
+    def frames(self, first: int = 0) -> Iterator[Frame]:
+        """Yield the frames from number `first` on; a frame does not depend on those before."""
+        before = np.zeros(len(self._mine), bool)
+        for number in range(first, len(self)):
+            alive = self._alive(self._time(number))
+            yield self._frame(number, alive, before & ~alive)
+            before = alive
+
+    def first_frame_after(self, t: float) -> int:
+        """Number of the first frame at or after the source's time t, in seconds."""
+        return max(0, int(np.ceil(t * self.rate - self._phase - 1e-9)))
+
+    def poses(self, body: int, times: Array) -> Poses:
+        """True poses of a body at the source's times [T], in the frame that is observed in.
+
+        Parameters
+        ----------
+        body
+            Index into the scene's bodies.
+        times
+            float64 [T], seconds since the source's start.
+        """
+        scene_times = np.atleast_1d(np.asarray(times, np.float64)) * self.time_scale
+        pose = self._cast.paths[body].at(scene_times)
+        camera = self._cast.camera
+        return pose if camera is None else seen_from(pose, camera.at(scene_times))
+
+    def _check(self) -> None:
+        if self.seed < 0:
+            raise SceneError(f"seed {self.seed} is negative")
+        if not 0 < self.rate <= 1000:
+            raise SceneError(f"rate {self.rate:g} is not within 0 to 1000 Hz")
+        if not 0 <= self.noise < np.inf:
+            raise SceneError(f"noise factor {self.noise:g} is negative or infinite")
+        if not 0 < self.time_scale <= 1000:
+            raise SceneError(f"time scale {self.time_scale:g} is not within 0 to 1000")
+        if not 0 <= self.part < self.parts:
+            raise SceneError(f"part {self.part + 1} of {self.parts} does not exist")
+
+    def _time(self, number: int) -> float:
+        return (number + self._phase) / self.rate
+
+    def _alive(self, t: float) -> NDArray[np.bool_]:
+        """Which of this source's features live at its time t, occluded ones included."""
+        at = t * self.time_scale + 1e-9
+        cast, mine = self._cast, self._mine
+        return (cast.birth[mine] <= at) & (at < cast.death[mine])
+
+    def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
+        t = self._time(number)
+        rows = self._mine[alive]
+        gap = self._cast.gap[rows]
+        at = t * self.time_scale
+        rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
+        rng = stream(self.seed, NOISE, self.part, number)
+        rotations, exact = self._exact(rows, t)
+        sigma = self._cast.sigma[rows] * self.noise
+        return Frame(
+            t=t,
+            ids=rows.astype(np.uint64),
+            positions=exact + rng.normal(size=exact.shape) * sigma[:, None],
+            objects=self._cast.object[rows],
+            ended=self._mine[ended].astype(np.uint64),
+            sigma=sigma,
+            quaternions=self._quaternions(rows, rotations, rng) if self._has_poses else None,
+        )
+
+    def _exact(self, rows: NDArray[np.intp], t: float) -> tuple[Array, Array]:
+        """Rotations [n, dim, dim] and positions [n, dim] of features, without noise."""
+        cast: Cast = self._cast
+        bodies, of_body = np.unique(cast.body[rows], return_inverse=True)
+        dim = self.spec.dim
+        if not bodies.size:
+            return np.empty((0, dim, dim)), np.empty((0, dim))
+        poses = [self.poses(body, np.array([t])) for body in bodies.tolist()]
+        rotations = np.concatenate([pose.rotations for pose in poses])[of_body]
+        translations = np.concatenate([pose.translations for pose in poses])[of_body]
+        return rotations, np.einsum("nij,nj->ni", rotations, cast.local[rows]) + translations
+
+    def _quaternions(self, rows: NDArray[np.intp], rotations: Array, rng: np.random.Generator) -> Array:
+        result = np.full((len(rows), 4), np.nan)
+        sigma = self._cast.pose_sigma[rows]
+        posed = np.isfinite(sigma)
+        if posed.any():
+            jitter = rng.normal(size=(int(posed.sum()), 3)) * sigma[posed, None] * self.noise
+            turned = Rotation.from_matrix(rotations[posed]) * Rotation.from_rotvec(jitter)
+            result[posed] = turned.as_quat()
+        return result
+
+
+def simulate(
+    spec: SceneSpec,
+    *,
+    seed: int = 0,
+    rates: list[float] | None = None,
+    noise: float = 1.0,
+    time_scale: float = 1.0,
+    split: Split = "features",
+) -> list[Simulation]:
+    """Build the sources that together observe a scene, one per rate (Hz); the scene's by default."""
+    chosen = spec.rates if rates is None else rates
+    return [
+        Simulation(
+            spec,
+            seed=seed,
+            rate=rate,
+            noise=noise,
+            time_scale=time_scale,
+            part=part,
+            parts=len(chosen),
+            split=split,
+        )
+        for part, rate in enumerate(chosen)
+    ]

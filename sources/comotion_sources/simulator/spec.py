@@ -1,0 +1,246 @@
+"""What a simulated scene is: the TOML file, validated.
+
+Lengths are in the unit of the scene, angles in rad, times in seconds. The scenes that ship with
+the package lie in ``comotion_sources/scenes``.
+"""
+
+import math
+import tomllib
+from importlib import resources
+from importlib.resources.abc import Traversable
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ..errors import SceneError, describe
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Rate = Annotated[float, Field(gt=0, le=1000)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Range(_Part):
+    """Drawn uniformly between two bounds, each axis for itself."""
+
+    min: NotNegative
+    max: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.min > self.max:
+            raise ValueError("min exceeds max")
+        return self
+
+
+class Rest(_Part):
+    """A body that stays where it is: `at`, or somewhere within ±`within` of the origin."""
+
+    kind: Literal["rest"] = "rest"
+    at: list[Finite] | None = None
+    within: NotNegative = 0.0
+
+
+class KeyStates(_Part):
+    """Linear interpolation between states (t, position..., rotation...).
+
+    The rotation is an angle in 2-D and a rotation vector in 3-D. The first state holds before its
+    time, the last one after it.
+    """
+
+    kind: Literal["key-states"]
+    states: Annotated[list[list[Finite]], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        times = [state[0] for state in self.states if state]
+        if len(times) != len(self.states) or any(a >= b for a, b in pairwise(times)):
+            raise ValueError("the times of the states must increase")
+        return self
+
+
+class Sines(_Part):
+    """Sum of two sines per axis about a place, in position and rotation alike.
+
+    Frequencies are drawn from `frequency` (Hz), phases uniformly; each of the two amplitudes is
+    half of `amplitude` (`rotation` in rad), times a factor drawn from 0.7 to 1.3. Before `start`
+    the body is at rest at the place its motion starts from.
+    """
+
+    kind: Literal["sines"]
+    at: list[Finite] | None = None
+    within: NotNegative = 0.0
+    amplitude: NotNegative
+    rotation: NotNegative = 0.0
+    frequency: Range = Range(min=0.05, max=0.2)
+    start: NotNegative = 0.0
+
+
+Motion = Annotated[Rest | KeyStates | Sines, Field(discriminator="kind")]
+
+
+class Body(_Part):
+    """A rigid body: features uniform in a rectangle or box about its origin."""
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    object: Annotated[str, Field(min_length=1, max_length=64)] | None = Field(
+        None, description="name of the true object; bodies of one object are one. The body's own by default"
+    )
+    features: Annotated[int, Field(ge=0, le=100_000)]
+    poses: Annotated[int, Field(ge=0, le=1000)] = Field(0, description="6-DoF features besides (3-D)")
+    size: list[Positive] | Range
+    sigma: NotNegative = Field(description="noise of an observation, one sigma per axis")
+    pose_sigma: NotNegative = Field(0.01, description="rad; noise of an observed orientation, per axis")
+    motion: Motion = Rest()
+
+
+class Respawn(_Part):
+    """Every `every` seconds a random `share` of each body's features ends and is replaced."""
+
+    every: Positive
+    share: Share
+
+
+class Gaps(_Part):
+    """Occlusion: a `share` of the features is unobserved once, for `shortest` to `longest` seconds."""
+
+    share: Share
+    shortest: NotNegative
+    longest: Positive
+
+
+class Outliers(_Part):
+    """Features that move on their own: `share` of the number of all others, each its own object."""
+
+    share: Share
+    sigma: NotNegative
+    motion: Sines
+
+
+class SceneSpec(_Part):
+    """One simulated scene.
+
+    Attributes
+    ----------
+    title
+        One line for lists.
+    dim, unit, space
+        Coordinate space of the observations.
+    duration
+        Seconds from the first to the last instant.
+    rate
+        Hz of a single source.
+    sources
+        Hz of each source where the scene is meant to be seen by several.
+    bodies, respawn, gaps, outliers
+        What there is to see.
+    camera
+        Motion of the frame that all sources observe in; without it they observe in the world.
+    """
+
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    dim: Literal[2, 3]
+    unit: Literal["m", "px"] = "m"
+    space: Annotated[str, Field(min_length=1, max_length=256)] = "world"
+    duration: Annotated[float, Field(gt=0, le=86_400)]
+    rate: Rate = 15.0
+    sources: Annotated[list[Rate], Field(min_length=1, max_length=64)] | None = None
+    bodies: Annotated[list[Body], Field(min_length=1)]
+    respawn: Respawn | None = None
+    gaps: Gaps | None = None
+    outliers: Outliers | None = None
+    camera: Sines | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for body in self.bodies:
+            _check_body(body, self.dim)
+        if self.camera is not None:
+            _check_motion("camera", self.camera, self.dim)
+        if self.outliers is not None:
+            _check_motion("outliers", self.outliers.motion, self.dim)
+        if len({body.name for body in self.bodies}) != len(self.bodies):
+            raise ValueError("two bodies have the same name")
+        return self
+
+    @property
+    def rates(self) -> list[float]:
+        """Hz of each source of the scene."""
+        return list(self.sources or [self.rate])
+
+    @property
+    def object_names(self) -> list[str]:
+        """Names of the true objects of the bodies; an object's number is its index."""
+        return list(dict.fromkeys(body.object or body.name for body in self.bodies))
+
+
+def _check_body(body: Body, dim: int) -> None:
+    if isinstance(body.size, list) and len(body.size) != dim:
+        raise ValueError(f"body {body.name!r}: size needs {dim} numbers")
+    if body.poses and dim != 3:
+        raise ValueError(f"body {body.name!r}: poses need dim 3")
+    _check_motion(f"body {body.name!r}", body.motion, dim)
+
+
+def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None:
+    if isinstance(motion, KeyStates):
+        width = 1 + dim + (1 if dim == 2 else 3)
+        if any(len(state) != width for state in motion.states):
+            raise ValueError(f"{what}: a state needs {width} numbers: t, position, rotation")
+    elif motion.at is not None and len(motion.at) != dim:
+        raise ValueError(f"{what}: at needs {dim} numbers")
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes that ship with the package, sorted."""
+    return sorted(
+        entry.name.removesuffix(".toml") for entry in _shipped().iterdir() if entry.name.endswith(".toml")
+    )
+
+
+def load_scene(scene: str | Path) -> SceneSpec:
+    """Load a scene that ships with the package by its name, or any other by the path of its file.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene or it is not well formed; the message is one line.
+    """
+    text = _read(scene)
+    try:
+        return SceneSpec.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"scene {scene}: no TOML: {' '.join(str(error).split())}") from None
+    except ValidationError as error:
+        raise SceneError(f"scene {scene}: {describe(error)}") from None
+
+
+def _read(scene: str | Path) -> str:
+    try:
+        if str(scene) in scene_names():
+            return (_shipped() / f"{scene}.toml").read_text(encoding="utf-8")
+        return Path(scene).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SceneError(
+            f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}"
+        ) from None
+    except UnicodeDecodeError:
+        raise SceneError(f"scene {scene}: not a text file") from None
+    except OSError as error:
+        raise SceneError(f"scene {scene}: {error.strerror}") from None
+
+
+def _shipped() -> Traversable:
+    return resources.files("comotion_sources") / "scenes"
+
+
+def frame_count(duration: float, rate: float, phase: float) -> int:
+    """Count the instants (k + phase)/rate, k = 0, 1, ..., that lie within a duration (s)."""
+    return math.floor(duration * rate - phase + 1e-9) + 1

@@ -1,0 +1,83 @@
+"""Sources offline: the batches that live processes would publish, in time order."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas.types import Unit
+
+from .frames import Batcher, Frame, in_time_order
+
+OFFLINE_SESSION = "0" * 16
+
+
+def numbered(name: str, part: int, parts: int) -> str:
+    """Name of one of several sources: ``name-1`` for part 0; of a single one, the name itself."""
+    return name if parts == 1 else f"{name}-{part + 1}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stream:
+    """What one source publishes: its frames and what their numbers mean.
+
+    Attributes
+    ----------
+    name
+        Name of the source.
+    space, unit, dim
+        The coordinate space of the positions.
+    objects
+        Names of the true objects by number.
+    rate
+        Hz.
+    frames
+        The frames, or what makes them anew at each pass.
+    """
+
+    name: str
+    space: str
+    unit: Unit
+    dim: int
+    objects: Mapping[int, str]
+    rate: float
+    frames: Iterable[Frame]
+
+    def batcher(self, *, session: str, epoch_ns: int, publish_sigma: bool = False) -> Batcher:
+        """Build what turns the frames into messages, for one session of the source."""
+        return Batcher(
+            source=self.name,
+            session=session,
+            space=self.space,
+            unit=self.unit,
+            dim=self.dim,
+            names=self.objects,
+            epoch_ns=epoch_ns,
+            publish_sigma=publish_sigma,
+        )
+
+
+def merged(
+    streams: Sequence[Stream],
+    *,
+    session: str = OFFLINE_SESSION,
+    epoch_ns: int = 0,
+    publish_sigma: bool = False,
+) -> Iterator[TruthBatch | ObservationBatch]:
+    """Yield the messages of all streams in time order, stamped `epoch_ns` plus their own time.
+
+    Parameters
+    ----------
+    streams
+        One per source, with different names.
+    session
+        Session of every source, 16 hexadecimal digits.
+    epoch_ns
+        Acquisition time of t = 0.
+    publish_sigma
+        Publish the noise where a frame knows it.
+    """
+    batchers = [
+        stream.batcher(session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma) for stream in streams
+    ]
+    for index, frame in in_time_order([stream.frames for stream in streams]):
+        yield from batchers[index].messages(frame)
