@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.types import Unit
@@ -50,10 +50,8 @@ class Frame:
     quaternions: NDArray[np.float64] | None = None
 
 
-class Batcher:
-    """Turns the frames of one source into its messages: one session, sequence numbers from 0.
-
-    The truth of a feature goes out once, before the first observation of it.
+class MessageBuilder:
+    """Builds the messages of one session of a source; batches are numbered from 0.
 
     Parameters
     ----------
@@ -61,7 +59,66 @@ class Batcher:
         Name of the source and 16 hexadecimal digits.
     space, unit, dim
         The coordinate space of the positions.
-    names
+    """
+
+    def __init__(self, *, source: str, session: str, space: str, unit: Unit, dim: int) -> None:
+        self.source, self.session = source, session
+        self._space, self._unit, self._dim = space, unit, dim
+        self._seq = 0
+
+    def observation(
+        self,
+        *,
+        stamp_ns: int,
+        ids: ArrayLike,
+        positions: ArrayLike,
+        sigma: float | ArrayLike | None = None,
+        quaternions: ArrayLike | None = None,
+        ended: ArrayLike | None = None,
+    ) -> ObservationBatch:
+        """Build the next batch: one instant, arrays as in :class:`ObservationBatch`.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            If the arrays are not well formed; the number is not used up then.
+        """
+        batch = ObservationBatch(
+            source=self.source,
+            session=self.session,
+            seq=self._seq,
+            space=self._space,
+            unit=self._unit,
+            dim=self._dim,
+            stamp_ns=stamp_ns,
+            ids=np.asarray(ids),
+            positions=np.asarray(positions, np.float32),
+            sigma=sigma if sigma is None or np.isscalar(sigma) else np.asarray(sigma, np.float32),  # type: ignore[arg-type]
+            quaternions=None if quaternions is None else np.asarray(quaternions, np.float32),
+            ended=None if ended is None else np.asarray(ended),
+        )
+        self._seq += 1
+        return batch
+
+    def truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> TruthBatch:
+        """Build the truth of features: their objects, and the names of those objects."""
+        numbers = np.asarray(objects, np.int32)
+        named = {str(n): names[n] for n in np.unique(numbers).tolist() if n in names}
+        return TruthBatch(
+            source=self.source, session=self.session, ids=np.asarray(ids), objects=numbers, names=named
+        )
+
+
+class Batcher:
+    """Turns the frames of one session of a source into its messages.
+
+    The truth of a feature goes out once, before the first observation of it.
+
+    Parameters
+    ----------
+    builder
+        The source and its session.
+    objects
         Names of the objects by number.
     epoch_ns
         Acquisition time of t = 0, nanoseconds since the Unix epoch.
@@ -71,77 +128,49 @@ class Batcher:
 
     def __init__(
         self,
+        builder: MessageBuilder,
         *,
-        source: str,
-        session: str,
-        space: str,
-        unit: Unit,
-        dim: int,
-        names: Mapping[int, str] | None = None,
+        objects: Mapping[int, str],
         epoch_ns: int = 0,
         publish_sigma: bool = False,
     ) -> None:
-        self._source, self._session = source, session
-        self._space, self._unit, self._dim = space, unit, dim
-        self._names = dict(names or {})
+        self._builder = builder
+        self._objects = objects
         self._epoch_ns = epoch_ns
         self._publish_sigma = publish_sigma
-        self._seq = 0
         self._known: set[int] = set()
         self._ended: list[NDArray[np.uint64]] = []
 
     def messages(self, frame: Frame) -> Iterator[TruthBatch | ObservationBatch]:
         """Build the messages of a frame: the truth of newborn features if any, then the batch."""
-        truth = self._truth(frame)
-        if truth is not None:
-            yield truth
-        yield self._batch(frame)
+        newborn = np.array([identity not in self._known for identity in frame.ids.tolist()], bool)
+        self._known.update(frame.ids[newborn].tolist())
+        if frame.objects is not None and newborn.any():
+            yield self._builder.truth(
+                ids=frame.ids[newborn], objects=frame.objects[newborn], names=self._objects
+            )
+        ended = np.concatenate([*self._ended, frame.ended])
+        self._ended.clear()
+        yield self._builder.observation(
+            stamp_ns=self._epoch_ns + round(frame.t * NANOSECONDS),
+            ids=frame.ids,
+            positions=frame.positions,
+            sigma=_sigma(frame) if self._publish_sigma else None,
+            quaternions=frame.quaternions,
+            ended=ended if ended.size else None,
+        )
 
     def skip(self, frame: Frame) -> None:
         """Leave a frame out; features that ended in it are reported with the next one."""
         self._ended.append(frame.ended)
 
-    def stamp_ns(self, t: float) -> int:
-        """Acquisition time of the instant t, in nanoseconds since the Unix epoch."""
-        return self._epoch_ns + round(t * NANOSECONDS)
 
-    def _truth(self, frame: Frame) -> TruthBatch | None:
-        if frame.objects is None:
-            return None
-        newborn = np.array([identity not in self._known for identity in frame.ids.tolist()], bool)
-        if not newborn.any():
-            return None
-        ids, objects = frame.ids[newborn], frame.objects[newborn]
-        self._known.update(ids.tolist())
-        names = {str(n): self._names[n] for n in np.unique(objects).tolist() if n in self._names}
-        return TruthBatch(source=self._source, session=self._session, ids=ids, objects=objects, names=names)
-
-    def _batch(self, frame: Frame) -> ObservationBatch:
-        ended = np.concatenate([*self._ended, frame.ended])
-        self._ended.clear()
-        seq, self._seq = self._seq, self._seq + 1
-        return ObservationBatch(
-            source=self._source,
-            session=self._session,
-            seq=seq,
-            space=self._space,
-            unit=self._unit,
-            dim=self._dim,
-            stamp_ns=self.stamp_ns(frame.t),
-            ids=frame.ids,
-            positions=frame.positions.astype(np.float32),
-            sigma=_sigma(frame) if self._publish_sigma else None,
-            quaternions=None if frame.quaternions is None else frame.quaternions.astype(np.float32),
-            ended=ended if ended.size else None,
-        )
-
-
-def _sigma(frame: Frame) -> float | NDArray[np.float32] | None:
+def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
     """One number where all features agree; None where there is no noise to tell of."""
     sigma = frame.sigma
     if sigma is None or not sigma.size or not (sigma > 0).all():
         return None
-    return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma.astype(np.float32)
+    return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
 def in_time_order(sources: Sequence[Iterable[Frame]]) -> Iterator[tuple[int, Frame]]:

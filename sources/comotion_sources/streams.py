@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.types import Unit
 
-from .frames import Batcher, Frame, in_time_order
+from .frames import Batcher, Frame, MessageBuilder, in_time_order
 
 OFFLINE_SESSION = "0" * 16
 
@@ -30,8 +30,10 @@ class Stream:
         Names of the true objects by number.
     rate
         Hz.
+    length
+        Seconds after which the frames may start again; those at or beyond it are left out then.
     frames
-        The frames, or what makes them anew at each pass.
+        The frames; iterated anew at each pass.
     """
 
     name: str
@@ -40,19 +42,13 @@ class Stream:
     dim: int
     objects: Mapping[int, str]
     rate: float
+    length: float
     frames: Iterable[Frame]
 
-    def batcher(self, *, session: str, epoch_ns: int, publish_sigma: bool = False) -> Batcher:
-        """Build what turns the frames into messages, for one session of the source."""
-        return Batcher(
-            source=self.name,
-            session=session,
-            space=self.space,
-            unit=self.unit,
-            dim=self.dim,
-            names=self.objects,
-            epoch_ns=epoch_ns,
-            publish_sigma=publish_sigma,
+    def builder(self, session: str) -> MessageBuilder:
+        """Build what makes the messages of one session of this source."""
+        return MessageBuilder(
+            source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
 
 
@@ -77,7 +73,13 @@ def merged(
         Publish the noise where a frame knows it.
     """
     batchers = [
-        stream.batcher(session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma) for stream in streams
+        Batcher(
+            stream.builder(session),
+            objects=stream.objects,
+            epoch_ns=epoch_ns,
+            publish_sigma=publish_sigma,
+        )
+        for stream in streams
     ]
     for index, frame in in_time_order([stream.frames for stream in streams]):
         yield from batchers[index].messages(frame)

@@ -157,18 +157,6 @@ def test_the_same_seed_gives_the_same_frames_and_another_seed_others():
     assert bits(1) != bits(2)
 
 
-def test_a_source_that_joins_late_sees_what_it_would_have_seen():
-    simulation = run("fig4_4", seed=5)
-    late = simulation.first_frame_after(3.0)
-    whole = list(simulation)[late:]
-    joined = list(simulation.frames(late))
-    assert joined[0].t == 3.0
-    assert len(joined) == len(whole)
-    for a, b in zip(joined, whole, strict=True):
-        np.testing.assert_array_equal(a.positions, b.positions)
-        np.testing.assert_array_equal(a.ids, b.ids)
-
-
 @pytest.mark.parametrize("split", ["features", "objects"])
 @pytest.mark.parametrize("name", ["fig4_4", "3d_outliers"])
 def test_sources_divide_one_world(name, split):

@@ -20,6 +20,7 @@ def stream(simulation: Simulation, name: str | None = None) -> Stream:
         dim=spec.dim,
         objects=simulation.object_names,
         rate=simulation.rate,
+        length=simulation.duration,
         frames=simulation,
     )
 

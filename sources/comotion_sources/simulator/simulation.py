@@ -86,19 +86,11 @@ class Simulation:
         return frame_count(self.duration, self.rate, self._phase)
 
     def __iter__(self) -> Iterator[Frame]:
-        return self.frames()
-
-    def frames(self, first: int = 0) -> Iterator[Frame]:
-        """Yield the frames from number `first` on; a frame does not depend on those before."""
         before = np.zeros(len(self._mine), bool)
-        for number in range(first, len(self)):
+        for number in range(len(self)):
             alive = self._alive(self._time(number))
             yield self._frame(number, alive, before & ~alive)
             before = alive
-
-    def first_frame_after(self, t: float) -> int:
-        """Number of the first frame at or after the source's time t, in seconds."""
-        return max(0, int(np.ceil(t * self.rate - self._phase - 1e-9)))
 
     def poses(self, body: int, times: Array) -> Poses:
         """True poses of a body at the source's times [T], in the frame that is observed in.
