@@ -1,0 +1,113 @@
+"""Where trajectories are at an instant: f_i(t) of the thesis, between observations as at them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .window import Bools, Floats, Slots, Stamps, Window
+
+
+@dataclass
+class States:
+    """States of n trajectories at one instant.
+
+    Attributes
+    ----------
+    position
+        float64 [n, dim]; meaningless where not `held`.
+    speed
+        float64 [n]; of the observation, or of the segment that holds the instant.
+    observed
+        bool [n]; an observation was made at this very instant.
+    held
+        bool [n]; observed, or inside a segment short enough to interpolate.
+    """
+
+    position: Floats
+    speed: Floats
+    observed: Bools
+    held: Bools
+
+
+def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
+    """Index of the newest observation at or before a time in each slot; ``start - 1`` where none is."""
+    low, high = window.start[slots], window.stop[slots]
+    last = window.times.shape[1] - 1
+    # Bisection of all slots at once: times[low - 1] <= stamp < times[high].
+    while (low < high).any():
+        middle = (low + high) // 2
+        before = window.times[slots, np.minimum(middle, last)] <= stamp_ns
+        open_ = low < high
+        low = np.where(open_ & before, middle + 1, low)
+        high = np.where(open_ & ~before, middle, high)
+    return low - 1
+
+
+def states_at(window: Window, slots: Slots, stamp_ns: int) -> States:
+    """States at a time, linear between observations (the interpolation of (3.5)).
+
+    Nothing is interpolated across a gap longer than ``window.gap_ns``, nor beyond either end.
+    """
+    last = window.stop[slots] - 1
+    index = locate(window, slots, stamp_ns)
+    begun = index >= window.start[slots]
+    left = np.maximum(index, 0)
+    right = np.clip(index + 1, 0, np.maximum(last, 0))
+    t_left, t_right = window.times[slots, left], window.times[slots, right]
+    observed = begun & (t_left == stamp_ns)
+    span = t_right - t_left
+    between = begun & (index < last) & ~observed & (span <= window.gap_ns)
+    # Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
+    fraction = np.where(between, (stamp_ns - t_left) / np.where(between, span, 1), 0.0)[:, None]
+    position = window.positions[slots, left]
+    position = position + fraction * (window.positions[slots, right] - position)
+    speed = window.speed[slots, np.where(observed, left, right)]
+    return States(position, speed, observed, observed | between)
+
+
+def instants(window: Window, slots: Slots, after_ns: int, until_ns: int) -> Stamps:
+    """Distinct times in (after, until] at which any of the slots was observed, ascending, int64 [k]."""
+    first = locate(window, slots, after_ns) + 1
+    counts = locate(window, slots, until_ns) + 1 - first
+    starts = np.repeat(first - np.cumsum(counts) + counts, counts)
+    return np.unique(window.times[np.repeat(slots, counts), starts + np.arange(len(starts))])
+
+
+@dataclass(frozen=True)
+class Insertions:
+    """Observations that came late, each between two others of its trajectory: what was there before.
+
+    All arrays are [n, ...]: `slots`, the neighbours' times `t_left`, `t_right` and positions
+    `x_left`, `x_right`, and the `speed` that the right one had.
+    """
+
+    slots: Slots
+    t_left: Stamps
+    t_right: Stamps
+    x_left: Floats
+    x_right: Floats
+    speed: Floats
+
+    @classmethod
+    def at(cls, window: Window, slots: Slots, index: Slots) -> "Insertions":
+        """Of the observations that now are at `index` (not the first nor the last of its slot)."""
+        t_left, t_right = window.times[slots, index - 1], window.times[slots, index + 1]
+        x_left, x_right = window.positions[slots, index - 1], window.positions[slots, index + 1]
+        seconds = (t_right - t_left) * 1e-9
+        return cls(
+            slots, t_left, t_right, x_left, x_right, np.linalg.norm(x_right - x_left, axis=1) / seconds
+        )
+
+    def undo(self, states: States, rows: Slots, stamp_ns: int, gap_ns: int) -> None:
+        """Put the states at a time back to what they were before the insertion.
+
+        `rows` [n] says where in `states` the slots are.
+        """
+        inside = (self.t_left < stamp_ns) & (stamp_ns <= self.t_right)
+        rows, left, right = rows[inside], self.t_left[inside], self.t_right[inside]
+        span = right - left
+        fraction = ((stamp_ns - left) / span)[:, None]
+        states.position[rows] = self.x_left[inside] + fraction * (self.x_right - self.x_left)[inside]
+        states.speed[rows] = self.speed[inside]
+        states.observed[rows] = stamp_ns == right
+        states.held[rows] = states.observed[rows] | (span <= gap_ns)
