@@ -110,7 +110,7 @@ class Subscription(Generic[M]):
         self._message: type[M] = message
         self._scene = scene
         self._newest: dict[str, tuple[str, int]] = {}
-        self._inbox: Inbox[M] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
+        self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = max(_RING, _CAPACITIES[message])
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(size)
@@ -133,11 +133,11 @@ class Subscription(Generic[M]):
         Closed
             If the subscription was closed.
         """
-        return self._inbox.get(timeout)
+        return self._inbox.get(timeout)[1]
 
-    def drain(self) -> list[M]:
-        """Take what is there, without waiting."""
-        found: list[M] = []
+    def drain(self) -> list[tuple[float, M]]:
+        """Take what is there, without waiting: (time of arrival by ``time.monotonic()``, message)."""
+        found: list[tuple[float, M]] = []
         while True:
             try:
                 found.append(self._inbox.get(0.0))
@@ -149,7 +149,7 @@ class Subscription(Generic[M]):
 
     def __next__(self) -> M:
         try:
-            return self._inbox.get(self.timeout)
+            return self._inbox.get(self.timeout)[1]
         except Closed:
             raise StopIteration from None
 
@@ -158,7 +158,7 @@ class Subscription(Generic[M]):
 
     async def __anext__(self) -> M:
         try:
-            return await self._inbox.aget(self.timeout)
+            return (await self._inbox.aget(self.timeout))[1]
         except Closed:
             raise StopAsyncIteration from None
 
@@ -199,7 +199,7 @@ class Subscription(Generic[M]):
             return
         if self._is_new(message):
             self.counters.received += 1
-            self._inbox.put(message)
+            self._inbox.put((time.monotonic(), message))
 
     def _is_new(self, message: M) -> bool:
         """Follow the sequence numbers; an update that is repeated or overtaken says nothing new."""

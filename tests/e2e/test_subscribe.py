@@ -86,7 +86,7 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(endpoint: str, session: zeno
         while slow.counters.received < 10:
             pass
         assert slow.dropped == 8
-        assert [m.seq for m in slow.drain()] == [8, 9]
+        assert [message.seq for _, message in slow.drain()] == [8, 9]
 
 
 def test_invalid_payloads_are_counted_by_reason_and_skipped(endpoint: str, session: zenoh.Session) -> None:

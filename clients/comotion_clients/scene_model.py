@@ -1,0 +1,318 @@
+"""What one scene looks like right now, put together from its messages. Pure: time is handed in.
+
+`now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall clock.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, ObservationBatch, Status
+
+SourceState = Literal["ok", "stalled", "gone"]
+RATE_SPAN_S = 3.0
+STALL_S = 1.0
+STALL_PERIODS = 3
+LOSS_SHOWN_S = 10.0
+GONE_SHOWN_S = 60.0
+EVENTS_KEPT = 100
+
+
+@dataclass(frozen=True)
+class SourceRow:
+    """One source: `rate` in batches/s, `age` s since its last batch, `lag` s from acquisition to arrival.
+
+    `losing`: batches were lost in the last 10 s. `tracks` counts those of the newest update.
+    """
+
+    name: str
+    state: SourceState
+    rate: float
+    age: float
+    lag: float
+    lost: int
+    losing: bool
+    tracks: int
+    space: str
+
+
+@dataclass(frozen=True)
+class HypothesisRow:
+    """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None."""
+
+    id: int
+    space: str
+    unit: str
+    state: str
+    size: int
+    age: float
+    confidence: float
+    speed: float | None
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One event, `ago` s before the newest update."""
+
+    stamp_ns: int
+    ago: float
+    kind: str
+    hypothesis: int
+    others: list[int]
+
+
+@dataclass(frozen=True)
+class ServiceRow:
+    """The service: `rate` of updates, `age` s since the last one, `lag` s from its W to its publication."""
+
+    state: Literal["absent", "silent", "ok", "degraded", "stalled"]
+    rate: float
+    age: float
+    lag: float
+    lost: int
+    losing: bool
+    seq: int
+    message: str
+    counters: dict[str, int]
+    rejected: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything `comotion watch` shows."""
+
+    scene: str
+    stamp_ns: int
+    service: ServiceRow
+    tracks: int
+    undetermined: int
+    sources: list[SourceRow]
+    hypotheses: list[HypothesisRow]
+    events: list[EventRow]
+
+
+@dataclass
+class Stream:
+    """Arrivals of one publisher: its rate, its age and what went missing."""
+
+    session: str = ""
+    seq: int = -1
+    lost: int = 0
+    lost_at: float = -np.inf
+    arrivals: deque[float] = field(default_factory=deque)
+
+    def arrive(self, session: str, seq: int, now: float) -> None:
+        """Take note of a message."""
+        if session != self.session:
+            self.session, self.seq = session, seq
+            self.arrivals.clear()
+        elif seq > self.seq + 1:
+            self.lost += seq - self.seq - 1
+            self.lost_at = now
+        self.seq = max(self.seq, seq)
+        self.arrivals.append(now)
+        while now - self.arrivals[0] > RATE_SPAN_S and len(self.arrivals) > 2:
+            self.arrivals.popleft()
+
+    def age(self, now: float) -> float:
+        """Seconds since the last arrival."""
+        return max(now - self.arrivals[-1], 0.0) if self.arrivals else float("inf")
+
+    def period(self) -> float:
+        """Mean seconds between the recent arrivals; 0 until there are two."""
+        if len(self.arrivals) < 2:
+            return 0.0
+        return (self.arrivals[-1] - self.arrivals[0]) / (len(self.arrivals) - 1)
+
+    def stalled(self, now: float) -> bool:
+        """Whether it has been silent for longer than its rhythm explains."""
+        return self.age(now) > max(STALL_S, STALL_PERIODS * self.period())
+
+    def rate(self, now: float) -> float:
+        """Messages per second; 0 once it stalls."""
+        period = self.period()
+        return 1.0 / period if period > 0 and not self.stalled(now) else 0.0
+
+    def losing(self, now: float) -> bool:
+        """Whether something was lost lately."""
+        return now - self.lost_at < LOSS_SHOWN_S
+
+
+@dataclass
+class _Source:
+    stream: Stream = field(default_factory=Stream)
+    space: str = ""
+    lag: float = float("nan")
+    gone_at: float | None = None
+
+    def age(self, now: float, told: float) -> float:
+        """Seconds since its last batch; `told` by the service where none was heard."""
+        return self.stream.age(now) if self.stream.arrivals else told
+
+
+class SceneModel:
+    """Follows one scene.
+
+    Parameters
+    ----------
+    scene
+        Its name.
+    """
+
+    def __init__(self, scene: str) -> None:
+        self.scene = scene
+        self._sources: dict[str, _Source] = {}
+        self._units: dict[str, str] = {}
+        self._updates = Stream()
+        self._update: HypothesisUpdate | None = None
+        self._service: Status | None = None
+        self._service_gone = False
+        self._events: dict[tuple[int, str, int], Event] = {}
+
+    @property
+    def seen(self) -> bool:
+        """Whether anything was heard of the scene."""
+        return bool(self._sources) or self._update is not None or self._service is not None
+
+    @property
+    def update(self) -> HypothesisUpdate | None:
+        """The newest update."""
+        return self._update
+
+    def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
+        """Take in a batch of a source."""
+        source = self._sources.setdefault(batch.source, _Source())
+        source.stream.arrive(batch.session, batch.seq, arrived)
+        source.space, source.gone_at = batch.space, None
+        source.lag = (wall_ns - batch.stamp_ns) / 1e9
+        self._units[batch.space] = batch.unit
+
+    def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
+        """Take in an update; answers with the events that no earlier one had."""
+        self._updates.arrive(update.session, update.seq, arrived)
+        self._update, self._service_gone = update, False
+        new = [e for e in update.events if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
+        self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
+        for key in list(self._events)[:-EVENTS_KEPT]:
+            del self._events[key]
+        return new
+
+    def on_status(self, status: Status) -> None:
+        """Take in the Status of a component; the service's names sources that fell silent before."""
+        if status.role == "service":
+            self._service = status
+            for name in status.ages:
+                self._sources.setdefault(name, _Source())
+
+    def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
+        """Take in that a component came or went."""
+        if role == "service":
+            self._service_gone = not alive
+        elif role == "source":
+            if alive:
+                self._sources.setdefault(name, _Source()).gone_at = None
+            elif name in self._sources:
+                self._sources[name].gone_at = now
+
+    def snapshot(self, now: float) -> Snapshot:
+        """Everything as of now."""
+        update = self._update
+        labels = np.zeros(0, np.uint32) if update is None else update.track_hypothesis
+        return Snapshot(
+            scene=self.scene,
+            stamp_ns=0 if update is None else update.stamp_ns,
+            service=self._service_row(now),
+            tracks=len(labels),
+            undetermined=int(np.count_nonzero(labels == UNDETERMINED)),
+            sources=self._source_rows(now),
+            hypotheses=[] if update is None else self._hypothesis_rows(update),
+            events=[] if update is None else self._event_rows(update),
+        )
+
+    def _service_row(self, now: float) -> ServiceRow:
+        status, update = self._service, self._update
+        return ServiceRow(
+            state=self._service_state(now),
+            rate=self._updates.rate(now),
+            age=self._updates.age(now),
+            lag=float("nan") if update is None else (update.published_ns - update.stamp_ns) / 1e9,
+            lost=self._updates.lost,
+            losing=self._updates.losing(now),
+            seq=-1 if update is None else update.seq,
+            message="" if status is None else status.message,
+            counters={} if status is None else dict(status.counters),
+            rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
+        )
+
+    def _service_state(self, now: float) -> Literal["absent", "silent", "ok", "degraded", "stalled"]:
+        if self._service_gone or (self._update is None and self._service is None):
+            return "absent"
+        if self._update is None or self._updates.stalled(now):
+            return "silent"
+        return "ok" if self._service is None else self._service.state
+
+    def _source_rows(self, now: float) -> list[SourceRow]:
+        tracks = self._tracks_per_source()
+        told = {} if self._service is None else self._service.ages
+        rows = []
+        for name, source in sorted(self._sources.items()):
+            if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
+                del self._sources[name]
+                continue
+            rows.append(
+                SourceRow(
+                    name=name,
+                    state=_source_state(source, now),
+                    rate=0.0 if source.gone_at is not None else source.stream.rate(now),
+                    age=source.age(now, told.get(name, float("inf"))),
+                    lag=source.lag,
+                    lost=source.stream.lost,
+                    losing=source.stream.losing(now),
+                    tracks=tracks.get(name, 0),
+                    space=source.space,
+                )
+            )
+        return rows
+
+    def _tracks_per_source(self) -> dict[str, int]:
+        update = self._update
+        if update is None:
+            return {}
+        counts = np.bincount(update.track_source, minlength=len(update.sources)).tolist()
+        tracks: dict[str, int] = {}
+        for source, count in zip(update.sources, counts, strict=True):
+            tracks[source.name] = tracks.get(source.name, 0) + count
+        return tracks
+
+    def _hypothesis_rows(self, update: HypothesisUpdate) -> list[HypothesisRow]:
+        rows = []
+        for h in update.hypotheses:
+            members = update.track_confidence[update.track_hypothesis == h.id]
+            rows.append(
+                HypothesisRow(
+                    id=h.id,
+                    space=h.space,
+                    unit=self._units.get(h.space, ""),
+                    state=h.state,
+                    size=h.size,
+                    age=(update.stamp_ns - h.born_ns) / 1e9,
+                    confidence=float(members.mean()) if len(members) else float("nan"),
+                    speed=None if h.twist is None else float(np.linalg.norm(h.twist.linear)),
+                )
+            )
+        return rows
+
+    def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
+        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)
+        return [
+            EventRow(e.stamp_ns, (update.stamp_ns - e.stamp_ns) / 1e9, e.kind, e.hypothesis, list(e.others))
+            for e in newest_first
+        ]
+
+
+def _source_state(source: _Source, now: float) -> SourceState:
+    if source.gone_at is not None:
+        return "gone"
+    return "stalled" if source.stream.stalled(now) else "ok"

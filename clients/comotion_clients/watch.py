@@ -1,0 +1,223 @@
+"""``comotion watch``: one scene, live, in a terminal, a log or a script."""
+
+import contextlib
+import json
+import os
+import select
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from rich.console import Console
+from rich.live import Live
+
+from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, Keys, ObservationBatch, Status
+from comotion_schemas.component import Component, new_session_id
+from comotion_schemas.transport import SessionSettings
+
+from .scene_model import EventRow, SceneModel
+from .subscribe import Subscription, connected
+from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
+
+REFRESH_S = 0.25
+PLAIN_PERIOD_S = 1.0
+PLAIN_WIDTH = 100
+SETTLE_S = 1.5
+"""What `--once` listens for, so that rates are known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions:
+    """How to watch.
+
+    `once`: one picture and the end; `json`: machine-readable, one object per line; `sort`: initial
+    order; `timeout`: seconds that `once` waits for anything at all; `ready_file`: written once it
+    listens.
+    """
+
+    once: bool = False
+    json: bool = False
+    sort: Sort = "size"
+    timeout: float = 5.0
+    ready_file: Path | None = None
+
+
+class _Feed:
+    """The subscriptions of one scene, emptied into a model."""
+
+    def __init__(self, session: zenoh.Session, scene: str) -> None:
+        self.model = SceneModel(scene)
+        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
+        self._updates = Subscription(session, HypothesisUpdate, scene)
+        self._statuses = Subscription(session, Status, scene)
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(256)
+        self._presence: Any = session.liveliness().declare_subscriber(
+            Keys(scene).all_live(), ring, history=True
+        )
+
+    def poll(self) -> list[Event]:
+        """Take in everything that has come; answers with the new events."""
+        now, wall_ns = time.monotonic(), time.time_ns()
+        for arrived, batch in self._batches.drain():
+            self.model.on_batch(batch, arrived, wall_ns - round((now - arrived) * 1e9))
+        events = [e for at, update in self._updates.drain() for e in self.model.on_update(update, at)]
+        for _, status in self._statuses.drain():
+            self.model.on_status(status)
+        while (sample := self._presence.try_recv()) is not None:
+            role, name = str(sample.key_expr).split("/")[-2:]
+            alive = sample.kind == zenoh.SampleKind.PUT
+            self.model.on_presence(role, name, alive=alive, now=now)
+        return events
+
+    def close(self) -> None:
+        """Undeclare everything."""
+        self._presence.undeclare()
+        for subscription in (self._batches, self._updates, self._statuses):
+            subscription.close()
+
+
+def watch(
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    options: WatchOptions | None = None,
+) -> None:
+    """Show a scene until it is told to stop.
+
+    Parameters
+    ----------
+    scene, settings
+        What to watch and where to connect.
+    options
+        How to show it.
+
+    Raises
+    ------
+    TimeoutError
+        With `once`, if no router answers or nothing of the scene is heard.
+    ValueError
+        If the scene is no valid name, or an endpoint is wrong.
+    """
+    settings, options = settings or SessionSettings(), options or WatchOptions()
+    if options.once:
+        _once(scene, settings, options)
+        return
+    name = f"watch-{new_session_id()[:8]}"
+    presence = Component(
+        role="viewer", name=name, scene=scene, settings=settings, ready_file=options.ready_file
+    )
+    with presence as component:
+        feed = _Feed(component.session, scene)
+        if options.ready_file is not None:
+            component.ready()
+        try:
+            if options.json or not sys.stdout.isatty():
+                _lines(feed, component, options)
+            else:
+                _screen(feed, component, options)
+        finally:
+            feed.close()
+
+
+def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
+    with connected(settings, options.timeout) as session:
+        feed = _Feed(session, scene)
+        try:
+            _await_something(feed, settings, options.timeout)
+            time.sleep(SETTLE_S)
+            feed.poll()
+        finally:
+            feed.close()
+    snapshot = feed.model.snapshot(time.monotonic())
+    if options.json:
+        _emit(json.dumps(as_json(snapshot), indent=2))
+        return
+    console = Console() if sys.stdout.isatty() else Console(width=PLAIN_WIDTH)
+    everything = 6 + len(snapshot.sources) + len(snapshot.hypotheses) + len(snapshot.events)
+    console.print(render(snapshot, console.width, everything, options.sort, keys=False))
+
+
+def _await_something(feed: _Feed, settings: SessionSettings, timeout: float) -> None:
+    deadline = time.monotonic() + timeout
+    while not feed.model.seen:
+        if time.monotonic() > deadline:
+            where = ", ".join(settings.connect)
+            raise TimeoutError(f"nothing of scene {feed.model.scene!r} is heard at {where}")
+        time.sleep(0.05)
+        feed.poll()
+
+
+def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
+    """One line a second, and one per event: for logs, pipes and scripts."""
+    while not component.stop.wait(PLAIN_PERIOD_S):
+        events = feed.poll()
+        snapshot = feed.model.snapshot(time.monotonic())
+        if options.json:
+            _emit(json.dumps(as_json(snapshot)))
+            continue
+        for event in events:
+            words = describe(EventRow(event.stamp_ns, 0.0, event.kind, event.hypothesis, event.others))
+            _emit(f"{_clock()} {snapshot.scene} {words.plain}")
+        _emit(f"{_clock()} {plain_line(snapshot)}")
+
+
+def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
+    console = Console()
+    sort = options.sort
+    with _keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:
+        while not component.stop.is_set():
+            feed.poll()
+            width, height = console.size
+            snapshot = feed.model.snapshot(time.monotonic())
+            live.update(render(snapshot, width, height, sort), refresh=True)
+            match read_key(REFRESH_S):
+                case "q":
+                    return
+                case "s":
+                    sort = SORTS[(SORTS.index(sort) + 1) % len(SORTS)]
+
+
+@contextlib.contextmanager
+def _keyboard() -> Iterator[Callable[[float], str]]:
+    """Single key presses without echo; answers "" when none came in time."""
+    if not sys.stdin.isatty():
+        yield _no_key
+        return
+    import termios
+    import tty
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+
+    def read_key(timeout: float) -> str:
+        ready, _, _ = select.select([descriptor], [], [], timeout)
+        return os.read(descriptor, 1).decode(errors="replace") if ready else ""
+
+    try:
+        yield read_key
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _no_key(timeout: float) -> str:
+    time.sleep(timeout)
+    return ""
+
+
+def _clock() -> str:
+    return datetime.now().astimezone().strftime("%H:%M:%S")
+
+
+def _emit(line: str) -> None:
+    """Print a line; a reader that has gone (``| head``) ends the command without a word."""
+    try:
+        print(line, flush=True)  # noqa: T201 - the result of the command
+    except BrokenPipeError:
+        # What is left in the buffer would raise once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise KeyboardInterrupt from None

@@ -1,0 +1,239 @@
+"""How a snapshot of a scene is drawn: a screen that fits any terminal, plain lines, or JSON."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Generic, Literal, TypeVar, get_args
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from .colours import hex_colour
+from .scene_model import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
+
+Sort = Literal["size", "name", "age"]
+SORTS: tuple[Sort, ...] = get_args(Sort)
+Row = TypeVar("Row")
+
+_SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
+_STATE_STYLES = {"ok": "green", "stalled": "bold red", "gone": "dim", "moving": "bold", "static": ""}
+_EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
+_EVENTS_AT_MOST = 4
+_COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")
+
+
+@dataclass(frozen=True)
+class _Column(Generic[Row]):
+    """A column of a table: what it shows, how wide it is, and from which terminal width on."""
+
+    title: str
+    width: int
+    cell: Callable[[Row], str | Text]
+    left: bool = False
+    from_width: int = 0
+
+
+def render(snapshot: Snapshot, width: int, height: int, sort: Sort, *, keys: bool = True) -> Group:
+    """Draw a snapshot into `width` x `height` characters."""
+    head = _head(snapshot)
+    foot = [Text(f"sorted by {sort}   s: sort   q: quit", style="dim")] if keys else []
+    sources = sort_sources(snapshot.sources, sort)
+    hypotheses = sort_hypotheses(snapshot.hypotheses, sort)
+    rooms = share_rows(height - len(head) - len(foot), (len(sources), len(hypotheses), len(snapshot.events)))
+    return Group(
+        *_cropped(head, width),
+        *_table("sources", sources, SOURCE_COLUMNS, rooms[0], width),
+        *_table("hypotheses", hypotheses, HYPOTHESIS_COLUMNS, rooms[1], width),
+        *_cropped(_event_lines(snapshot.events, rooms[2]), width),
+        *foot,
+    )
+
+
+def share_rows(height: int, wanted: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Share the rows among sources, hypotheses and events; each has one row of title besides.
+
+    Events take up to four rows, sources up to half of the rest, hypotheses what remains; what one
+    does not need goes to the others.
+    """
+    room = max(height - 3, 0)
+    events = min(wanted[2], _EVENTS_AT_MOST, room // 3)
+    sources = min(wanted[0], max((room - events) // 2, room - events - wanted[1]))
+    hypotheses = min(wanted[1], room - events - sources)
+    return sources, hypotheses, min(wanted[2], room - sources - hypotheses)
+
+
+def sort_sources(rows: Sequence[SourceRow], sort: Sort) -> list[SourceRow]:
+    """Most tracks, first name, or longest silence first."""
+    orders: dict[Sort, Callable[[SourceRow], Any]] = {
+        "size": lambda r: (-r.tracks, r.name),
+        "name": lambda r: r.name,
+        "age": lambda r: (-r.age, r.name),
+    }
+    return sorted(rows, key=orders[sort])
+
+
+def sort_hypotheses(rows: Sequence[HypothesisRow], sort: Sort) -> list[HypothesisRow]:
+    """Largest, lowest id, or youngest first."""
+    orders: dict[Sort, Callable[[HypothesisRow], Any]] = {
+        "size": lambda r: (-r.size, r.id),
+        "name": lambda r: r.id,
+        "age": lambda r: (r.age, r.id),
+    }
+    return sorted(rows, key=orders[sort])
+
+
+def _head(snapshot: Snapshot) -> list[Text]:
+    service = snapshot.service
+    first = Text.assemble(
+        ("comotion ", "bold"),
+        f"{snapshot.scene}   service ",
+        (service.state, _SERVICE_STYLES.get(service.state, "dim")),
+        f"   {number(service.rate, 1)} Hz   age {duration(service.age)}   lag {duration(service.lag)}   ",
+        _lost(service.lost, losing=service.losing),
+        " lost",
+    )
+    undetermined = f", {snapshot.undetermined} undetermined" if snapshot.undetermined else ""
+    second = Text(f"{snapshot.tracks} tracks in {len(snapshot.hypotheses)} hypotheses{undetermined}   ")
+    second.append_text(_troubles(service))
+    return [first, second]
+
+
+def _troubles(service: ServiceRow) -> Text:
+    """What the service dropped or refused, and what it says."""
+    parts = [f"{service.counters[n]} {n}" for n in _COUNTERS_SHOWN if service.counters.get(n)]
+    parts += [f"{count} rejected as {reason}" for reason, count in sorted(service.rejected.items()) if count]
+    if service.state == "ok":
+        return Text.assemble((service.message, "dim"), ("".join(f"   {part}" for part in parts), "yellow"))
+    return Text("   ".join([service.message, *parts]), style="yellow")
+
+
+def _lost(lost: int, *, losing: bool) -> Text:
+    style = "bold red" if losing else "yellow" if lost else ""
+    return Text(str(lost), style=style)
+
+
+def _table(
+    title: str, rows: Sequence[Row], columns: Sequence[_Column[Row]], room: int, width: int
+) -> list[Table | Text]:
+    shown = [c for c in columns if width >= c.from_width]
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
+    for column in shown:
+        justify: Literal["left", "right"] = "left" if column.left else "right"
+        table.add_column(column.title, justify=justify, width=column.width, no_wrap=True, overflow="ellipsis")
+    hidden = len(rows) - room
+    for row in rows[: room if hidden <= 0 else max(room - 1, 0)]:
+        table.add_row(*(column.cell(row) for column in shown))
+    more = [Text(f"... and {hidden + 1} more {title}", style="dim")] if hidden > 0 and room else []
+    return [table, *more]
+
+
+def _event_lines(events: Sequence[EventRow], room: int) -> list[Text]:
+    title = Text("last events" if events else "no events yet", style="bold dim")
+    return [title, *(Text.assemble(f"{duration(e.ago):>8} ago  ", describe(e)) for e in events[:room])]
+
+
+def describe(event: EventRow) -> Text:
+    """An event in words."""
+    others = ", ".join(str(other) for other in event.others)
+    words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
+    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {event.hypothesis}{words}")
+
+
+def _cropped(lines: Sequence[Text], width: int) -> list[Text]:
+    for line in lines:
+        line.truncate(width, overflow="ellipsis")
+    return list(lines)
+
+
+def _name(row: SourceRow) -> Text:
+    return Text(row.name, style="dim" if row.state == "gone" else "")
+
+
+def _swatch(row: HypothesisRow) -> Text:
+    return Text("●", style=hex_colour(row.id))
+
+
+def _state(row: SourceRow | HypothesisRow) -> Text:
+    return Text(row.state, style=_STATE_STYLES.get(row.state, "dim"))
+
+
+def _speed(row: HypothesisRow) -> str:
+    return "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
+
+
+SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
+    _Column("source", 18, _name, left=True),
+    _Column("state", 7, _state, left=True),
+    _Column("rate Hz", 7, lambda r: number(r.rate, 1)),
+    _Column("age", 7, lambda r: duration(r.age)),
+    _Column("lost", 6, lambda r: _lost(r.lost, losing=r.losing), from_width=50),
+    _Column("tracks", 6, lambda r: str(r.tracks), from_width=57),
+    _Column("lag", 8, lambda r: duration(r.lag), from_width=66),
+    _Column("space", 12, lambda r: r.space, left=True, from_width=79),
+)
+HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
+    _Column(" ", 1, _swatch),
+    _Column("hypothesis", 10, lambda r: str(r.id)),
+    _Column("state", 12, _state, left=True),
+    _Column("size", 5, lambda r: str(r.size)),
+    _Column("age", 7, lambda r: duration(r.age)),
+    _Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
+    _Column("speed", 11, _speed, from_width=58),
+    _Column("space", 16, lambda r: r.space, left=True, from_width=75),
+)
+
+
+def number(value: float, digits: int) -> str:
+    """Format a number, or a dash where there is none."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def duration(seconds: float) -> str:
+    """Format a duration in at most seven characters: ms, s, min, h or days."""
+    if not math.isfinite(seconds):
+        return "-"
+    size = abs(seconds)
+    if size < 0.9995:
+        return f"{seconds * 1e3:.0f} ms"
+    if size < 99.95:
+        return f"{seconds:.1f} s"
+    for unit, length, limit in (("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("d", 86400.0, math.inf)):
+        if size < limit:
+            return f"{seconds / length:.0f} {unit}"
+    return "-"
+
+
+def plain_line(snapshot: Snapshot) -> str:
+    """One line for logs and pipes."""
+    service = snapshot.service
+    head = f"{snapshot.scene} service {service.state}"
+    if snapshot.service.seq >= 0:
+        head += f" {number(service.rate, 1)} Hz age {duration(service.age)} lost {service.lost}"
+    body = (
+        f"{snapshot.tracks} tracks {len(snapshot.hypotheses)} hypotheses {snapshot.undetermined} undetermined"
+    )
+    trouble = [_troubles(service).plain] if service.state != "ok" and service.message else []
+    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *trouble])
+
+
+def _plain_source(row: SourceRow) -> str:
+    state = "" if row.state == "ok" else f" {row.state.upper()}"
+    return f"{row.name}{state} {number(row.rate, 1)} Hz age {duration(row.age)} lost {row.lost}"
+
+
+def as_json(snapshot: Snapshot) -> dict[str, Any]:
+    """The snapshot as plain values; what is not known is null."""
+    found = _plain(asdict(snapshot))
+    for row in found["hypotheses"]:
+        row["colour"] = hex_colour(row["id"])
+    assert isinstance(found, dict)  # noqa: S101 - for the type checker
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,61 @@
+"""``comotion watch``: a live table of one scene."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from .. import options
+
+EPILOG = """
+Examples:
+
+  comotion watch
+
+  comotion watch --scene workcell --sort age
+
+  comotion watch --once --json | jq .service.state
+
+  comotion watch > scene.log   # one line a second
+"""
+
+
+class SortChoice(StrEnum):
+    """Order of sources and hypotheses."""
+
+    SIZE = "size"
+    NAME = "name"
+    AGE = "age"
+
+
+def watch(
+    once: Annotated[
+        bool, typer.Option("--once", envvar="COMOTION_ONCE", help="Show it once and end.")
+    ] = False,
+    sort: Annotated[
+        SortChoice,
+        typer.Option(
+            "--sort", envvar="COMOTION_SORT", help="By size, by name or id, or by age; the key s changes it."
+        ),
+    ] = SortChoice.SIZE,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            "--timeout", envvar="COMOTION_TIMEOUT", min=0.1, help="s that --once waits for the scene."
+        ),
+    ] = 5.0,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    json_: options.Json = False,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Show sources, hypotheses, tracks and events of a scene as they are now.
+
+    Plain lines when the output is no terminal; with --json one object per line.
+    """
+    from comotion_clients.watch import WatchOptions, watch
+
+    how = WatchOptions(once=once, json=json_, sort=sort.value, timeout=timeout, ready_file=ready_file)
+    watch(scene, options.session_settings(connect), how)

@@ -1,0 +1,165 @@
+"""`comotion watch` as a user runs it: in a pipe, in a script, in a terminal of 80x24."""
+
+import fcntl
+import json
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import zenoh
+
+from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, ObservationBatch, SourceRef, encode
+from comotion_schemas.transport import declare_publisher
+
+pytestmark = pytest.mark.e2e
+SESSION = "0123456789abcdef"
+KEYS = Keys("default")
+
+
+@pytest.fixture
+def scene(session: zenoh.Session) -> Iterator[None]:
+    """A source and a service, at 20 Hz."""
+    over = threading.Event()
+    observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
+    hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+
+    def publish() -> None:
+        seq = 0
+        while not over.wait(0.05):
+            observations.put(encode(batch(seq)))
+            hypotheses.put(encode(update(seq)))
+            seq += 1
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    over.set()
+    thread.join()
+
+
+def batch(seq: int) -> ObservationBatch:
+    return ObservationBatch(
+        source="camera",
+        session=SESSION,
+        seq=seq,
+        space="world",
+        unit="m",
+        dim=3,
+        stamp_ns=time.time_ns(),
+        ids=[7],
+        positions=np.zeros((1, 3), np.float32),
+    )
+
+
+def update(seq: int) -> HypothesisUpdate:
+    now = time.time_ns()
+    return HypothesisUpdate(
+        scene="default",
+        session=SESSION,
+        seq=seq,
+        stamp_ns=now,
+        published_ns=now,
+        period_ns=10**8,
+        sources=[SourceRef(name="camera", session=SESSION)],
+        track_source=[0],
+        track_id=[7],
+        track_hypothesis=[42],
+        track_confidence=[1.0],
+        track_position=np.zeros((1, 3), np.float32),
+        hypotheses=[
+            Hypothesis(id=42, space="world", size=1, born_ns=now, state="moving", centroid=[0.0, 0.0, 0.0])
+        ],
+        events=[],
+    )
+
+
+def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
+    process = start("watch", "--once", "--json", "--connect", endpoint, ready=False)
+    assert process.wait() == 0
+    found = json.loads(process.output)
+    (source,) = found["sources"]
+    assert (source["name"], source["state"], source["tracks"]) == ("camera", "ok", 1)
+    assert source["rate"] > 0
+    assert found["hypotheses"][0]["id"] == 42
+    assert found["service"]["state"] == "ok"
+
+
+def test_once_without_a_scene_is_one_clear_line(start: Callable, endpoint: str) -> None:
+    process = start("watch", "--once", "--timeout", 0.3, "--connect", endpoint, ready=False)
+    assert process.wait() == 2
+    assert process.lines == [f"error: nothing of scene 'default' is heard at {endpoint}"]
+
+
+def test_lines_when_the_output_is_no_terminal(start: Callable, endpoint: str, scene: None) -> None:
+    process = start("watch", "--connect", endpoint, ready=False)
+    process.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
+    process.interrupt()
+    assert process.wait() == 0
+    assert "\x1b" not in process.output
+
+
+class Terminal:
+    """A process on a pseudo-terminal."""
+
+    def __init__(self, columns: int, rows: int, *arguments: str) -> None:
+        self._main, worker = pty.openpty()
+        self.resize(columns, rows)
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "comotion_deploy", *arguments],
+            stdin=worker,
+            stdout=worker,
+            stderr=worker,
+            start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color"},
+        )
+        os.close(worker)
+        self.text = ""
+
+    def resize(self, columns: int, rows: int) -> None:
+        fcntl.ioctl(self._main, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def type(self, keys: str) -> None:
+        os.write(self._main, keys.encode())
+
+    def until(self, wanted: str) -> None:
+        """Read the screen until it says so."""
+        alarm = threading.Timer(30, self.popen.send_signal, (signal.SIGKILL,))
+        alarm.start()
+        seen = ""
+        while wanted not in seen:
+            try:
+                seen += os.read(self._main, 65536).decode(errors="replace")
+            except OSError:  # the process has gone
+                raise AssertionError(f"{wanted!r} was never shown:\n{self.text}{seen}") from None
+        alarm.cancel()
+        self.text += seen
+
+    def close(self) -> int:
+        try:
+            return self.popen.wait(30)
+        finally:
+            self.popen.kill()
+            os.close(self._main)
+
+
+def test_a_terminal_of_80x24(endpoint: str, scene: None) -> None:
+    terminal = Terminal(80, 24, "watch", "--connect", endpoint)
+    terminal.until("sorted by size")
+    terminal.until("camera")
+    terminal.until("42")
+    terminal.type("s")
+    terminal.until("sorted by name")
+    terminal.resize(40, 10)
+    terminal.until("sorted by name")
+    terminal.type("q")
+    terminal.until("\x1b[?1049l")  # back to the normal screen
+    assert terminal.close() == 0

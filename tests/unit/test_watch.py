@@ -1,0 +1,278 @@
+"""The model behind `comotion watch`, on a clock of the test's own, and how it is drawn."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from comotion_clients.scene_model import SceneModel, Snapshot
+from comotion_clients.watch_view import SORTS, as_json, duration, plain_line, render, share_rows
+from comotion_schemas import (
+    UNDETERMINED,
+    Event,
+    Hypothesis,
+    HypothesisUpdate,
+    ObservationBatch,
+    SourceRef,
+    Status,
+    Twist,
+)
+
+SESSION, OTHER = "0123456789abcdef", "f" * 16
+S = 10**9
+
+
+def batch(source: str, seq: int, session: str = SESSION, stamp_ns: int = 0) -> ObservationBatch:
+    return ObservationBatch(
+        source=source,
+        session=session,
+        seq=seq,
+        space="world",
+        unit="m",
+        dim=3,
+        stamp_ns=stamp_ns,
+        ids=[],
+        positions=np.zeros((0, 3), np.float32),
+    )
+
+
+def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) -> HypothesisUpdate:
+    """Four tracks of source a and two per hypothesis of source b, those of a undetermined."""
+    labels = [UNDETERMINED] * 4 + [k for k in range(hypotheses) for _ in range(2 + k)]
+    return HypothesisUpdate(
+        scene="lab",
+        session=SESSION,
+        seq=seq,
+        stamp_ns=100 * S,
+        published_ns=100 * S + 20_000_000,
+        period_ns=S // 10,
+        sources=[SourceRef(name="a", session=SESSION), SourceRef(name="b", session=SESSION)],
+        track_source=[0] * 4 + [1] * (len(labels) - 4),
+        track_id=np.arange(len(labels)),
+        track_hypothesis=labels,
+        track_confidence=[0.5] * len(labels),
+        track_position=np.zeros((len(labels), 3), np.float32),
+        hypotheses=[
+            Hypothesis(
+                id=k,
+                space="world",
+                size=2 + k,
+                born_ns=(90 + k) * S,
+                state="moving",
+                centroid=[0.0, 0.0, 0.0],
+                twist=Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 0.0]) if k == 0 else None,
+            )
+            for k in range(hypotheses)
+        ],
+        events=list(events),
+    )
+
+
+def status(**changes: object) -> Status:
+    fields = {
+        "component": "fusion",
+        "role": "service",
+        "session": SESSION,
+        "stamp_ns": 0,
+        "state": "ok",
+        "rates": {},
+        "ages": {},
+        "counters": {},
+        "rejected": {},
+        "message": "",
+    }
+    return Status(**{**fields, **changes})
+
+
+def publish(model: SceneModel, source: str, rate: float, begin: float, end: float, seq: int = 0) -> int:
+    for k in range(round((end - begin) * rate)):
+        model.on_batch(batch(source, seq), begin + k / rate, 0)
+        seq += 1
+    return seq
+
+
+def sources(model: SceneModel, now: float) -> dict[str, object]:
+    return {row.name: row for row in model.snapshot(now).sources}
+
+
+@pytest.mark.parametrize("rate", [1.0, 15.0, 200.0])
+def test_a_source_has_its_rate_and_age(rate: float) -> None:
+    model = SceneModel("lab")
+    publish(model, "a", rate, 0, 10)
+    row = sources(model, 10.0)["a"]
+    assert row.rate == pytest.approx(rate)
+    assert row.age == pytest.approx(1 / rate)
+    assert row.state == "ok"
+
+
+def test_a_source_that_falls_silent_stalls_and_comes_back() -> None:
+    model = SceneModel("lab")
+    seq = publish(model, "a", 10, 0, 5)
+    assert sources(model, 5.85)["a"].state == "ok"
+    stalled = sources(model, 6.0)["a"]
+    assert (stalled.state, stalled.rate) == ("stalled", 0.0)
+    publish(model, "a", 10, 8, 9, seq)
+    assert sources(model, 9.0)["a"].state == "ok"
+
+
+def test_a_slow_source_is_not_stalled_between_its_batches() -> None:
+    model = SceneModel("lab")
+    publish(model, "slow", 0.5, 0, 10)
+    assert sources(model, 11.9)["slow"].state == "ok"
+    assert sources(model, 14.1)["slow"].state == "stalled"
+
+
+def test_gaps_in_the_sequence_are_losses_and_a_restart_is_none() -> None:
+    model = SceneModel("lab")
+    for seq in (0, 1, 5, 6):
+        model.on_batch(batch("a", seq), seq * 0.1, 0)
+    assert (sources(model, 0.7)["a"].lost, sources(model, 0.7)["a"].losing) == (3, True)
+    model.on_batch(batch("a", 100, OTHER), 0.8, 0)
+    assert sources(model, 0.9)["a"].lost == 3
+    assert not sources(model, 20.0)["a"].losing
+
+
+def test_lag_is_from_acquisition_to_arrival() -> None:
+    model = SceneModel("lab")
+    model.on_batch(batch("a", 0, stamp_ns=5 * S), 1.0, 5 * S + 30_000_000)
+    assert sources(model, 1.0)["a"].lag == pytest.approx(0.03)
+
+
+def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
+    model = SceneModel("lab")
+    model.on_presence("source", "a", alive=True, now=0.0)
+    publish(model, "a", 10, 0, 1)
+    model.on_presence("source", "a", alive=False, now=1.0)
+    assert (sources(model, 2.0)["a"].state, sources(model, 2.0)["a"].rate) == ("gone", 0.0)
+    assert sources(model, 62.0) == {}
+    model.on_presence("source", "a", alive=True, now=63.0)
+    assert sources(model, 63.0)["a"].state == "stalled"
+
+
+def test_sources_silent_from_the_start_are_known_from_the_service() -> None:
+    model = SceneModel("lab")
+    model.on_status(status(ages={"lidar": 2.5}))
+    row = sources(model, 0.0)["lidar"]
+    assert (row.state, row.age) == ("stalled", 2.5)
+
+
+def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
+    model = SceneModel("lab")
+    assert not model.seen
+    assert model.snapshot(0.0).service.state == "absent"
+    for seq in range(10):
+        model.on_update(update(seq), seq * 0.1)
+    assert model.seen
+    service = model.snapshot(1.0).service
+    assert (service.state, service.seq) == ("ok", 9)
+    assert service.rate == pytest.approx(10.0)
+    assert service.lag == pytest.approx(0.02)
+    model.on_status(status(state="degraded", message="2 late"))
+    assert model.snapshot(1.0).service.state == "degraded"
+    assert model.snapshot(3.0).service.state == "silent"
+    model.on_presence("service", "fusion", alive=False, now=3.0)
+    assert model.snapshot(3.0).service.state == "absent"
+
+
+def test_tracks_and_hypotheses_of_the_newest_update() -> None:
+    model = SceneModel("lab")
+    model.on_batch(batch("b", 0), 0.0, 0)
+    model.on_update(update(), 0.0)
+    snapshot = model.snapshot(0.0)
+    assert (snapshot.tracks, snapshot.undetermined) == (9, 4)
+    assert {row.name: row.tracks for row in snapshot.sources} == {"b": 5}
+    first, second = snapshot.hypotheses
+    assert (first.id, first.size, first.age, first.unit) == (0, 2, 10.0, "m")
+    assert first.speed == pytest.approx(0.5)
+    assert first.confidence == pytest.approx(0.5)
+    assert second.speed is None
+
+
+def test_events_are_taken_once_and_the_newest_comes_first() -> None:
+    model = SceneModel("lab")
+    born = Event(stamp_ns=97 * S, kind="born", hypothesis=1, others=[])
+    split = Event(stamp_ns=99 * S, kind="split", hypothesis=2, others=[1])
+    assert model.on_update(update(0, events=(born,)), 0.0) == [born]
+    assert model.on_update(update(1, events=(born, split)), 0.1) == [split]
+    rows = model.snapshot(0.1).events
+    assert [(row.kind, row.ago) for row in rows] == [("split", 1.0), ("born", 3.0)]
+
+
+def busy(sources: int, hypotheses: int, events: int) -> Snapshot:
+    model = SceneModel("lab")
+    for k in range(sources):
+        model.on_batch(batch(f"a-source-with-a-very-long-name-{k}", 0), 0.0, 0)
+    changes = tuple(Event(stamp_ns=k, kind="merged", hypothesis=0, others=[1, k + 2]) for k in range(events))
+    model.on_update(update(0, hypotheses, changes), 0.0)
+    model.on_status(status(state="degraded", message="no data from " + "x" * 300, rejected={"malformed": 7}))
+    return model.snapshot(0.5)
+
+
+def drawn(snapshot: Snapshot, width: int, height: int, sort: str = "size") -> list[str]:
+    console = Console(width=width, height=height, color_system=None, force_terminal=True)
+    with console.capture() as capture:
+        console.print(render(snapshot, width, height, sort))
+    return capture.get().splitlines()
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 12), (50, 14), (120, 40), (200, 60)])
+@pytest.mark.parametrize("amount", [(0, 0, 0), (1, 2, 1), (3, 30, 9), (40, 40, 40)])
+def test_the_screen_fits_the_terminal(width: int, height: int, amount: tuple[int, int, int]) -> None:
+    lines = drawn(busy(*amount), width, height)
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    assert "degraded" in lines[0]
+
+
+def test_80x24_shows_every_part() -> None:
+    text = "\n".join(drawn(busy(3, 30, 9), 80, 24))
+    for part in ("rate Hz", "hypothesis", "last events", "merged 0 with 1", "more hypotheses", "no data"):
+        assert part in text
+    assert text.count("●") >= 8
+
+
+def test_rows_are_shared_without_waste() -> None:
+    assert share_rows(100, (3, 5, 2)) == (3, 5, 2)
+    assert share_rows(21, (3, 30, 9)) == (3, 11, 4)
+    assert share_rows(21, (30, 3, 0)) == (15, 3, 0)
+    assert share_rows(2, (3, 3, 3)) == (0, 0, 0)
+
+
+def test_orders() -> None:
+    snapshot = busy(0, 3, 0)
+    shown = {
+        sort: [line.split()[1] for line in drawn(snapshot, 80, 24, sort) if "●" in line] for sort in SORTS
+    }
+    assert shown == {"size": ["2", "1", "0"], "name": ["0", "1", "2"], "age": ["2", "1", "0"]}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0 ms"), (0.0123, "12 ms"), (1.26, "1.3 s"), (99.96, "2 min"), (7300, "2 h"), (1e6, "12 d")],
+)
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_an_unknown_duration_is_a_dash() -> None:
+    assert duration(math.inf) == duration(math.nan) == "-"
+
+
+def test_plain_line_and_json_say_the_same() -> None:
+    snapshot = busy(1, 2, 1)
+    line = plain_line(snapshot)
+    assert "\n" not in line
+    assert "9 tracks 2 hypotheses 4 undetermined" in line
+    found = json.loads(json.dumps(as_json(snapshot), allow_nan=False))
+    assert found["service"]["state"] == "degraded"
+    assert found["hypotheses"][0]["colour"] == "#0072b2"
+    assert found["sources"][0]["rate"] == 0.0
+    assert len(found["events"]) == 1
+
+
+def test_a_stalled_source_is_marked_in_the_plain_line() -> None:
+    model = SceneModel("lab")
+    publish(model, "a", 10, 0, 1)
+    assert "a STALLED" in plain_line(model.snapshot(9.0))
