@@ -1,0 +1,131 @@
+"""One child process of the launcher: started tethered, read line by line, restarted with back-off."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from .processes import ProcessSpec
+
+FIRST_DELAY_S = 0.5
+LONGEST_DELAY_S = 10.0
+STABLE_S = 10.0
+READY = "ready"
+
+
+class Child:
+    """Runs a :class:`ProcessSpec`; must be started from a thread that outlives it (the main one).
+
+    `write` takes each line it prints. `ready` says that it serves, `was_ready` that it once did.
+    """
+
+    def __init__(self, spec: ProcessSpec, write: Callable[[str], None]) -> None:
+        self.spec = spec
+        self.ready = False
+        self.was_ready = False
+        self.last_line = ""
+        self.due_s: float | None = None
+        self._write = write
+        self._popen: subprocess.Popen[str] | None = None
+        self._reader: threading.Thread | None = None
+        self._delay_s = FIRST_DELAY_S
+        self._started_s = 0.0
+
+    @property
+    def pid(self) -> int | None:
+        """Its process id, None when it does not run."""
+        return None if self._popen is None else self._popen.pid
+
+    def start(self) -> None:
+        """Start the process."""
+        spec = self.spec
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", "comotion_deploy.tether", str(os.getpid()), *spec.command],
+            stdin=None if spec.foreground else subprocess.DEVNULL,
+            stdout=None if spec.foreground else subprocess.PIPE,
+            stderr=None if spec.foreground else subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **spec.env},
+            # A session of its own: Ctrl-C reaches the launcher alone, which stops all in order.
+            start_new_session=not spec.foreground,
+        )
+        self._started_s = time.monotonic()
+        self.due_s = None
+        self._set_ready(spec.foreground or not spec.says_ready)
+        if not spec.foreground:
+            self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
+            self._reader.start()
+
+    def poll(self) -> int | None:
+        """Exit status of a process that has just ended, else None; sets when a restart is due."""
+        status = None if self._popen is None else self._popen.poll()
+        if self._popen is None or status is None:
+            return None
+        self._reap()
+        self._schedule(status)
+        return status
+
+    def terminate(self) -> None:
+        """Ask it to stop; it is not restarted."""
+        self.due_s = None
+        self._signal(signal.SIGTERM)
+
+    def wait(self, deadline_s: float) -> bool:
+        """Wait until it has ended; False, and it is killed, when that takes too long."""
+        if self._popen is None:
+            return True
+        in_time = True
+        try:
+            self._popen.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            in_time = False
+            self._signal(signal.SIGKILL)
+            self._popen.wait()
+        self._reap()
+        return in_time
+
+    def _reap(self) -> None:
+        """Nothing of its group may outlive it."""
+        self._signal(signal.SIGKILL)
+        if self._reader is not None:
+            self._reader.join()
+        if self._popen is not None and self._popen.stdout is not None:
+            self._popen.stdout.close()
+        self._popen, self._reader, self.ready = None, None, False
+
+    def _signal(self, number: signal.Signals) -> None:
+        if self._popen is None:
+            return
+        with contextlib.suppress(ProcessLookupError):
+            if self.spec.foreground:
+                self._popen.send_signal(number)
+            else:
+                os.killpg(self._popen.pid, number)
+
+    def _schedule(self, status: int) -> None:
+        now = time.monotonic()
+        if self.spec.restart == "never" or (self.spec.restart == "on-failure" and status == 0):
+            return
+        if now - self._started_s >= STABLE_S:
+            self._delay_s = FIRST_DELAY_S
+        self.due_s = now + self._delay_s
+        self._delay_s = min(2 * self._delay_s, LONGEST_DELAY_S)
+
+    def _read(self, popen: subprocess.Popen[str]) -> None:
+        assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
+        for line in popen.stdout:
+            text = line.rstrip("\n")
+            if text == READY:
+                self._set_ready(True)
+            else:
+                self.last_line = text
+                self._write(text)
+
+    def _set_ready(self, ready: bool) -> None:
+        self.ready = ready
+        self.was_ready |= ready

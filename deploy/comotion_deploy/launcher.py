@@ -1,0 +1,126 @@
+"""Runs a system of processes: starts, restarts and stops them together, and leaves none behind."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from comotion_schemas.component import stop_on_signals
+
+from .child import Child
+from .errors import UserError
+from .log_lines import LogLines
+from .processes import ProcessSpec
+
+OWN_NAME = "launcher"
+READY_S = 60.0
+STOP_S = 8.0
+_POLL_S = 0.05
+
+
+def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s: float | None = None) -> None:
+    """Run the processes until SIGINT, SIGTERM, the end of the foreground process or of `duration_s`.
+
+    Parameters
+    ----------
+    log
+        Write the processes' lines there instead of to standard output.
+
+    Raises
+    ------
+    UserError
+        If a process refuses to start (exit status 2 before it was ever ready).
+    """
+    stop = threading.Event()
+    with LogLines([spec.name for spec in specs], log) as lines, stop_on_signals(stop):
+        Launcher(specs, lines, stop).run(duration_s)
+
+
+class Launcher:
+    """Children of one system, watched from one thread."""
+
+    def __init__(self, specs: Sequence[ProcessSpec], lines: LogLines, stop: threading.Event) -> None:
+        self._lines = lines
+        self._stop = stop
+        self.children = [Child(spec, _writer(lines, spec.name)) for spec in specs]
+
+    def run(self, duration_s: float | None = None) -> None:
+        """Start everything, keep it running, stop everything."""
+        try:
+            self._start_all()
+            self._watch(None if duration_s is None else time.monotonic() + duration_s)
+        finally:
+            self._stop_all()
+
+    def _start_all(self) -> None:
+        # Clients wait for a router by themselves; it goes first so that they need not.
+        for stage in (True, False):
+            members = [child for child in self.children if child.spec.is_router is stage]
+            for child in members:
+                child.start()
+            self._wait_ready(members)
+        if not self._stop.is_set():
+            self._say("all processes are ready; Ctrl-C stops them")
+
+    def _wait_ready(self, children: list[Child]) -> None:
+        deadline = time.monotonic() + READY_S
+        while not self._stop.is_set() and not all(child.was_ready for child in children):
+            self._look_after()
+            if time.monotonic() > deadline:
+                late = ", ".join(child.spec.name for child in children if not child.was_ready)
+                self._say(f"not ready after {READY_S:.0f} s: {late}")
+                return
+            self._stop.wait(_POLL_S)
+
+    def _watch(self, end_s: float | None) -> None:
+        while not self._stop.is_set() and (end_s is None or time.monotonic() < end_s):
+            self._look_after()
+            if all(child.pid is None and child.due_s is None for child in self.children):
+                self._say("all processes have ended")
+                return
+            self._stop.wait(_POLL_S)
+
+    def _look_after(self) -> None:
+        """Note what has ended and start again what is due."""
+        for child in self.children:
+            status = child.poll()
+            if status is not None:
+                self._on_end(child, status)
+            if child.due_s is not None and time.monotonic() >= child.due_s and not self._stop.is_set():
+                self._say(f"starting {child.spec.name} again")
+                child.start()
+
+    def _on_end(self, child: Child, status: int) -> None:
+        name = child.spec.name
+        if status == 2 and not child.was_ready:
+            raise UserError(f"{name} cannot start: {child.last_line.removeprefix('error: ')}")
+        if child.due_s is not None:
+            delay = child.due_s - time.monotonic()
+            self._say(f"{name} has ended ({_reason(status)}); starting it again in {delay:.1f} s")
+            return
+        child.was_ready = True  # it has done its work
+        self._say(f"{name} has ended ({_reason(status)})")
+        if child.spec.foreground:
+            self._stop.set()
+
+    def _stop_all(self) -> None:
+        for stage in (False, True):
+            members = [child for child in self.children if child.spec.is_router is stage]
+            for child in members:
+                child.terminate()
+            deadline = time.monotonic() + STOP_S
+            for child in members:
+                if not child.wait(deadline):
+                    self._say(f"{child.spec.name} did not stop in time and was killed")
+
+    def _say(self, text: str) -> None:
+        self._lines.write(OWN_NAME, text)
+
+
+def _writer(lines: LogLines, name: str) -> Callable[[str], None]:
+    return lambda line: lines.write(name, line)
+
+
+def _reason(status: int) -> str:
+    return f"killed by {signal.Signals(-status).name}" if status < 0 else f"status {status}"

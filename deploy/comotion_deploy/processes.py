@@ -1,0 +1,115 @@
+"""What ``comotion up`` starts: the ``[process.NAME]`` tables of its file."""
+
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from comotion_schemas.types import is_name
+
+from .errors import UserError
+
+Restart = Literal["always", "on-failure", "never"]
+COMOTION = (sys.executable, "-m", "comotion_deploy")
+_KEYS = frozenset({"run", "command", "restart", "foreground", "env"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessSpec:
+    """One process: what to run and what to do when it ends.
+
+    Attributes
+    ----------
+    command
+        Program and arguments.
+    says_ready
+        It prints the line ``ready`` once it serves; else it counts as ready when started.
+    is_router
+        Started before, and stopped after, everything else.
+    restart
+        ``on-failure``: unless it ended with status 0.
+    foreground
+        Owns the terminal; when it ends with status 0, everything is stopped.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    restart: Restart = "on-failure"
+    says_ready: bool = True
+    is_router: bool = False
+    foreground: bool = False
+    env: Mapping[str, str] = field(default_factory=dict)
+
+
+def comotion(name: str, *arguments: object, **options: Any) -> ProcessSpec:
+    """Build the spec of one of our own commands."""
+    words = tuple(map(str, arguments))
+    return ProcessSpec(name=name, command=COMOTION + words, is_router=words[0] == "router", **options)
+
+
+def read_processes(content: Mapping[str, Any]) -> list[ProcessSpec]:
+    """Read the processes of a configuration file, in its order.
+
+    Raises
+    ------
+    UserError
+        If there are none, or one is not described as documented.
+    """
+    tables = content.get("process")
+    if not isinstance(tables, dict) or not tables:
+        raise UserError("no processes: expected tables [process.NAME] with run = '...'")
+    specs = [_read(name, table) for name, table in tables.items()]
+    if sum(spec.foreground for spec in specs) > 1:
+        raise UserError("more than one process has foreground = true")
+    return specs
+
+
+def _read(name: str, table: Any) -> ProcessSpec:
+    where = f"[process.{name}]"
+    if not isinstance(table, dict):
+        raise UserError(f"{where} must be a table")
+    unknown = sorted(set(table) - _KEYS)
+    if unknown:
+        raise UserError(f"{where} has no key {unknown[0]!r}; one of {', '.join(sorted(_KEYS))}")
+    if not is_name(name):
+        raise UserError(f"{where}: a name is 1 to 64 characters of a-z, 0-9, _ and -")
+    options: dict[str, Any] = {
+        "restart": _choice(where, table.get("restart", "on-failure")),
+        "foreground": _flag(where, table.get("foreground", False)),
+        "env": _env(where, table.get("env", {})),
+    }
+    if ("run" in table) == ("command" in table):
+        raise UserError(f"{where} needs either run (a comotion command) or command (any program)")
+    if "run" in table:
+        return comotion(name, *_words(where, table["run"]), **options)
+    return ProcessSpec(name=name, command=_words(where, table["command"]), says_ready=False, **options)
+
+
+def _words(where: str, value: Any) -> tuple[str, ...]:
+    try:
+        words = shlex.split(value) if isinstance(value, str) else [str(word) for word in value]
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{where}: {error}") from None
+    if not words:
+        raise UserError(f"{where}: the command is empty")
+    return tuple(words)
+
+
+def _choice(where: str, value: Any) -> Restart:
+    if value not in get_args(Restart):
+        raise UserError(f"{where}: restart is one of {', '.join(get_args(Restart))}")
+    choice: Restart = value
+    return choice
+
+
+def _flag(where: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise UserError(f"{where}: foreground is true or false")
+    return value
+
+
+def _env(where: str, value: Any) -> dict[str, str]:
+    if not isinstance(value, dict) or not all(isinstance(item, str) for item in value.values()):
+        raise UserError(f"{where}: env is a table of strings")
+    return value
