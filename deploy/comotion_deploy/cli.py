@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import config, router, serve
+from .commands import config, router, serve, up, watch
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -35,8 +35,10 @@ def _root(
     pass
 
 
+app.command("up", epilog=up.EPILOG)(up.up)
 app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.command("router", epilog=router.EPILOG)(router.router)
+app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 
