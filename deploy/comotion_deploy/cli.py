@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import config, router, serve, up, watch
+from .commands import config, router, serve, source, up, watch
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -37,6 +37,7 @@ def _root(
 
 app.command("up", epilog=up.EPILOG)(up.up)
 app.command("serve", epilog=serve.EPILOG)(serve.serve)
+app.add_typer(source.app, name="source")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("config", epilog=config.EPILOG)(config.config)

@@ -1,6 +1,6 @@
 """The simulation of one scene as one source sees it: lazily, frame by frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -174,7 +174,7 @@ def simulate(
     spec: SceneSpec,
     *,
     seed: int = 0,
-    rates: list[float] | None = None,
+    rates: Sequence[float] | None = None,
     noise: float = 1.0,
     time_scale: float = 1.0,
     split: Split = "features",

@@ -1,0 +1,197 @@
+"""One source on the wire: presence, session, sequence numbers, observations and truth."""
+
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from numpy.typing import ArrayLike
+
+from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode
+from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas.types import Unit
+
+from .frames import MessageBuilder
+
+STALLED_S = 1.0
+"""Seconds without a batch after which a source calls itself stalled, or 3 of its periods."""
+
+
+class SourcePublisher:
+    """Publishes one source until its :attr:`stop` is set, by a signal or otherwise.
+
+    ::
+
+        with SourcePublisher("my-tracker", space="world", unit="m", dim=3) as source:
+            source.ready()
+            while not source.stop.is_set():
+                ids, positions = my_tracker.next_frame()
+                source.observe(ids=ids, positions=positions)
+
+    Parameters
+    ----------
+    name
+        Name of the source, one chunk of ``[a-z0-9_-]{1,64}``.
+    space, unit, dim
+        The coordinate space of the positions.
+    scene
+        The scene it belongs to.
+    settings
+        Where to connect.
+    ready_file
+        Written by :meth:`ready` instead of a line on standard output.
+    rate
+        Nominal Hz, to tell a stall; 0 when unknown.
+    message
+        One line for Status: what this source is.
+
+    Raises
+    ------
+    ValueError
+        If scene or name is no valid chunk of a key.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        space: str,
+        unit: Unit,
+        dim: int,
+        scene: str = DEFAULT_SCENE,
+        settings: SessionSettings | None = None,
+        ready_file: Path | None = None,
+        rate: float = 0.0,
+        message: str = "",
+    ) -> None:
+        self.name = name
+        self.component = Component(
+            role="source",
+            name=name,
+            scene=scene,
+            settings=settings,
+            status=self._status,
+            ready_file=ready_file,
+        )
+        self.builder = MessageBuilder(
+            source=name, session=self.component.session_id, space=space, unit=unit, dim=dim
+        )
+        self._space: tuple[str, Unit, int] = (space, unit, dim)
+        self._patience = max(STALLED_S, 3.0 / rate if rate else 0.0)
+        self._message = message
+        self._exit = ExitStack()
+        self._counters = {"batches": 0, "observations": 0, "tracks": 0, "overruns": 0}
+        self._reported = (time.monotonic(), 0)
+        self._last_put: float | None = None
+
+    @property
+    def stop(self) -> threading.Event:
+        """Set when this process is asked to stop."""
+        return self.component.stop
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            component = stack.enter_context(self.component)
+            self._obs = stream_publisher(component.session, component.keys, "obs", self.name)
+            stack.callback(self._obs.undeclare)
+            self._truth = stream_publisher(component.session, component.keys, "truth", self.name)
+            stack.callback(self._truth.undeclare)
+            self._exit = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._exit.close()
+
+    def ready(self) -> None:
+        """Tell whoever started this process that the source is present."""
+        self.component.ready()
+
+    def new_session(self) -> None:
+        """Start anew: the trajectories so far end, ids and sequence numbers may start again."""
+        space, unit, dim = self._space
+        session = new_session_id()
+        self.builder = MessageBuilder(source=self.name, session=session, space=space, unit=unit, dim=dim)
+        self.component.session_id = session
+
+    def observe(
+        self,
+        *,
+        ids: ArrayLike,
+        positions: ArrayLike,
+        stamp_ns: int | None = None,
+        sigma: float | ArrayLike | None = None,
+        quaternions: ArrayLike | None = None,
+        ended: ArrayLike | None = None,
+    ) -> None:
+        """Publish what is seen at one instant.
+
+        Parameters
+        ----------
+        ids
+            Unsigned integers [N]; an id is never given to another feature.
+        positions
+            float [N, dim], finite, in the unit of the source.
+        stamp_ns
+            Acquisition time, nanoseconds since the Unix epoch; now by default.
+        sigma
+            One-sigma noise of a position, a number or float [N]; unknown by default.
+        quaternions
+            float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points.
+        ended
+            Ids [M] that are lost for good.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            If the arrays are not well formed; nothing is published then.
+        """
+        stamp = time.time_ns() if stamp_ns is None else stamp_ns
+        self.put(
+            self.builder.observation(
+                stamp_ns=stamp,
+                ids=ids,
+                positions=positions,
+                sigma=sigma,
+                quaternions=quaternions,
+                ended=ended,
+            )
+        )
+
+    def tell_truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> None:
+        """Publish the true objects of features: int [N], -1 for ambiguous, and the objects' names."""
+        self.put(self.builder.truth(ids=ids, objects=objects, names=names))
+
+    def put(self, message: ObservationBatch | TruthBatch) -> None:
+        """Publish a message that :attr:`builder` has built."""
+        if isinstance(message, TruthBatch):
+            self._counters["tracks"] += len(message.ids)
+            self._truth.put(encode(message))
+            return
+        self._obs.put(encode(message))
+        self._counters["batches"] += 1
+        self._counters["observations"] += len(message.ids)
+        self._last_put = time.monotonic()
+
+    def overrun(self) -> None:
+        """Count an instant that was due and has been left out."""
+        self._counters["overruns"] += 1
+
+    def _status(self) -> StatusFields:
+        now, batches = time.monotonic(), self._counters["batches"]
+        before, reported = self._reported
+        self._reported = (now, batches)
+        rate = (batches - reported) / (now - before) if now > before else 0.0
+        age = None if self._last_put is None else now - self._last_put
+        return StatusFields(
+            state="stalled" if age is not None and age > self._patience else "ok",
+            rates={"obs": rate},
+            ages={} if age is None else {"obs": age},
+            counters=dict(self._counters),
+            message=self._message,
+        )

@@ -1,0 +1,97 @@
+"""The simulator as a process: one scene published live, as one source or several."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.transport import SessionSettings
+
+from ..parts import Part, rate_of
+from ..playback import Schedule, publish
+from ..streams import numbered
+from .offline import stream
+from .simulation import Simulation, Split, simulate
+from .spec import SceneSpec
+
+
+def choose_sources(
+    spec: SceneSpec,
+    *,
+    part: Part | None = None,
+    rates: Sequence[float] | None = None,
+    seed: int = 0,
+    noise: float = 1.0,
+    time_scale: float = 1.0,
+    split: Split = "features",
+) -> list[Simulation]:
+    """Build the sources that one process is to publish.
+
+    Parameters
+    ----------
+    spec
+        The scene.
+    part
+        Publish this part only; all parts by default.
+    rates
+        Hz of each source, or of all; by default what the scene says.
+    seed, noise, time_scale, split
+        As in :class:`Simulation`.
+
+    Raises
+    ------
+    ValueError
+        If the rates do not go with the part, or an argument is out of range.
+    """
+    options = {"seed": seed, "noise": noise, "time_scale": time_scale}
+    if part is None:
+        return simulate(spec, rates=rates, split=split, **options)  # type: ignore[arg-type]
+    known = spec.rates if len(spec.rates) == part.count else [spec.rate]
+    rate = rate_of(part, rates or known)
+    return [Simulation(spec, rate=rate, part=part.index, parts=part.count, split=split, **options)]  # type: ignore[arg-type]
+
+
+def run(
+    simulations: Sequence[Simulation],
+    schedule: Schedule,
+    *,
+    name: str | None = None,
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    ready_file: Path | None = None,
+    publish_sigma: bool = False,
+) -> None:
+    """Publish simulated sources until the scene ends, or a signal or the schedule stops them.
+
+    Parameters
+    ----------
+    simulations
+        What to publish.
+    schedule
+        When.
+    name
+        Name of the source; of several, the k-th of n is ``<name>-k``.
+    scene, settings, ready_file
+        As in :class:`comotion_schemas.component.Component`.
+    publish_sigma
+        Publish the true noise of every feature.
+
+    Raises
+    ------
+    ValueError
+        If scene or name is no valid chunk of a key.
+    """
+    streams = [stream(simulation) for simulation in simulations]
+    if name is not None:
+        streams = [
+            dataclasses.replace(one, name=numbered(name, k, len(streams))) for k, one in enumerate(streams)
+        ]
+    publish(
+        streams,
+        schedule,
+        scene=scene,
+        settings=settings,
+        ready_file=ready_file,
+        publish_sigma=publish_sigma,
+        message=f"simulates {simulations[0].spec.title}",
+    )
