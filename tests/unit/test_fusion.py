@@ -1,0 +1,290 @@
+"""The face of the core: what an update lists, what is refused, what survives a restart."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion_schemas import UNDETERMINED, ObservationBatch, encode
+
+MS = 1_000_000
+S = 1_000 * MS
+T0 = 1_700_000_000 * S
+THESIS = FusionConfig(method="thesis")
+
+
+def batch(source, seq, stamp_ns, positions, *, session="a" * 16, first_id=0, **fields):
+    positions = np.asarray(positions, np.float32)
+    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
+    return ObservationBatch(
+        source=source,
+        session=session,
+        seq=seq,
+        stamp_ns=stamp_ns,
+        ids=np.arange(first_id, first_id + len(positions), dtype=np.uint64),
+        positions=positions,
+        **fields,
+    )
+
+
+def two_bodies(t):
+    """Four features at rest, three that move right at 0.3 m/s."""
+    rest = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    return np.array([*rest, *([0.2 + 0.3 * t, y] for y in (0.4, 0.5, 0.6))])
+
+
+def run(fusion, start, stop, *, session="a" * 16, first_seq=0, rate=15):
+    """Feed two bodies at a rate and update after each batch; returns the updates."""
+    updates = []
+    for k, t in enumerate(np.arange(start, stop, 1 / rate)):
+        now = T0 + round(t * S)
+        fusion.ingest(batch("cam", first_seq + k, now, two_bodies(t), session=session))
+        updates.append(fusion.update(now))
+    return updates
+
+
+def tracks_of(update):
+    return {
+        (update.sources[s].name, int(i)): int(h)
+        for s, i, h in zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
+    }
+
+
+def test_updates_are_published_from_the_start_even_empty():
+    update = Fusion(THESIS).update(T0)
+    assert len(update.track_id) == 0
+    assert update.hypotheses == []
+    assert (update.seq, update.scene, update.period_ns) == (0, "default", 100 * MS)
+
+
+def test_two_bodies_become_two_hypotheses_with_stable_ids():
+    updates = run(Fusion(THESIS), 0, 4)
+    labels = tracks_of(updates[-1])
+    rest, moving = {labels["cam", i] for i in range(4)}, {labels["cam", i] for i in range(4, 7)}
+    assert len(rest) == len(moving) == 1
+    assert rest != moving
+    assert tracks_of(updates[-10]) == labels
+    assert updates[-1].stamp_ns == T0 + round(59 / 15 * S)
+    assert sorted(h.size for h in updates[-1].hypotheses) == [3, 4]
+
+
+def test_the_newest_state_is_listed_with_nan_in_the_third_column_in_2d():
+    update = run(Fusion(THESIS), 0, 1)[-1]
+    assert np.allclose(update.track_position[:, :2], two_bodies(14 / 15), atol=1e-6)
+    assert np.isnan(update.track_position[:, 2]).all()
+
+
+def test_what_ended_leaves_the_next_update_and_what_is_not_observed_leaves_after_the_timeout():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 1)
+    ended = np.array([0, 1], np.uint64)
+    fusion.ingest(batch("cam", 15, T0 + 1 * S, two_bodies(1)[2:5], first_id=2, ended=ended))
+    assert set(tracks_of(fusion.update(T0 + 1 * S))) == {("cam", i) for i in range(2, 7)}
+    for k in range(1, 10):
+        now = T0 + S + k * 66 * MS
+        fusion.ingest(batch("cam", 15 + k, now, two_bodies(1)[2:5], first_id=2))
+        update = fusion.update(now)
+    assert set(tracks_of(update)) == {("cam", i) for i in range(2, 5)}
+
+
+def test_a_trajectory_that_comes_back_within_the_window_keeps_its_label():
+    fusion = Fusion(THESIS)
+    before = tracks_of(run(fusion, 0, 4)[-1])
+    for k in range(15):
+        now = T0 + 4 * S + k * 67 * MS
+        fusion.ingest(batch("cam", 60 + k, now, two_bodies(4 + k * 0.067)[:6]))
+        gap = tracks_of(fusion.update(now))
+    assert ("cam", 6) not in gap
+    fusion.ingest(batch("cam", 75, T0 + 5 * S, two_bodies(5)))
+    assert tracks_of(fusion.update(T0 + 5 * S)) == before
+
+
+def test_a_new_session_ends_the_old_ones_trajectories():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 1)
+    update = run(fusion, 1, 1.2, session="b" * 16)[-1]
+    assert [s.session for s in update.sources] == ["b" * 16]
+    assert len(update.track_id) == 7
+
+
+def test_an_id_that_ended_stays_ended():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 1)
+    fusion.ingest(batch("cam", 15, T0 + 1 * S, two_bodies(1)[:0], ended=np.array([0], np.uint64)))
+    update = run(fusion, 1.1, 1.2, first_seq=16)[-1]
+    assert ("cam", 0) not in tracks_of(update)
+    assert fusion.stats.rejected["duplicate-id"] == 2
+
+
+def test_the_order_of_arrival_across_sources_does_not_matter():
+    def feed(order):
+        fusion = Fusion(THESIS)
+        for k in range(45):
+            now = T0 + k * 66 * MS
+            pair = [
+                batch("left", k, now - 20 * MS, two_bodies(k * 0.066)[:4]),
+                batch("right", k, now, two_bodies(k * 0.066)[4:]),
+            ]
+            for index in order:
+                fusion.ingest(pair[index])
+            update = fusion.update(now)
+        return encode(update)
+
+    assert feed((0, 1)) == feed((1, 0))
+
+
+def test_the_same_batches_give_the_same_updates_byte_for_byte():
+    first, second = (run(Fusion(THESIS), 0, 3) for _ in range(2))
+    assert [encode(u) for u in first] == [encode(u) for u in second]
+
+
+def test_reordered_batches_end_in_the_same_affinities():
+    def affinity(swap):
+        fusion = Fusion(THESIS)
+        batches = [batch("cam", k, T0 + k * 66 * MS, two_bodies(k * 0.066)) for k in range(30)]
+        other = [batch("b", k, T0 + k * 50 * MS, two_bodies(k * 0.05) + 2.0) for k in range(40)]
+        if swap:
+            batches[10], batches[11] = batches[11], batches[10]
+        for k, b in enumerate(batches):
+            for o in other[k : k + 2] if k < 29 else other[k:]:
+                fusion.ingest(o)
+            fusion.ingest(b)
+            fusion.update(T0 + k * 66 * MS)
+        fusion.update(T0 + 2 * S)
+        return fusion.affinity("world").matrix
+
+    assert np.allclose(affinity(True), affinity(False), atol=1e-6)
+
+
+def test_a_batch_that_disagrees_with_its_space_is_refused_and_changes_nothing_else():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 1)
+    fusion.ingest(batch("odd", 0, T0 + S, [[0.0, 0.0, 0.0]]))
+    fusion.ingest(batch("odd", 1, T0 + S, [[0.0, 0.0]], unit="px"))
+    update = run(fusion, 1.0, 1.1, first_seq=15)[-1]
+    assert fusion.stats.rejected == {"space-mismatch": 2}
+    assert [s.name for s in update.sources] == ["cam"]
+
+
+def test_a_refused_batch_does_not_define_its_space():
+    fusion = Fusion(THESIS)
+    fusion.ingest(batch("poison", 0, T0 + 3_600 * S, [[0.0, 0.0, 0.0]]))
+    update = run(fusion, 0, 1)[-1]
+    assert len(update.track_id) == 7
+    assert fusion.stats.rejected == {"future": 1}
+
+
+def test_two_batches_that_fight_over_a_new_space_leave_one_winner():
+    fusion = Fusion(THESIS)
+    fusion.ingest(batch("b", 0, T0, [[0.0, 0.0, 0.0]]))
+    fusion.ingest(batch("a", 0, T0, [[0.0, 0.0]]))
+    update = fusion.update(T0)
+    assert [s.name for s in update.sources] == ["a"]
+    assert fusion.stats.rejected == {"space-mismatch": 1}
+
+
+def test_tracks_beyond_the_limit_are_refused_and_the_others_go_on():
+    fusion = Fusion(THESIS.model_copy(update={"max_tracks": 5}))
+    update = run(fusion, 0, 1)[-1]
+    assert len(update.track_id) == 5
+    assert fusion.stats.rejected["limit"] == 15
+
+
+def test_churn_does_not_starve_new_trajectories():
+    fusion = Fusion(THESIS.model_copy(update={"max_tracks": 40}))
+    for k in range(60):
+        now = T0 + k * 300 * MS
+        # Every trajectory is seen twice, so that it stays in the window after its death.
+        fusion.ingest(batch("cam", k, now, np.zeros((8, 2)), first_id=4 * k))
+        update = fusion.update(now)
+        assert {("cam", 4 * k + i) for i in range(8)} <= set(tracks_of(update))
+    assert fusion.stats.rejected == {}
+    assert fusion.spaces["world"].window.used.sum() > 120
+
+
+def test_the_dead_in_the_window_are_bounded_too():
+    fusion = Fusion(THESIS.model_copy(update={"max_tracks": 20}))
+    for k in range(60):
+        now = T0 + k * 300 * MS
+        fusion.ingest(batch("cam", k, now, np.zeros((8, 2)), first_id=4 * k))
+        fusion.update(now)
+    assert fusion.spaces["world"].window.used.sum() <= 4 * 20
+    assert fusion.stats.rejected["limit"] > 0
+
+
+def test_spaces_are_partitioned_apart():
+    fusion = Fusion(THESIS)
+    for k in range(30):
+        now = T0 + k * 66 * MS
+        fusion.ingest(batch("a", k, now, two_bodies(0)[:3]))
+        fusion.ingest(batch("b", k, now, two_bodies(0)[:3], space="other"))
+        update = fusion.update(now)
+    assert {h.space for h in update.hypotheses} == {"world", "other"}
+    labels = tracks_of(update)
+    assert not {v for (s, _), v in labels.items() if s == "a"} & {
+        v for (s, _), v in labels.items() if s == "b"
+    }
+
+
+def test_affinity_names_its_rows():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 2)
+    snapshot = fusion.affinity("world")
+    assert snapshot.tracks[0] == ("cam", "a" * 16, 0)
+    assert snapshot.matrix.shape == (7, 7)
+    assert snapshot.matrix.dtype == np.float32
+    assert np.array_equal(snapshot.matrix, snapshot.matrix.T)
+    with pytest.raises(KeyError):
+        fusion.affinity("nowhere")
+
+
+def test_a_restart_keeps_ids_for_the_same_trajectories():
+    fusion = Fusion(THESIS)
+    before = tracks_of(run(fusion, 0, 4)[-1])
+    twin = Fusion.restore(THESIS, fusion.snapshot(), session="c" * 16)
+    after = run(twin, 6, 6.5, first_seq=60)
+    assert all(tracks_of(update) == before for update in after)
+    assert after[0].session == "c" * 16
+    assert twin.ids.following > fusion.ids.following
+
+
+def test_a_clean_snapshot_continues_exactly():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 4)
+    twin = Fusion.restore(THESIS, fusion.snapshot(clean=True))
+    mine, theirs = (run(f, 4, 5, first_seq=60)[-1] for f in (fusion, twin))
+    assert tracks_of(mine) == tracks_of(theirs)
+    assert np.allclose(fusion.affinity("world").matrix, twin.affinity("world").matrix, atol=1e-6)
+    assert twin.ids.following == fusion.ids.following
+
+
+@pytest.mark.parametrize("data", [b"", b"\x80", b"junk" * 100, b"\x81\xa6format\xa3bad"])
+def test_a_damaged_snapshot_is_a_clear_error(data):
+    with pytest.raises(ValueError, match="snapshot"):
+        Fusion.restore(THESIS, data)
+
+
+def test_a_truncated_snapshot_is_a_clear_error():
+    fusion = Fusion(THESIS)
+    run(fusion, 0, 1)
+    data = fusion.snapshot()
+    for cut in (10, len(data) // 2, len(data) - 1):
+        with pytest.raises(ValueError, match="snapshot"):
+            Fusion.restore(THESIS, data[:cut])
+
+
+def test_events_are_repeated_for_two_seconds():
+    fusion = Fusion(THESIS)
+    updates = run(fusion, 0, 4)
+    first = updates[0].events
+    assert first
+    assert all(first[0] in u.events for u in updates[:29])
+    assert first[0] not in updates[-1].events
+
+
+def test_every_listed_label_is_a_listed_hypothesis():
+    for update in run(Fusion(THESIS), 0, 3):
+        listed = {h.id for h in update.hypotheses}
+        assert {int(h) for h in update.track_hypothesis} - {UNDETERMINED} <= listed
+        sizes = {h.id: h.size for h in update.hypotheses}
+        for hypothesis, size in sizes.items():
+            assert int((update.track_hypothesis == hypothesis).sum()) == size
