@@ -87,6 +87,11 @@ class Fusion:
         else:
             self.timeline.add(batch)
 
+    def advance(self, now_ns: int) -> None:
+        """Fuse what the watermark has passed; calling it between updates spreads their work."""
+        for instant in self.timeline.advance(now_ns):
+            self._fuse(instant)
+
     def update(self, now_ns: int) -> HypothesisUpdate:
         """Fuse what the watermark has passed and partition every current trajectory.
 
@@ -95,8 +100,7 @@ class Fusion:
         now_ns
             The caller's clock, nanoseconds since the Unix epoch.
         """
-        for instant in self.timeline.advance(now_ns):
-            self._fuse(instant)
+        self.advance(now_ns)
         watermark = self.timeline.watermark_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
