@@ -7,6 +7,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from comotion_schemas import (
     DEFAULT_SCENE,
     DecodeError,
@@ -26,7 +28,7 @@ from .health import Health
 from .intake import Intake
 from .queries import Queryables, handlers
 from .state_file import StateWriter, load_fusion
-from .ticker import Ticker
+from .ticker import HeadStart, Ticker
 
 DEFAULT_NAME = "fusion"
 _SLICE_NS = 20_000_000
@@ -137,7 +139,7 @@ class _Service:
         self._intake = Intake(component.session, component.keys, fusion.stats)
         self._publisher = declare_publisher(component.session, component.keys.hypotheses, "hypotheses")
         self._writer: StateWriter | None = None
-        self._last = self._publish()
+        self._last = self._publish(fusion.update(self._clock.now_ns()))
         self._queryables = Queryables(
             component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
         )
@@ -149,6 +151,8 @@ class _Service:
             if self._options.state is not None:
                 self._writer = StateWriter(self._options.state)
                 stack.callback(self._writer.close)
+            # Waking a pool of threads costs more than an update's small matrices take on one.
+            stack.enter_context(threadpool_limits(limits=1))
             stack.callback(gc.enable)
             # Everything made so far stays: the collector need never look at it again.
             gc.collect()
@@ -160,16 +164,27 @@ class _Service:
                 self._writer.put(self._fusion.snapshot(clean=True))
 
     def _loop(self) -> None:
-        ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
+        period_ns = to_ns(self._fusion.config.period)
+        ticker, head_start = Ticker(period_ns, time.monotonic_ns()), HeadStart(period_ns)
         while not self._component.stop.is_set():
             self._receive()
-            remaining = ticker.remaining_ns(time.monotonic_ns())
-            if remaining > 0:
-                self._component.stop.wait(min(remaining, _SLICE_NS) / 1e9)
+            began = time.monotonic_ns()
+            spare = ticker.remaining_ns(began) - head_start.ns
+            if spare > 0:
+                self._use(spare)
                 continue
-            self._last = self._publish()
+            update = self._fusion.update(self._clock.now_ns())
+            head_start.note(time.monotonic_ns() - began)
+            self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
+            self._last = self._publish(update)
             self._housekeeping(time.monotonic_ns())
             self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
+
+    def _use(self, spare_ns: int) -> None:
+        """Fuse what has come in, so that little is left to do when the update is due; then rest."""
+        if spare_ns > _SLICE_NS:
+            self._fusion.advance(self._clock.now_ns())
+        self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
 
     def _receive(self) -> None:
         now = time.monotonic_ns()
@@ -178,8 +193,7 @@ class _Service:
             self._fusion.ingest(batch)
         self._queryables.answer()
 
-    def _publish(self) -> HypothesisUpdate:
-        update = self._fusion.update(self._clock.now_ns())
+    def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
         update = replace(update, published_ns=time.time_ns())
         self._publisher.put(encode(update))
         return update

@@ -1,4 +1,8 @@
-"""Deadlines at a fixed period that neither drift nor bunch."""
+"""Deadlines at a fixed period that neither drift nor bunch, and when to start for them."""
+
+from collections import deque
+
+_REMEMBERED = 20
 
 
 class Ticker:
@@ -20,3 +24,24 @@ class Ticker:
         skipped = max(0, (now_ns - self._due_ns) // self._period_ns)
         self._due_ns += (skipped + 1) * self._period_ns
         return skipped
+
+
+class HeadStart:
+    """How long before a deadline to begin, so that work of varying length is done when it comes.
+
+    The longest of the recent durations, at most half a period: results leave evenly spaced, and
+    are older than they had to be only by the difference between usual and longest.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self._longest_ns = period_ns // 2
+        self._durations: deque[int] = deque(maxlen=_REMEMBERED)
+
+    @property
+    def ns(self) -> int:
+        """Nanoseconds before the deadline."""
+        return min(max(self._durations, default=0), self._longest_ns)
+
+    def note(self, duration_ns: int) -> None:
+        """Learn from how long the work has taken."""
+        self._durations.append(duration_ns)
