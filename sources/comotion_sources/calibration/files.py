@@ -1,0 +1,217 @@
+"""Calibration files: ours (TOML), OpenCV's and ROS camera_info's (YAML).
+
+Ours::
+
+    [intrinsics]
+    width = 640
+    height = 480
+    fx = 525.0
+    fy = 525.0
+    cx = 319.5
+    cy = 239.5
+    distortion = [0.0, 0.0, 0.0, 0.0, 0.0]   # k1 k2 p1 p2 k3 ..., optional
+
+    [extrinsics]                # camera (optical axes) to `frame`, optional
+    frame = "world"
+    translation = [0.0, 0.0, 1.2]            # m
+    quaternion = [0.0, 0.0, 0.0, 1.0]        # x y z w
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from .model import Extrinsics, Intrinsics
+
+_MAX_BYTES = 1_000_000
+_MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k")
+_DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "d")
+_WIDTH = ("image_width", "image_Width", "width")
+_HEIGHT = ("image_height", "image_Height", "height")
+_ROS_MODELS = ("plumb_bob", "rational_polynomial")
+
+
+class CalibrationError(ValueError):
+    """A calibration that is missing, malformed or does not fit its camera; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration file says; a part it does not hold is None."""
+
+    intrinsics: Intrinsics | None = None
+    extrinsics: Extrinsics | None = None
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file: ``.toml``, or OpenCV's or ROS's ``.yaml``/``.yml``.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read, or is none of these.
+    """
+    text = _text(path)
+    try:
+        return _from_toml(text) if path.suffix.lower() == ".toml" else _from_yaml(text)
+    except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
+        raise CalibrationError(f"{path}: {_one_line(error)}") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise CalibrationError(f"{path}: {error.strerror}") from None
+    if len(raw) > _MAX_BYTES:
+        raise CalibrationError(f"{path}: {len(raw)} bytes are too many for a calibration file")
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        raise CalibrationError(f"{path}: no text file, so no calibration") from None
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        return f"no YAML: {error.problem} in line {error.problem_mark.line + 1}"
+    return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+def _from_toml(text: str) -> Calibration:
+    content = tomllib.loads(text)
+    if not content.keys() & {"intrinsics", "extrinsics"}:
+        raise ValueError("neither [intrinsics] nor [extrinsics]")
+    intrinsics, extrinsics = content.get("intrinsics"), content.get("extrinsics")
+    return Calibration(
+        None if intrinsics is None else _intrinsics_of(_table("intrinsics", intrinsics)),
+        None if extrinsics is None else _extrinsics_of(_table("extrinsics", extrinsics)),
+    )
+
+
+def _table(name: str, value: object) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must be a table")
+    return value
+
+
+def _require(table: Mapping[str, Any], name: str, allowed: set[str], needed: tuple[str, ...]) -> None:
+    if unknown := sorted(table.keys() - allowed - set(needed)):
+        raise ValueError(f"[{name}] has no {unknown[0]!r}")
+    if missing := [key for key in needed if key not in table]:
+        raise ValueError(f"[{name}] lacks {missing[0]!r}")
+
+
+def _intrinsics_of(table: Mapping[str, Any]) -> Intrinsics:
+    _require(table, "intrinsics", {"distortion"}, ("width", "height", "fx", "fy", "cx", "cy"))
+    return Intrinsics(
+        _whole("width", table["width"]),
+        _whole("height", table["height"]),
+        float(table["fx"]),
+        float(table["fy"]),
+        float(table["cx"]),
+        float(table["cy"]),
+        np.array(table.get("distortion", []), np.float64),
+    )
+
+
+def _extrinsics_of(table: Mapping[str, Any]) -> Extrinsics:
+    _require(table, "extrinsics", {"frame"}, ("translation", "quaternion"))
+    frame = table.get("frame", "world")
+    if not isinstance(frame, str):
+        raise ValueError("frame must be a text")
+    return Extrinsics.from_quaternion(table["quaternion"], table["translation"], frame)
+
+
+def _whole(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
+        raise ValueError(f"{name} is no whole number: {value!r}"[:200])
+    return int(value)
+
+
+def _from_yaml(text: str) -> Calibration:
+    # "%YAML:1.0", as OpenCV heads its files, is no directive that YAML knows.
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
+    content = yaml.load(body, _Loader)  # noqa: S506 - a SafeLoader
+    if not isinstance(content, dict):
+        raise ValueError("no map of names and values, so no calibration")
+    matrix = _numbers(_first(content, _MATRIX, "camera matrix"))
+    model = content.get("distortion_model") or _ROS_MODELS[0]
+    if model not in _ROS_MODELS:
+        raise ValueError(f"distortion model {model!r} is not one of {', '.join(_ROS_MODELS)}")
+    if matrix.size != 9:
+        raise ValueError(f"the camera matrix has {matrix.size} numbers instead of 9")
+    width = _whole("the image width", _first(content, _WIDTH, "image width"))
+    height = _whole("the image height", _first(content, _HEIGHT, "image height"))
+    distortion = next((_numbers(content[name]) for name in _DISTORTION if name in content), np.zeros(0))
+    fx, _, cx, _, fy, cy, *_ = matrix.tolist()
+    return Calibration(Intrinsics(width, height, fx, fy, cx, cy, distortion))
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """Plain YAML, and the tag that OpenCV gives its matrices."""
+
+
+def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix must be a map", node.start_mark)
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+
+
+def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any:
+    for name in names:
+        if name in content:
+            return content[name]
+    raise ValueError(f"no {what} ({', '.join(names[:3])} ...): neither OpenCV's nor ROS's calibration")
+
+
+def _numbers(value: Any) -> NDArray[np.float64]:
+    """Numbers of an OpenCV or ROS matrix (its ``data``) or of a plain list, float64 [M]."""
+    data = value.get("data") if isinstance(value, dict) else value
+    if not isinstance(data, list):
+        raise ValueError("a matrix is neither a list of numbers nor has one as data")
+    # YAML 1.1 reads 1e-5 as a text: float() does as ROS and OpenCV mean it.
+    return np.array([float(entry) for row in data for entry in (row if isinstance(row, list) else [row])])
+
+
+def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | None) -> str:
+    """Write our TOML; what is None is left out."""
+    parts = []
+    if intrinsics is not None:
+        parts.append(_intrinsics_text(intrinsics))
+    if extrinsics is not None:
+        parts.append(_extrinsics_text(extrinsics))
+    return "\n".join(parts)
+
+
+def _list(values: Any) -> str:
+    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+
+def _intrinsics_text(camera: Intrinsics) -> str:
+    lines = ["[intrinsics]", f"width = {camera.width}", f"height = {camera.height}"]
+    lines += [f"{name} = {float(getattr(camera, name))!r}" for name in ("fx", "fy", "cx", "cy")]
+    if camera.distortion.size:
+        lines.append(f"distortion = {_list(camera.distortion)}")
+    return "\n".join(lines) + "\n"
+
+
+def _extrinsics_text(extrinsics: Extrinsics) -> str:
+    frame = extrinsics.frame.replace("\\", "\\\\").replace('"', '\\"')
+    return "\n".join(
+        [
+            "[extrinsics]  # camera (optical axes) to frame",
+            f'frame = "{frame}"',
+            f"translation = {_list(extrinsics.translation)}  # m",
+            f"quaternion = {_list(extrinsics.quaternion)}  # x y z w",
+            "",
+        ]
+    )

@@ -1,0 +1,121 @@
+"""Where new features start: Shi-Tomasi corners in empty grid cells, spread over the image."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.types import Image
+from .config import TrackerConfig
+from .flow import Pixels
+
+Usable = Callable[[Pixels], NDArray[np.bool_]]
+_SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
+_SUBPIX_HALF = 3
+
+
+def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usable | None = None) -> Pixels:
+    """Choose new features: the best corners in cells that hold none, until the budget is used up.
+
+    Every tile of the image may fill its even share of the budget first, so that a textured floor
+    does not take it all; what other tiles leave goes to the best of the rest.
+
+    Parameters
+    ----------
+    grey
+        uint8 [H, W].
+    present
+        float32 [N, 2], the features there are.
+    config
+        Budget, grid and quality.
+    usable
+        Says which of some pixels [M, 2] can be used, e.g. have depth; None: all.
+
+    Returns
+    -------
+    float32 [M, 2], sub-pixel corners, best first within a tile.
+    """
+    room = config.max_features - len(present)
+    room = room if config.spawn_limit is None else min(room, config.spawn_limit)
+    if room <= 0:
+        return np.empty((0, 2), np.float32)
+    candidates = _best_per_cell(_corners(grey, config), present, grey.shape, config)
+    if usable is not None and len(candidates):
+        candidates = candidates[usable(candidates)]
+    chosen = candidates[_fair_order(candidates, present, grey.shape, config)[:room]]
+    return _apart(_refined(grey, chosen, config), present, config.min_distance)
+
+
+def _corners(grey: Image, config: TrackerConfig) -> Pixels:
+    """Find all corners of the image, best first, without regard to what is there already."""
+    everywhere = np.full(grey.shape, 255, np.uint8)
+    found, quality = cv2.goodFeaturesToTrackWithQuality(grey, 0, config.quality, 0.0, everywhere)
+    if found is None:
+        return np.empty((0, 2), np.float32)
+    corners = found.reshape(-1, 2)[np.asarray(quality).ravel() >= config.quality_floor]
+    height, width = grey.shape
+    border = config.window // 2 + 1
+    x, y = corners[:, 0], corners[:, 1]
+    inside = (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)
+    return np.asarray(corners[inside], np.float32)
+
+
+def _grid(pixels: Pixels, columns: int, size_x: float, size_y: float) -> NDArray[np.int64]:
+    x, y = pixels[:, 0] // size_x, pixels[:, 1] // size_y
+    return y.astype(np.int64) * columns + x.astype(np.int64)
+
+
+def _best_per_cell(corners: Pixels, present: Pixels, shape: tuple[int, ...], config: TrackerConfig) -> Pixels:
+    columns = shape[1] // config.cell + 1
+    cells = _grid(corners, columns, config.cell, config.cell)
+    free = np.flatnonzero(~np.isin(cells, _grid(present, columns, config.cell, config.cell)))
+    _, first = np.unique(cells[free], return_index=True)
+    return corners[free[np.sort(first)]]
+
+
+def _fair_order(
+    candidates: Pixels, present: Pixels, shape: tuple[int, ...], config: TrackerConfig
+) -> NDArray[np.intp]:
+    """Order by the place within the tile, counting what the tile has already, then by quality."""
+    size_x, size_y = shape[1] / config.tiles, shape[0] / config.tiles
+    held = np.bincount(_grid(present, config.tiles, size_x, size_y), minlength=config.tiles**2)
+    tiles = _grid(candidates, config.tiles, size_x, size_y)
+    rank = np.zeros(len(candidates), np.int64)
+    for tile in np.unique(tiles):
+        members = np.flatnonzero(tiles == tile)
+        rank[members] = held[tile] + np.arange(len(members))
+    return np.lexsort((np.arange(len(candidates)), rank))
+
+
+def _refined(grey: Image, corners: Pixels, config: TrackerConfig) -> Pixels:
+    """Move corners to their sub-pixel place; one that wanders off stays where it was found."""
+    if not len(corners):
+        return corners
+    half = (_SUBPIX_HALF, _SUBPIX_HALF)
+    fine = cv2.cornerSubPix(grey, corners[:, None].copy(), half, (-1, -1), _SUBPIX).reshape(-1, 2)
+    strayed = ~np.isfinite(fine).all(axis=1) | (np.abs(fine - corners).max(axis=1) > _SUBPIX_HALF)
+    border = config.window // 2
+    height, width = grey.shape
+    outside = (fine < border).any(axis=1) | (fine > (width - 1 - border, height - 1 - border)).any(axis=1)
+    return np.where((strayed | outside)[:, None], corners, fine).astype(np.float32)
+
+
+def _apart(corners: Pixels, present: Pixels, distance: float) -> Pixels:
+    keep = crowded(np.concatenate([present, corners]), distance)[len(present) :]
+    return corners[~keep]
+
+
+def crowded(pixels: Pixels, distance: float) -> NDArray[np.bool_]:
+    """Which features, listed oldest first, lie closer than `distance` to an older one; bool [N]."""
+    from scipy.spatial import KDTree
+
+    taken = np.zeros(len(pixels), bool)
+    if len(pixels) < 2 or distance <= 0:
+        return taken
+    pairs = KDTree(pixels).query_pairs(distance, output_type="ndarray")
+    # From the oldest on: a feature that goes itself crowds out nobody.
+    for older, younger in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]:
+        if not taken[older]:
+            taken[younger] = True
+    return taken

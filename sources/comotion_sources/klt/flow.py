@@ -1,0 +1,94 @@
+"""Pyramidal Lucas-Kanade with the forward-backward check."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.types import Image
+from .config import TrackerConfig
+
+Pixels = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """Where features went.
+
+    Attributes
+    ----------
+    pixels
+        float32 [N, 2], positions in the new image.
+    error
+        float32 [N], ‖x̂_t − x_t‖: how far the way back misses the start, px.
+    kept
+        bool [N], found in both directions and consistent.
+    """
+
+    pixels: Pixels
+    error: NDArray[np.float32]
+    kept: NDArray[np.bool_]
+
+
+def forward_backward(
+    start: Pixels, there: Pixels, back: Pixels, relative: float, absolute: float
+) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Check the way there against the way back (thesis 4.2, after Sundaram, Brox and Keutzer 2010).
+
+    Kept while ‖w + ŵ‖² < relative·(‖w‖² + ‖ŵ‖²) + absolute with w = x_{t+1} − x_t and
+    ŵ = x̂_t − x_{t+1}. The thesis prints the inequality for "stop", and x̂_t − x_t as ŵ; both are slips.
+
+    Returns
+    -------
+    bool [N], kept, and float32 [N], ‖w + ŵ‖ in px.
+    """
+    w, w_back = there - start, back - there
+    miss = ((w + w_back) ** 2).sum(axis=1)
+    allowed = relative * ((w**2).sum(axis=1) + (w_back**2).sum(axis=1)) + absolute
+    return miss < allowed, np.sqrt(miss)
+
+
+def track(before: Image, after: Image, pixels: Pixels, config: TrackerConfig) -> Flow:
+    """Follow features from one grey image to the next and back.
+
+    Parameters
+    ----------
+    before, after
+        uint8 [H, W], of the same size.
+    pixels
+        float32 [N, 2], positions in `before`.
+    """
+    if not len(pixels):
+        return Flow(pixels, np.empty(0, np.float32), np.empty(0, bool))
+    there, found = _lucas_kanade(before, after, pixels, config)
+    back, found_back = _lucas_kanade(after, before, there, config)
+    kept, error = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
+    return Flow(there, error, kept & found & found_back & _inside(there, after.shape, config.window // 2))
+
+
+def _lucas_kanade(
+    before: Image, after: Image, pixels: Pixels, config: TrackerConfig
+) -> tuple[Pixels, NDArray[np.bool_]]:
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, config.iterations, config.epsilon)
+    points = np.ascontiguousarray(pixels[:, None])
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        before,
+        after,
+        points,
+        np.empty_like(points),
+        winSize=(config.window, config.window),
+        maxLevel=config.levels,
+        criteria=criteria,
+    )
+    positions = moved.reshape(-1, 2)
+    # OpenCV leaves the numbers of a lost feature as they come; they must not reach the arithmetic.
+    found = (status.ravel() == 1) & np.isfinite(positions).all(axis=1)
+    return np.where(found[:, None], positions, pixels).astype(np.float32), found
+
+
+def _inside(pixels: Pixels, shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:
+    """Away from the image's border, where half the window has no image."""
+    height, width = shape[:2]
+    x, y = pixels[:, 0], pixels[:, 1]
+    return (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)

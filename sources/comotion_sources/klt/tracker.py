@@ -1,0 +1,224 @@
+"""The KLT tracker: frames in, tracks out. Pure: no device, no clock, no wire.
+
+Per frame (thesis 4.2): follow every feature by Lucas-Kanade, drop what fails the forward-backward
+check, lift to 3-D where there is depth, drop what jumps, and every n frames look for new corners.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.model import Intrinsics
+from ..cameras.types import Frame, Image
+from .config import TrackerConfig
+from .corners import crowded, new_corners
+from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
+from .flow import Pixels, track
+
+Ids = NDArray[np.uint64]
+Floats = NDArray[np.float64]
+
+_NOMINAL_PERIOD_NS = 1e9 / 30
+_LONGEST_GAP_NS = 0.5e9
+_ERROR_MEMORY = 0.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """All features of one frame.
+
+    Attributes
+    ----------
+    stamp_ns
+        Acquisition time of the frame.
+    ids
+        uint64 [N], ascending; never used twice by one tracker.
+    pixels
+        float32 [N, 2], px.
+    pixel_sigma
+        float64 [N], one-sigma noise of `pixels`, px.
+    points
+        float64 [N, 3] in the camera's optical frame, m; rows of NaN: no depth in this frame. None for
+        a tracker without intrinsics.
+    sigma
+        float64 [N], isotropic one-sigma noise of `points`, m. None like `points`.
+    born
+        bool [N], new in this frame.
+    ended
+        uint64 [M], lost for good since the frame before.
+    """
+
+    stamp_ns: int
+    ids: Ids
+    pixels: Pixels
+    pixel_sigma: Floats
+    points: Floats | None
+    sigma: Floats | None
+    born: NDArray[np.bool_]
+    ended: Ids
+
+
+@dataclass
+class _Features:
+    """Columns of the features there are, oldest first.
+
+    `error` is the recent forward-backward error, `points` the last known point, seen at `seen_ns`,
+    `missing` the frames in a row whose depth had none, `lifted` whether this frame gave the point.
+    """
+
+    ids: Ids = field(default_factory=lambda: np.empty(0, np.uint64))
+    pixels: Pixels = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    error: Floats = field(default_factory=lambda: np.empty(0))
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    seen_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    missing: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    lifted: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
+
+    def select(self, keep: NDArray[np.bool_]) -> "_Features":
+        return _Features(**{name: column[keep] for name, column in vars(self).items()})
+
+    def extended(self, new: "_Features") -> "_Features":
+        return _Features(
+            **{name: np.concatenate([column, getattr(new, name)]) for name, column in vars(self).items()}
+        )
+
+
+class Tracker:
+    """Tracks features through the frames of one camera.
+
+    Parameters
+    ----------
+    config
+        Parameters.
+    intrinsics
+        Lift to 3-D: every frame should then have depth. None: image coordinates only.
+    """
+
+    def __init__(self, config: TrackerConfig | None = None, intrinsics: Intrinsics | None = None) -> None:
+        self._config = config or TrackerConfig()
+        self._intrinsics = intrinsics
+        self._features = _Features()
+        self._grey: Image | None = None
+        self._stamp_ns: int | None = None
+        self._frames = 0
+        self._next_id = 0
+
+    def step(self, frame: Frame) -> Tracks:
+        """Track all features into the next frame.
+
+        Raises
+        ------
+        ValueError
+            If the frame is not newer than the one before, or of another size.
+        """
+        if self._stamp_ns is not None and frame.stamp_ns <= self._stamp_ns:
+            raise ValueError("frames must come in order of their stamps")
+        if self._grey is not None and frame.image.shape[:2] != self._grey.shape:
+            raise ValueError("the image size must not change; reset the tracker first")
+        grey = _grey(frame.image)
+        before = self._features.ids
+        self._follow(grey)
+        self._lift(frame)
+        kept = len(self._features.ids)
+        ended = np.setdiff1d(before, self._features.ids, assume_unique=True)
+        if self._frames % self._config.respawn_every == 0:
+            self._spawn(grey, frame)
+        self._frames += 1
+        self._grey, self._stamp_ns = grey, frame.stamp_ns
+        return self._tracks(frame.stamp_ns, kept, ended)
+
+    def reset(self) -> Ids:
+        """End all features, as after a cut: the next frame starts anew. Answers with their ids."""
+        ended, self._features = self._features.ids, _Features()
+        self._grey, self._stamp_ns, self._frames = None, None, 0
+        return ended
+
+    def _follow(self, grey: Image) -> None:
+        features = self._features
+        if self._grey is None or not len(features.ids):
+            return
+        flow = track(self._grey, grey, features.pixels, self._config)
+        features.pixels = flow.pixels
+        features.error = np.sqrt(_ERROR_MEMORY * features.error**2 + (1 - _ERROR_MEMORY) * flow.error**2)
+        features = features.select(flow.kept)
+        self._features = features.select(~crowded(features.pixels, self._config.min_distance))
+
+    def _lift(self, frame: Frame) -> None:
+        """Give each feature its 3-D point; end those that jump or are without depth for too long."""
+        features = self._features
+        features.lifted = np.zeros(len(features.ids), bool)
+        # A frame without any depth says nothing against a single feature.
+        if self._intrinsics is None or frame.depth is None or not len(features.ids):
+            return
+        z = look_up(frame.depth, features.pixels, self._config, LOOKUP_RADIUS).z
+        points = self._intrinsics.lift(features.pixels, z)
+        features.lifted = np.isfinite(z)
+        keep = ~self._jumped(points, z, frame.stamp_ns)
+        features.points = np.where(features.lifted[:, None], points, features.points)
+        features.seen_ns = np.where(features.lifted, frame.stamp_ns, features.seen_ns)
+        features.missing = np.where(features.lifted, 0, features.missing + 1)
+        self._features = features.select(keep & (features.missing <= self._config.max_missing))
+
+    def _jumped(self, points: Floats, z: Floats, stamp_ns: int) -> NDArray[np.bool_]:
+        """Whether the step since the last known point is longer than a body could have moved."""
+        gap = np.clip(stamp_ns - self._features.seen_ns, _NOMINAL_PERIOD_NS, _LONGEST_GAP_NS)
+        limit = self._config.max_step * gap / _NOMINAL_PERIOD_NS + 4.0 * depth_sigma(z, self._config)
+        step = np.linalg.norm(points - self._features.points, axis=1)
+        return np.asarray(step > limit)  # False where there is no point
+
+    def _spawn(self, grey: Image, frame: Frame) -> None:
+        depth = frame.depth
+        if self._intrinsics is not None and depth is None:
+            return
+
+        def has_depth(pixels: Pixels) -> NDArray[np.bool_]:
+            assert depth is not None  # noqa: S101 - checked above
+            return np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
+
+        usable = None if self._intrinsics is None else has_depth
+        pixels = new_corners(grey, self._features.pixels, self._config, usable)
+        points = np.full((len(pixels), 3), np.nan)
+        if self._intrinsics is not None and depth is not None and len(pixels):
+            z = look_up(depth, pixels, self._config, LOOKUP_RADIUS).z
+            pixels, z = pixels[np.isfinite(z)], z[np.isfinite(z)]
+            points = self._intrinsics.lift(pixels, z)
+        self._add(pixels, points, frame.stamp_ns)
+
+    def _add(self, pixels: Pixels, points: Floats, stamp_ns: int) -> None:
+        count = len(pixels)
+        self._features = self._features.extended(
+            _Features(
+                ids=np.arange(self._next_id, self._next_id + count, dtype=np.uint64),
+                pixels=pixels,
+                error=np.zeros(count),
+                points=points,
+                seen_ns=np.full(count, stamp_ns),
+                missing=np.zeros(count, np.int64),
+                lifted=np.asarray(np.isfinite(points).all(axis=1)),
+            )
+        )
+        self._next_id += count
+
+    def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
+        features, config = self._features, self._config
+        pixel_sigma = np.hypot(config.pixel_sigma, config.residual_gain * features.error)
+        points = sigma = None
+        if self._intrinsics is not None:
+            points = np.where(features.lifted[:, None], features.points, np.nan)
+            sigma = point_sigma(points[:, 2], pixel_sigma, self._intrinsics, config)
+        return Tracks(
+            stamp_ns=stamp_ns,
+            ids=features.ids,
+            pixels=features.pixels,
+            pixel_sigma=pixel_sigma,
+            points=points,
+            sigma=sigma,
+            born=np.arange(len(features.ids)) >= kept,
+            ended=ended,
+        )
+
+
+def _grey(image: Image) -> Image:
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
