@@ -84,7 +84,17 @@ def _one_line(error: Exception) -> str:
 
 
 def _from_toml(text: str) -> Calibration:
-    content = tomllib.loads(text)
+    return calibration_of(tomllib.loads(text))
+
+
+def calibration_of(content: Mapping[str, Any]) -> Calibration:
+    """Build a calibration from the content of our TOML.
+
+    Raises
+    ------
+    ValueError
+        If it is not well formed.
+    """
     if not content.keys() & {"intrinsics", "extrinsics"}:
         raise ValueError("neither [intrinsics] nor [extrinsics]")
     intrinsics, extrinsics = content.get("intrinsics"), content.get("extrinsics")

@@ -1,0 +1,169 @@
+"""Recorded images: video files and folders of images. Stamps are media time, from 0 on."""
+
+import logging
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..calibration.model import Extrinsics, Intrinsics
+from .types import CameraError, Frame, Image
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"})
+DEFAULT_RATE = 30.0
+_log = logging.getLogger(__name__)
+
+
+class VideoFile:
+    """A video file; each iteration plays it from the start.
+
+    Parameters
+    ----------
+    path
+        Anything OpenCV's FFMPEG reads.
+    rate
+        Frames per second, None: what the file says.
+
+    Raises
+    ------
+    CameraError
+        If it is missing or no video.
+    """
+
+    live = False
+    intrinsics: Intrinsics | None = None
+    extrinsics: Extrinsics | None = None
+    objects: Mapping[int, str] = {}
+
+    def __init__(self, path: Path, rate: float | None = None) -> None:
+        self._path = path
+        self._given_rate = rate
+        capture = self._open()
+        said = float(capture.get(cv2.CAP_PROP_FPS))
+        self.rate: float | None = rate or (said if 0 < said <= 1000 else DEFAULT_RATE)
+        capture.release()
+        self.counters = {"unreadable": 0}
+        self._closed = False
+
+    def __iter__(self) -> Iterator[Frame]:
+        capture = self._open()
+        try:
+            yield from self._frames(capture)
+        finally:
+            capture.release()
+
+    def close(self) -> None:
+        """Let an iteration end at its next frame."""
+        self._closed = True
+
+    def _open(self) -> cv2.VideoCapture:
+        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
+            raise CameraError(f"{self._path}: no video that can be read")
+        return capture
+
+    def _frames(self, capture: cv2.VideoCapture) -> Iterator[Frame]:
+        expected = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        period_ns = 1e9 / (self.rate or DEFAULT_RATE)
+        count, last = 0, -1
+        while not self._closed:
+            ok, image = capture.read()
+            if not ok:
+                break
+            said = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6
+            stamp = round(count * period_ns)
+            if self._given_rate is None and math.isfinite(said) and said > last:
+                stamp = round(said)
+            # Broken containers repeat time stamps; the frames are still one after the other.
+            stamp = max(stamp, last + 1)
+            count, last = count + 1, stamp
+            yield Frame(stamp, np.asarray(image, np.uint8))
+        if not self._closed and expected > count + 1:
+            self.counters["unreadable"] += int(expected) - count
+            _log.warning("%s: ended after %d of %d frames", self._path, count, int(expected))
+
+
+class ImageFolder:
+    """The images of a folder in natural order of their names, at a fixed rate.
+
+    Names that are times in seconds (``1305031102.175304.png``) give the stamps.
+
+    Raises
+    ------
+    CameraError
+        If the folder holds no image.
+    """
+
+    live = False
+    intrinsics: Intrinsics | None = None
+    extrinsics: Extrinsics | None = None
+    objects: Mapping[int, str] = {}
+
+    def __init__(self, folder: Path, rate: float | None = None) -> None:
+        self._files = sorted(image_files(folder), key=_natural)
+        if not self._files:
+            raise CameraError(f"{folder}: no images in this folder")
+        self.rate: float | None = rate or DEFAULT_RATE
+        self.counters = {"unreadable": 0}
+        self._closed = False
+        times = [_seconds(path.stem) for path in self._files]
+        self._stamps = None if rate or None in times else [stamp_ns(path.stem) for path in self._files]
+
+    def __iter__(self) -> Iterator[Frame]:
+        for number, path in enumerate(self._files):
+            if self._closed:
+                return
+            image = read_image(path)
+            if image is None:
+                self.counters["unreadable"] += 1
+                _log.warning("%s: no image that can be read; skipped", path)
+                continue
+            stamp = round(number * 1e9 / (self.rate or DEFAULT_RATE))
+            yield Frame(stamp if self._stamps is None else self._stamps[number], image)
+
+    def close(self) -> None:
+        """Let an iteration end at its next frame."""
+        self._closed = True
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Find the images directly in a folder."""
+    return [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
+
+
+def read_image(path: Path) -> Image | None:
+    """Read an image as uint8 BGR; None if it cannot be read."""
+    # By NumPy: cv2.imread complains on standard error by itself and swallows the reason.
+    try:
+        raw = np.fromfile(path, np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def stamp_ns(text: str) -> int:
+    """Seconds in decimal as nanoseconds, exactly; a float would lose the last digits.
+
+    Raises
+    ------
+    ValueError
+        If it is no such number.
+    """
+    match = re.fullmatch(r"(\d{1,10})(?:\.(\d*))?", text)
+    if match is None:
+        raise ValueError(f"{text!r} is no time in seconds")
+    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
+
+
+def _seconds(text: str) -> float | None:
+    return float(text) if re.fullmatch(r"\d+\.\d+", text) else None
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Order img_2 before img_10."""
+    chunks = re.split(r"(\d+)", path.name)
+    return [(1, int(chunk), "") if chunk.isdigit() else (0, 0, chunk) for chunk in chunks]

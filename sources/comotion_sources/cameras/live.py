@@ -1,0 +1,176 @@
+"""Devices and network streams: frames at their own pace, always the newest, never a stale queue."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from ..calibration.model import Extrinsics, Intrinsics
+from .types import CameraError, Frame
+
+_TIMEOUT_MS = 5_000
+_SILENCE_S = 10.0
+_JOIN_S = 2 * _TIMEOUT_MS / 1000
+_PLAUSIBLE_AGE_NS = 2_000_000_000
+
+
+class Device(Protocol):
+    """What a driver does: wait for the next frame, and be closed. Both run in one thread."""
+
+    def read(self) -> Frame | None:
+        """Wait for the next frame; None when the device is gone."""
+
+    def close(self) -> None:
+        """Free the device."""
+
+
+class LiveCamera:
+    """Reads a device in a thread and yields the newest frame; what nobody took in time is counted.
+
+    Parameters
+    ----------
+    what
+        How the user named it, for messages.
+    device
+        The opened device.
+    rate, intrinsics
+        What the device tells about itself.
+    """
+
+    live = True
+    extrinsics: Extrinsics | None = None
+    objects: Mapping[int, str] = {}
+
+    def __init__(
+        self, what: str, device: Device, *, rate: float | None = None, intrinsics: Intrinsics | None = None
+    ) -> None:
+        self.rate = rate
+        self.intrinsics = intrinsics
+        self.counters = {"skipped": 0}
+        self._what = what
+        self._device = device
+        self._newest: Frame | None = None
+        self._closed = False
+        self._lost: str | None = None
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[Frame]:
+        while (frame := self._next()) is not None:
+            yield frame
+
+    def close(self) -> None:
+        """Stop reading and free the device; a reader that waits for a frame is released."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join(_JOIN_S)
+
+    def _next(self) -> Frame | None:
+        with self._changed:
+            heard = self._changed.wait_for(lambda: self._newest or self._closed or self._lost, _SILENCE_S)
+            if self._closed:
+                return None
+            if self._newest is not None:
+                frame, self._newest = self._newest, None
+                return frame
+            if not heard:
+                raise CameraError(f"{self._what}: no frame for {_SILENCE_S:g} s")
+            raise CameraError(f"{self._what}: {self._lost}")
+
+    def _read(self) -> None:
+        lost = "the camera stopped delivering frames"
+        try:
+            while not self._closed and (frame := self._device.read()) is not None:
+                self._offer(frame)
+        except Exception as error:  # whatever a driver raises, the reader must learn of it
+            lost = " ".join(str(error).split())[:300] or type(error).__name__
+        finally:
+            # In this thread: freeing a capture while another thread reads it crashes OpenCV.
+            self._device.close()
+        with self._changed:
+            self._lost = lost
+            self._changed.notify_all()
+
+    def _offer(self, frame: Frame) -> None:
+        with self._changed:
+            self.counters["skipped"] += self._newest is not None
+            self._newest = frame
+            self._changed.notify_all()
+
+
+class CaptureDevice:
+    """An OpenCV capture as a device."""
+
+    def __init__(self, capture: Any, clock: Callable[[], int] = time.time_ns) -> None:
+        self._capture = capture
+        self._clock = clock
+        # Video4Linux stamps its buffers with the monotonic clock; no other backend says when.
+        self._stamped = str(capture.getBackendName()) == "V4L2"
+
+    def read(self) -> Frame | None:
+        """Wait for the next frame; stamped by the device where it does, else at grab."""
+        if not self._capture.grab():
+            return None
+        stamp = self._stamp_ns()
+        ok, image = self._capture.retrieve()
+        return Frame(stamp, np.asarray(image, np.uint8)) if ok and image is not None else None
+
+    def close(self) -> None:
+        """Free the device."""
+        self._capture.release()
+
+    def _stamp_ns(self) -> int:
+        now = self._clock()
+        if not self._stamped:
+            return now
+        age = time.monotonic_ns() - round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        # Some drivers count from elsewhere: then the time of the grab is the better one.
+        return now - age if 0 <= age < _PLAUSIBLE_AGE_NS else now
+
+
+def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
+    """Open a webcam or V4L2 device by its number.
+
+    Raises
+    ------
+    CameraError
+        If there is none, or it is in use.
+    """
+    capture = cv2.VideoCapture(index, cv2.CAP_V4L2)
+    if not capture.isOpened():
+        raise CameraError(f"camera {index}: no such device, or it is in use")
+    if rate:
+        capture.set(cv2.CAP_PROP_FPS, rate)
+    return LiveCamera(f"camera {index}", CaptureDevice(capture), rate=_rate(capture))
+
+
+def open_stream(url: str) -> LiveCamera:
+    """Open a network stream (RTSP, RTMP, HTTP, UDP).
+
+    Raises
+    ------
+    CameraError
+        If nothing answers there, or it is no video.
+    """
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _TIMEOUT_MS]
+    capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
+    if not capture.isOpened():
+        raise CameraError(f"{_without_password(url)}: nothing answers there, or it is no video")
+    return LiveCamera(_without_password(url), CaptureDevice(capture), rate=_rate(capture))
+
+
+def _rate(capture: Any) -> float | None:
+    rate = float(capture.get(cv2.CAP_PROP_FPS))
+    return rate if 0 < rate <= 1000 else None
+
+
+def _without_password(url: str) -> str:
+    """Leave out the user and password of a URL, which must not end up in logs."""
+    scheme, _, rest = url.partition("://")
+    host, slash, path = rest.partition("/")
+    return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"

@@ -1,0 +1,65 @@
+"""One function that opens whatever the user names."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+from .files import ImageFolder, VideoFile, image_files
+from .live import open_stream, open_webcam
+from .tum import TumFolder, is_tum_folder
+from .types import Camera, CameraError
+
+FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:CAMERA"
+
+
+def open_frames(what: str, rate: float | None = None) -> Camera:
+    """Open a camera, file, stream or folder.
+
+    Parameters
+    ----------
+    what
+        ``0`` or ``/dev/video0``: webcam; ``rtsp://...``, ``http://...``: stream; ``realsense`` or
+        ``realsense:SERIAL``; ``workcell:CAMERA``: a camera of the simulated workcell; a folder with
+        ``rgb.txt``: TUM RGB-D; another folder: its images; any other file: video.
+    rate
+        Frames per second: asked of a device, assumed for files that do not say. None: theirs.
+
+    Raises
+    ------
+    CameraError
+        If there is no such thing or it cannot be read.
+    """
+    if match := re.fullmatch(r"(?:/dev/video)?(\d{1,3})", what):
+        return open_webcam(int(match[1]), rate)
+    if re.match(r"(?i)(rtsps?|rtmps?|https?|udp|tcp)://", what):
+        return open_stream(what)
+    kind, _, rest = what.partition(":")
+    if kind == "realsense":
+        from .realsense import open_realsense
+
+        return open_realsense(rest, rate)
+    if kind == "workcell":
+        return _open_workcell(rest)
+    return _open_path(what, rate)
+
+
+def _open_path(what: str, rate: float | None) -> Camera:
+    path = Path(what)
+    if path.is_dir():
+        if is_tum_folder(path):
+            return TumFolder(path)
+        if not image_files(path):
+            raise CameraError(f"{path}: neither images nor rgb.txt in this folder")
+        return ImageFolder(path, rate)
+    if path.is_file():
+        return VideoFile(path, rate)
+    raise CameraError(f"{what}: no such file or folder; name {FORMS}")
+
+
+def _open_workcell(rest: str) -> Camera:
+    try:
+        workcell = import_module("comotion_sources.workcell")
+        camera: Camera = workcell.open_camera(rest)
+    except ModuleNotFoundError as error:
+        raise CameraError(f"{error.name} is not installed: pip install 'comotion[sim3d]'") from None
+    return camera

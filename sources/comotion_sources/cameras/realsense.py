@@ -1,0 +1,82 @@
+"""Intel RealSense cameras; needs pyrealsense2."""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from ..calibration.model import Intrinsics
+from .live import LiveCamera
+from .types import CameraError, Frame
+
+_WIDTH, _HEIGHT, _RATE = 640, 480, 30
+_TIMEOUT_MS = 5_000
+_PLAUSIBLE_AGE_NS = 2_000_000_000
+
+
+class RealSenseDevice:
+    """A started pipeline as a device: colour, and depth registered to it."""
+
+    def __init__(self, library: Any, pipeline: Any, depth_scale: float) -> None:
+        self._library = library
+        self._pipeline = pipeline
+        self._scale = np.float32(depth_scale)
+        self._align = library.align(library.stream.color)
+
+    def read(self) -> Frame | None:
+        """Wait for the next pair of colour and depth; the library raises when the camera is gone."""
+        frames = self._align.process(self._pipeline.wait_for_frames(_TIMEOUT_MS))
+        colour, depth = frames.get_color_frame(), frames.get_depth_frame()
+        if not colour:
+            return None
+        z = np.asanyarray(depth.get_data()).astype(np.float32) * self._scale if depth else None
+        return Frame(self._stamp_ns(colour), np.array(colour.get_data(), np.uint8), z)
+
+    def close(self) -> None:
+        """Stop the pipeline."""
+        self._pipeline.stop()
+
+    def _stamp_ns(self, frame: Any) -> int:
+        now, domain = time.time_ns(), self._library.timestamp_domain
+        said = round(float(frame.get_timestamp()) * 1e6)
+        if frame.get_frame_timestamp_domain() in {domain.system_time, domain.global_time} and (
+            abs(now - said) < _PLAUSIBLE_AGE_NS
+        ):
+            return said
+        return now
+
+
+def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
+    """Open the RealSense camera of a serial number, or the only one.
+
+    Raises
+    ------
+    CameraError
+        If pyrealsense2 is not installed, or there is no such camera.
+    """
+    try:
+        import pyrealsense2 as library
+    except ImportError:
+        raise CameraError("pyrealsense2 is not installed: pip install pyrealsense2") from None
+    config, pipeline = library.config(), library.pipeline()
+    if serial:
+        config.enable_device(serial)
+    hertz = round(rate or _RATE)
+    config.enable_stream(library.stream.color, _WIDTH, _HEIGHT, library.format.bgr8, hertz)
+    config.enable_stream(library.stream.depth, _WIDTH, _HEIGHT, library.format.z16, hertz)
+    what = f"realsense:{serial}" if serial else "realsense"
+    try:
+        profile = pipeline.start(config)
+        scale = profile.get_device().first_depth_sensor().get_depth_scale()
+        stream = profile.get_stream(library.stream.color).as_video_stream_profile()
+        camera = _intrinsics(stream.get_intrinsics())
+    except RuntimeError as error:
+        raise CameraError(f"{what}: {' '.join(str(error).split())}") from None
+    device = RealSenseDevice(library, pipeline, scale)
+    return LiveCamera(what, device, rate=float(hertz), intrinsics=camera)
+
+
+def _intrinsics(given: Any) -> Intrinsics:
+    # The colour stream's coefficients are Brown-Conrady's, in OpenCV's order.
+    coefficients = np.array(given.coeffs, np.float64)
+    return Intrinsics(given.width, given.height, given.fx, given.fy, given.ppx, given.ppy, coefficients)
