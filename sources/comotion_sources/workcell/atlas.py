@@ -1,0 +1,137 @@
+"""All textures of a scene in one image with its mipmaps, so that one remap fetches every pixel."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from .extra import require_mujoco
+from .textures import TEXTURES, Image
+
+LEVELS = 4
+_PAD = 8
+_WIDTH = 4096
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Face:
+    """Where one face of a geom lies in the atlas.
+
+    Attributes
+    ----------
+    x, y
+        Texel of the upper left corner.
+    width, height
+        Size in metres.
+    scale
+        Texels per metre.
+    """
+
+    x: int
+    y: int
+    width: float
+    height: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas:
+    """The image, where each level of it starts, and the faces of each geom.
+
+    `image` uint8 [H, W, 3]: the levels one below the other, each half the size of the one before;
+    `level_tops` float32 [LEVELS]; `faces[geom]` in the order the renderer numbers faces (box: -x, +x,
+    -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one).
+    """
+
+    image: Image
+    level_tops: NDArray[np.float32]
+    faces: list[list[Face]]
+
+
+def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Width and height in metres of each face of a geom.
+
+    Raises
+    ------
+    SceneError
+        For a kind of geom the renderer does not know.
+    """
+    geom = require_mujoco().mjtGeom
+    a, b, c = (2 * float(v) for v in size)
+    if kind == geom.mjGEOM_BOX:
+        return [(b, c), (b, c), (a, c), (a, c), (a, b), (a, b)]
+    if kind == geom.mjGEOM_CYLINDER:
+        return [(np.pi * a, b), (a, a), (a, a)]
+    if kind == geom.mjGEOM_SPHERE:
+        return [(np.pi * a, np.pi * a / 2)]
+    raise SceneError(f"the renderer knows boxes, cylinders and spheres, not geoms of type {kind}")
+
+
+def build_atlas(model: Any, seed: int) -> Atlas:
+    """Draw the textures of every face of a model and pack them."""
+    pieces: list[tuple[int, int, Image, tuple[float, float], float]] = []
+    for geom in range(model.ngeom):
+        material, colour = _look(model, geom)
+        for index, (width, height) in enumerate(
+            face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
+        ):
+            scale = _resolution(width, height)
+            shape = max(2, round(height * scale)), max(2, round(width * scale))
+            rng = np.random.default_rng([seed, geom, index])
+            pieces.append((geom, index, material(rng, *shape, colour, scale), (width, height), scale))
+    image, corners = _pack([piece[2] for piece in pieces])
+    faces: list[list[Face]] = [[] for _ in range(model.ngeom)]
+    for (geom, _, _, (width, height), scale), (x, y) in zip(pieces, corners, strict=True):
+        faces[geom].append(Face(x, y, width, height, scale))
+    return Atlas(*_with_levels(image), faces)
+
+
+def _look(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
+    rgba = tuple(float(v) for v in model.geom_rgba[geom])
+    index = int(model.geom_matid[geom])
+    name = model.material(index).name if index >= 0 else "plain"
+    if name not in TEXTURES:
+        raise SceneError(f"no texture {name!r}; materials are named {', '.join(sorted(TEXTURES))}")
+    if np.allclose(rgba, _DEFAULT_RGBA) and index >= 0:
+        rgba = tuple(float(v) for v in model.mat_rgba[index])
+    return TEXTURES[name], np.array(rgba[2::-1]) * 255.0
+
+
+def _resolution(width: float, height: float) -> float:
+    """Texels per metre: what a camera at a metre can see of small things, less for walls."""
+    largest = max(width, height)
+    return 1200.0 if largest < 0.6 else 900.0 if largest < 1.6 else 320.0
+
+
+def _pack(images: list[Image]) -> tuple[Image, list[tuple[int, int]]]:
+    """Pack in rows, tallest first; borders are repeated so that neighbours do not bleed in."""
+    padded = [cv2.copyMakeBorder(i, _PAD, _PAD, _PAD, _PAD, cv2.BORDER_REPLICATE) for i in images]
+    corners: list[tuple[int, int]] = [(0, 0)] * len(images)
+    x = y = row = 0
+    for index in sorted(range(len(images)), key=lambda i: -padded[i].shape[0]):
+        height, width = padded[index].shape[:2]
+        if x + width > _WIDTH:
+            x, y, row = 0, y + row, 0
+        corners[index] = (x, y)
+        x, row = x + width, max(row, height)
+    bottom = -(-(y + row) // 2**LEVELS) * 2**LEVELS
+    atlas = np.zeros((bottom, _WIDTH, 3), np.uint8)
+    for (left, top), image in zip(corners, padded, strict=True):
+        atlas[top : top + image.shape[0], left : left + image.shape[1]] = image
+    return atlas, [(left + _PAD, top + _PAD) for left, top in corners]
+
+
+def _with_levels(image: Image) -> tuple[Image, NDArray[np.float32]]:
+    levels = [image]
+    for _ in range(LEVELS - 1):
+        half = (levels[-1].shape[1] // 2, levels[-1].shape[0] // 2)
+        levels.append(np.asarray(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA), np.uint8))
+    tops = np.cumsum([0] + [level.shape[0] for level in levels[:-1]]).astype(np.float32)
+    tall = np.zeros((sum(level.shape[0] for level in levels), _WIDTH, 3), np.uint8)
+    for top, level in zip(tops.astype(int), levels, strict=True):
+        tall[top : top + level.shape[0], : level.shape[1]] = level
+    return tall, tops

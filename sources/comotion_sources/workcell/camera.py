@@ -1,0 +1,261 @@
+"""The camera ``workcell:SCENE/CAMERA``: what a tracker opens to look at a workcell.
+
+Two ways to see the same scene, by one renderer:
+
+- attached to a scene on the wire, the camera follows the joint states that ``comotion source
+  workcell`` publishes (all joints of the scene, so all bodies): each frame shows the configuration
+  interpolated at its own stamp. Whoever publishes those joints drives what is seen; the camera
+  waits while nobody does, and goes on by itself when they come back.
+- not attached, it runs through the scene's own motion at its own pace: frames k / rate seconds
+  after 0, for one period or the given duration. The same frames every time, bit for bit.
+
+Both sides derive the scene's time from the stamps: t = stamp modulo the period.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import parse_qsl
+
+import zenoh
+
+from comotion_schemas import DecodeError, JointStates, Keys, decode
+from comotion_schemas.transport import declare_subscriber
+from comotion_schemas.types import is_name
+
+from ..cameras.types import CameraError, Frame
+from ..errors import SceneError
+from .history import JointHistory
+from .scene import Scene, Vector
+from .viewpoint import Cover, Viewpoint
+
+PREFIX = "workcell:"
+DEFAULT_FEED = "workcell"
+_SILENCE_S = 2.0
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSpec:
+    """What ``workcell:SCENE/CAMERA?option=value&...`` says.
+
+    Attributes
+    ----------
+    scene, camera
+        Names of the scene and of one of its cameras.
+    size
+        Width and height of the image in pixels.
+    rate
+        Frames per second.
+    seed
+        Seed of the scene; it must be that of the process that drives it.
+    cover
+        Seconds of the scene during which the lens is covered.
+    duration
+        Seconds until the stream ends; None: one period, or without end when attached.
+    follow
+        Name of the joint states to follow when attached.
+    """
+
+    scene: str
+    camera: str
+    size: tuple[int, int] = (640, 480)
+    rate: float = 30.0
+    seed: int = 0
+    cover: Cover | None = None
+    duration: float | None = None
+    follow: str = DEFAULT_FEED
+
+
+def parse(text: str) -> CameraSpec:
+    """Read a camera's name, with or without ``workcell:``.
+
+    Raises
+    ------
+    CameraError
+        If it is not well formed.
+
+    Examples
+    --------
+    >>> parse("workcell:truck/a?size=320x240&rate=15").size
+    (320, 240)
+    """
+    path, _, query = text.removeprefix(PREFIX).partition("?")
+    scene, slash, camera = path.partition("/")
+    if not (scene and slash and camera):
+        raise CameraError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
+    values: dict[str, Any] = {}
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key not in _OPTIONS:
+            raise CameraError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
+        try:
+            values[key] = _OPTIONS[key](value)
+        except ValueError:
+            raise CameraError(f"{text}: {key}={value} is not well formed") from None
+    return CameraSpec(scene=scene, camera=camera, **values)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, height = (int(part) for part in text.split("x"))
+    if not (16 <= width <= 4096 and 16 <= height <= 4096):
+        raise ValueError(text)
+    return width, height
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e6:
+        raise ValueError(text)
+    return value
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise ValueError(text)
+    return int(text)
+
+
+def _cover(text: str) -> Cover:
+    start, stop = (float(part) for part in text.split("-"))
+    if not 0 <= start < stop < 1e6:
+        raise ValueError(text)
+    return Cover(start, stop)
+
+
+def _name(text: str) -> str:
+    if not is_name(text):
+        raise ValueError(text)
+    return text
+
+
+_OPTIONS = {
+    "size": _size,
+    "rate": _positive,
+    "seed": _seed,
+    "cover": _cover,
+    "duration": _positive,
+    "follow": _name,
+}
+
+
+class WorkcellCamera:
+    """A simulated RGB-D camera; see :class:`comotion_sources.cameras.SceneCamera`.
+
+    Raises
+    ------
+    CameraError
+        If there is no such scene or camera, or MuJoCo is missing.
+    """
+
+    def __init__(self, spec: CameraSpec) -> None:
+        self.spec = spec
+        try:
+            self.scene = Scene.named(spec.scene, spec.seed)
+            self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
+        except SceneError as error:
+            raise CameraError(str(error)) from None
+        self.live = False
+        self.rate: float | None = spec.rate
+        self.intrinsics, self.extrinsics = self.viewpoint.intrinsics, self.viewpoint.extrinsics
+        self.objects: Mapping[int, str] = self.scene.objects
+        self.skipped = 0
+        self._closed = threading.Event()
+        self._news = threading.Condition()
+        self._history = JointHistory(self.scene.joints)
+        self._subscriber: Any = None
+        self._undecodable = 0
+
+    def attach(self, session: zenoh.Session, keys: Keys) -> None:
+        """Follow the joint states of a scene from now on."""
+        self.live = True
+        self._subscriber = declare_subscriber(
+            session, keys.stream("joints", self.spec.follow), "joints", self._receive
+        )
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self._follow() if self.live else self._run()
+
+    def close(self) -> None:
+        """End the stream."""
+        self._closed.set()
+        with self._news:
+            self._news.notify_all()
+        subscriber, self._subscriber = self._subscriber, None
+        if subscriber is not None:
+            subscriber.undeclare()
+
+    def _run(self) -> Iterator[Frame]:
+        duration = self.spec.duration or self.scene.period
+        for index in range(round(duration * self.spec.rate)):
+            if self._closed.is_set():
+                return
+            t = index / self.spec.rate
+            yield self._frame(self.scene.configuration(t), round(t * 1e9))
+
+    def _follow(self) -> Iterator[Frame]:
+        """Frames at multiples of the period on the clock; those there is no time for are left out."""
+        period_ns = round(1e9 / self.spec.rate)
+        index = time.time_ns() // period_ns + 1
+        last = None if self.spec.duration is None else index + round(self.spec.duration * self.spec.rate)
+        while not self._closed.is_set() and (last is None or index < last):
+            stamp = index * period_ns
+            state = self._await(stamp)
+            if state is not None:
+                yield self._frame(state, stamp)
+            due = max(index + 1, time.time_ns() // period_ns)
+            self.skipped += due - index - 1
+            index = due
+
+    def _frame(self, configuration: Vector, stamp_ns: int) -> Frame:
+        cover = self.spec.cover
+        if cover is not None and cover.hides(stamp_ns * 1e-9 % self.scene.period):
+            return self.viewpoint.covered(stamp_ns)
+        return self.viewpoint.frame(configuration, stamp_ns)
+
+    def _await(self, stamp_ns: int) -> Vector | None:
+        """Wait for the states around a stamp; None when they have gone past it, or the end has come."""
+        history = self._history
+
+        def passed() -> bool:
+            newest = history.newest_ns
+            return self._closed.is_set() or (newest is not None and newest >= stamp_ns)
+
+        told = False
+        with self._news:
+            while not self._news.wait_for(passed, _SILENCE_S):
+                if not told:
+                    _log.warning("%s", self._complaint())
+                    told = True
+            if told and not self._closed.is_set():
+                _log.warning("joint states %r are there", self.spec.follow)
+            return history.at(stamp_ns)
+
+    def _complaint(self) -> str:
+        if self._history.missing is not None:
+            return f"joint states {self.spec.follow!r} lack {self._history.missing!r}: another scene?"
+        return f"waiting for joint states {self.spec.follow!r} (comotion source workcell {self.spec.scene})"
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        try:
+            message = decode(bytes(sample.payload))
+        except DecodeError:
+            self._undecodable += 1
+            return
+        if isinstance(message, JointStates):
+            with self._news:
+                self._history.add(message)
+                self._news.notify_all()
+
+
+def open_camera(text: str) -> WorkcellCamera:
+    """Open ``workcell:SCENE/CAMERA[?option=value&...]``.
+
+    Raises
+    ------
+    CameraError
+        If it is not well formed or does not exist; the message is one line.
+    """
+    return WorkcellCamera(parse(text))

@@ -1,0 +1,20 @@
+"""MuJoCo is an extra: one line tells how to get it."""
+
+from types import ModuleType
+
+from ..errors import SceneError
+
+
+def require_mujoco() -> ModuleType:
+    """Import MuJoCo.
+
+    Raises
+    ------
+    SceneError
+        If it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise SceneError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
+    return mujoco  # type: ignore[no-any-return]

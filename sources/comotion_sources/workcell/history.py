@@ -1,0 +1,81 @@
+"""Joint states as they come, and the configuration at any instant in between."""
+
+from collections import deque
+
+import numpy as np
+
+from comotion_schemas import JointStates
+
+from .scene import Vector
+
+_KEPT_NS = 2_000_000_000
+_GAP_NS = 500_000_000
+
+
+class JointHistory:
+    """The last seconds of a stream of joint states. Pure: no wire, no clock.
+
+    Parameters
+    ----------
+    joints
+        Names of the joints of a configuration, in order; others in a message are ignored.
+
+    Attributes
+    ----------
+    refused
+        Messages that lacked a joint or were not newer than the one before.
+    missing
+        A joint that the last refused message lacked, or None.
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self._joints = joints
+        self._states: deque[tuple[int, Vector]] = deque()
+        self._session = ""
+        self._names: list[str] = []
+        self._columns: list[int] = []
+        self.refused = 0
+        self.missing: str | None = None
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest state, None before the first."""
+        return self._states[-1][0] if self._states else None
+
+    def add(self, message: JointStates) -> None:
+        """Take in a message; a new session starts anew."""
+        if message.session != self._session:
+            self._session = message.session
+            self._states.clear()
+        newest = self.newest_ns
+        if not self._find_columns(message.names) or (newest is not None and message.stamp_ns <= newest):
+            self.refused += 1
+            return
+        self._states.append((message.stamp_ns, np.asarray(message.positions)[self._columns]))
+        while self._states[0][0] < message.stamp_ns - _KEPT_NS:
+            self._states.popleft()
+
+    def at(self, stamp_ns: int) -> Vector | None:
+        """Configuration [joints] at a stamp, interpolated; None where the states do not reach.
+
+        There is none across a gap of more than half a second either.
+        """
+        later: tuple[int, Vector] | None = None
+        for stamp, state in reversed(self._states):
+            if stamp == stamp_ns:
+                return state
+            if stamp < stamp_ns:
+                if later is None or later[0] - stamp > _GAP_NS:
+                    return None
+                share = (stamp_ns - stamp) / (later[0] - stamp)
+                return np.asarray(state + share * (later[1] - state))
+            later = (stamp, state)
+        return None
+
+    def _find_columns(self, names: list[str]) -> bool:
+        if names != self._names:
+            columns = {name: index for index, name in enumerate(names)}
+            self.missing = next((joint for joint in self._joints if joint not in columns), None)
+            self._columns = [columns[joint] for joint in self._joints if joint in columns]
+            self._names = names
+        return self.missing is None

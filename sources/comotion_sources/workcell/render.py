@@ -1,0 +1,322 @@
+"""Rendering on the CPU by ray casting: depth and geom of every pixel, shaded from a texture atlas.
+
+``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display; hit points are then
+taken into their geom's own frame, so that textures are fixed to the bodies, and looked up at the
+mipmap level of their distance.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.model import Extrinsics, Intrinsics
+from .atlas import LEVELS, Atlas, Face, build_atlas
+from .extra import require_mujoco
+from .scene import MOVING, STILL, Scene, Vector
+
+Points = NDArray[np.float32]
+Rows = NDArray[np.intp]
+
+_AMBIENT, _DIFFUSE = 0.5, 0.62
+_FAR = 50.0
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+_LIT = 0.985  # a ray from the light that gets this far has reached the point it was aimed at
+_SHADOW_STEP = 2  # the shadow is cast for every second pixel each way; penumbrae are soft anyway
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """What an ideal camera sees.
+
+    Attributes
+    ----------
+    image
+        uint8 [H, W, 3], BGR.
+    depth
+        float32 [H, W], z in metres; 0 where nothing is hit.
+    geoms
+        int32 [H, W], geom under each pixel, -1 where nothing is hit.
+    """
+
+    image: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    geoms: NDArray[np.int32]
+
+
+class Renderer:
+    """Renders a scene for one fixed camera.
+
+    What cannot move is cast, shaded and textured once; a frame casts only the pixels that moving
+    bodies may cover, and shadows.
+
+    Parameters
+    ----------
+    scene
+        What to render.
+    intrinsics, extrinsics
+        The camera, without distortion.
+    atlas
+        Textures, to share between cameras; drawn when None.
+    """
+
+    def __init__(
+        self, scene: Scene, intrinsics: Intrinsics, extrinsics: Extrinsics, atlas: Atlas | None = None
+    ) -> None:
+        self.scene, self.intrinsics, self.extrinsics = scene, intrinsics, extrinsics
+        self._atlas = atlas or build_atlas(scene.model, scene.seed)
+        self._data = scene.new_data()
+        self._shape = intrinsics.height, intrinsics.width
+        v, u = np.mgrid[0 : self._shape[0], 0 : self._shape[1]]
+        # Rays keep z = 1 in the camera's frame: the distance along them is then the depth itself.
+        self._rays = intrinsics.rays(np.stack([u.ravel(), v.ravel()], 1)) @ extrinsics.rotation.T
+        self._light = np.array(scene.model.light_pos[0] if scene.model.nlight else (0.0, 0.0, 3.0))
+        self._moving = np.flatnonzero(scene.model.geom_group == MOVING)
+        sparse = np.arange(u.size, dtype=np.intp).reshape(self._shape)[::_SHADOW_STEP, ::_SHADOW_STEP]
+        self._sparse_shape, self._sparse = sparse.shape, sparse.ravel()
+        self._still = self._render_still()
+        self._still_lit = self._reached(self._still.points[self._sparse], STILL)
+
+    def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
+        """Render the scene in a configuration [joints]; `t` in seconds moves the wandering shadow."""
+        self.scene.place(self._data, configuration)
+        rows, geoms, depth = self._cast_moving()
+        layer = self._still.copy()
+        layer.points[rows] = self._points(rows, depth)
+        layer.depth[rows], layer.geoms[rows] = depth, geoms
+        self._shade(layer, rows)
+        light = _AMBIENT + layer.light.reshape(self._shape) * self._lit(layer)
+        light = (light * self._wander(layer.points, t)).astype(np.float32)
+        texels = layer.texels.reshape(*self._shape, 3)
+        image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
+        return Rendering(
+            np.asarray(image, np.uint8), layer.depth.reshape(self._shape), layer.geoms.reshape(self._shape)
+        )
+
+    def _render_still(self) -> "_Layer":
+        geoms, depth = multi_ray(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
+        everywhere = np.arange(len(geoms))
+        layer = _Layer.empty(len(geoms))
+        layer.points[:] = self._points(everywhere, depth)
+        layer.depth[:], layer.geoms[:] = depth, geoms
+        self._shade(layer, everywhere)
+        return layer
+
+    def _points(self, rows: Rows, depth: Points) -> Points:
+        rays = self._rays[rows].astype(np.float32)
+        return rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
+
+    def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
+        """Pixels that show a moving body, with its geom and depth."""
+        near = np.flatnonzero(self._covered())
+        geoms, depth = multi_ray(
+            self.scene.model, self._data, self.extrinsics.translation, self._rays[near], MOVING
+        )
+        behind = self._still.depth[near]
+        visible = (geoms >= 0) & ((depth < behind) | (behind == 0))
+        return near[visible], geoms[visible], depth[visible]
+
+    def _covered(self) -> NDArray[np.bool_]:
+        """Mark the pixels around the bounding box of each moving geom."""
+        mask = np.zeros(self._shape, bool)
+        to_camera = self.extrinsics.inverse()
+        for geom in self._moving:
+            box, rotation = self.scene.model.geom_aabb[geom], self._data.geom_xmat[geom].reshape(3, 3)
+            corners = to_camera.apply(
+                (box[:3] + _CORNERS * box[3:]) @ rotation.T + self._data.geom_xpos[geom]
+            )
+            if (corners[:, 2] <= 0).all():
+                continue
+            if (corners[:, 2] < 0.05).any():  # about the camera: it may be anywhere in the image
+                mask[:] = True
+                break
+            pixels = self.intrinsics.project(corners)
+            low = np.clip(pixels.min(axis=0) - 1, 0, self._shape[::-1]).astype(int)
+            high = np.clip(pixels.max(axis=0) + 2, 0, self._shape[::-1]).astype(int)
+            mask[low[1] : high[1], low[0] : high[0]] = True
+        return mask.ravel()
+
+    def _shade(self, layer: "_Layer", rows: Rows) -> None:
+        """Fill in texels and direct light of these pixels, geom by geom."""
+        map_x, map_y = np.zeros((2, len(rows)), np.float32)
+        geoms = layer.geoms[rows]
+        order = np.argsort(geoms.astype(np.int16), kind="stable")
+        starts = np.searchsorted(geoms[order], np.arange(self.scene.model.ngeom + 1))
+        for geom in np.unique(geoms[geoms >= 0]).tolist():
+            part = order[starts[geom] : starts[geom + 1]]
+            points, depth = layer.points[rows[part]], layer.depth[rows[part]]
+            map_x[part], map_y[part], layer.light[rows[part]] = self._shade_geom(geom, points, depth)
+        texels = _fetch(self._atlas.image, map_x, map_y)
+        texels[geoms < 0] = 0
+        layer.texels[rows] = texels
+
+    def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[Points, Points, Points]:
+        rotation = self._data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
+        centre = self._data.geom_xpos[geom]
+        local = (points - centre.astype(np.float32)) @ rotation
+        to_light = (self._light - centre) @ rotation
+        to_light = (to_light / np.linalg.norm(to_light)).astype(np.float32)
+        face, u, v, cosine = surface(
+            int(self.scene.model.geom_type[geom]), self.scene.model.geom_size[geom], local, to_light
+        )
+        x, y = self._locate(self._atlas.faces[geom], face, u, v, depth)
+        return x, y, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
+
+    def _locate(
+        self, faces: list[Face], face: NDArray[np.intp], u: Points, v: Points, depth: Points
+    ) -> tuple[Points, Points]:
+        """Atlas coordinates of (u, v), metres right of and below the middle of a face."""
+        table = np.array([(f.x, f.y, f.width / 2, f.height / 2, f.scale) for f in faces], np.float32)
+        left, top, half_w, half_h, scale = table[face].T
+        # Half a texel inside, else the filter would reach over the border of the face.
+        x = left + np.clip((u + half_w) * scale - 0.5, 0, 2 * half_w * scale - 1)
+        y = top + np.clip((v + half_h) * scale - 0.5, 0, 2 * half_h * scale - 1)
+        footprint = depth * scale / np.float32(self.intrinsics.fx)
+        level = np.clip(np.rint(np.log2(np.maximum(footprint, 1e-6))), 0, LEVELS - 1).astype(np.intp)
+        shrink = np.float32(0.5) ** level.astype(np.float32)
+        return (x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5 + self._atlas.level_tops[level]
+
+    def _lit(self, layer: "_Layer") -> Points:
+        """Share of the light that reaches each pixel: cast shadows with soft borders."""
+        points = layer.points[self._sparse]
+        lit = self._still_lit.copy()
+        on_moving = self.scene.model.geom_group[np.maximum(layer.geoms[self._sparse], 0)] == MOVING
+        lit[on_moving] = self._reached(points[on_moving], STILL)
+        lit = np.minimum(lit, self._reached(points, MOVING)).reshape(self._sparse_shape)
+        soft = cv2.GaussianBlur(lit, (0, 0), 1.2)
+        return np.asarray(cv2.resize(soft, self._shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+    def _reached(self, points: Points, group: int) -> Points:
+        """Whether the light reaches each point past the geoms of a group: 1 or 0, float32 [N]."""
+        rays = points.astype(np.float64) - self._light
+        geoms, reach = multi_ray(self.scene.model, self._data, self._light, rays, group)
+        return ((geoms < 0) | (reach > _LIT)).astype(np.float32)
+
+    def _wander(self, points: Points, t: float) -> Points | np.float32:
+        """Brightness under the wandering shadow of the clutter variants."""
+        shadow = self.scene.shadow
+        if shadow is None:
+            return np.float32(1.0)
+        phase = 2 * np.pi * t / shadow.period
+        x = points[:, 0] - np.float32(shadow.amplitude * np.sin(phase))
+        y = points[:, 1] - np.float32(shadow.amplitude * 0.5 * np.cos(phase))
+        r2 = (x * x + y * y) / np.float32(2 * shadow.radius**2)
+        return (1.0 - np.float32(shadow.depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """Everything known about each pixel [N] before the shadows."""
+
+    geoms: NDArray[np.int32]
+    depth: Points
+    points: Points
+    light: Points
+    texels: NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls, count: int) -> Self:
+        return cls(
+            geoms=np.full(count, -1, np.int32),
+            depth=np.zeros(count, np.float32),
+            points=np.zeros((count, 3), np.float32),
+            light=np.zeros(count, np.float32),
+            texels=np.zeros((count, 3), np.uint8),
+        )
+
+    def copy(self) -> "_Layer":
+        return _Layer(*(getattr(self, field.name).copy() for field in fields(self)))
+
+
+def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np.uint8]:
+    """Texels at [N] places, uint8 [N, 3]; OpenCV takes no row of more than 32767."""
+    count, width = len(map_x), 512
+    rows = max(1, -(-count // width))
+    padded = np.zeros((2, rows * width), np.float32)
+    padded[0, :count], padded[1, :count] = map_x, map_y
+    maps = padded.reshape(2, rows, width)
+    texels = np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
+    return texels.reshape(-1, 3)[:count]
+
+
+def multi_ray(
+    model: Any, data: Any, origin: Vector, rays: Vector, group: int
+) -> tuple[NDArray[np.int32], Points]:
+    """Cast rays [N, 3] from one origin at the geoms of one group.
+
+    Returns
+    -------
+    geom int32 [N], -1 where none is hit; distance float32 [N] in lengths of the ray, 0 where none.
+    """
+    mujoco = require_mujoco()
+    count = len(rays)
+    geoms, distances = np.full(count, -1, np.int32), np.zeros(count)
+    if not count:
+        return geoms, distances.astype(np.float32)
+    groups = np.zeros(6, np.uint8)
+    groups[group] = 1
+    # Newer MuJoCo can return normals too; here they come from the shape, face by face.
+    normal = (None,) if "normal" in (mujoco.mj_multiRay.__doc__ or "") else ()
+    mujoco.mj_multiRay(
+        model, data, origin, rays.ravel(), groups, 1, -1, geoms, distances, *normal, count, _FAR
+    )
+    return geoms, np.where(geoms >= 0, distances, 0.0).astype(np.float32)
+
+
+def surface(
+    kind: int, size: Vector, local: Points, to_light: Points
+) -> tuple[NDArray[np.intp], Points, Points, Points]:
+    """Face, place on it and cosine to the light of points on a geom's surface.
+
+    Parameters
+    ----------
+    kind, size
+        MuJoCo's geom type and size.
+    local
+        float32 [N, 3], points in the geom's frame.
+    to_light
+        float32 [3], unit vector in the geom's frame.
+
+    Returns
+    -------
+    face intp [N]; u, v float32 [N], metres to the right of and below the face's middle, seen from
+    outside with z up; cosine float32 [N].
+    """
+    geom = require_mujoco().mjtGeom
+    if kind == geom.mjGEOM_BOX:
+        return _box(size, local, to_light)
+    if kind == geom.mjGEOM_CYLINDER:
+        return _cylinder(size, local, to_light)
+    return _sphere(size, local, to_light)
+
+
+def _box(size: Vector, local: Points, to_light: Points) -> tuple[NDArray[np.intp], Points, Points, Points]:
+    axis = np.argmax(np.abs(local) / size.astype(np.float32), axis=1)
+    outward = np.where(local[np.arange(len(local)), axis] > 0, 1, 0)
+    sign = np.where(outward, 1, -1).astype(np.float32)
+    x, y, z = local.T
+    u = np.where(axis == 0, sign * y, np.where(axis == 1, -sign * x, sign * x))
+    v = np.where(axis == 2, -y, -z)
+    return 2 * axis + outward, u, v, sign * to_light[axis]
+
+
+def _cylinder(
+    size: Vector, local: Points, to_light: Points
+) -> tuple[NDArray[np.intp], Points, Points, Points]:
+    radius, half = np.float32(size[0]), np.float32(size[1])
+    x, y, z = local.T
+    cap = np.abs(z) / half > np.hypot(x, y) / radius
+    face = np.where(cap, np.where(z > 0, 2, 1), 0)
+    u = np.where(cap, np.where(z > 0, x, -x), radius * np.arctan2(y, x))
+    side = (x * to_light[0] + y * to_light[1]) / radius
+    return face, u, np.where(cap, -y, -z), np.where(cap, np.sign(z) * to_light[2], side)
+
+
+def _sphere(size: Vector, local: Points, to_light: Points) -> tuple[NDArray[np.intp], Points, Points, Points]:
+    radius = np.float32(size[0])
+    x, y, z = local.T
+    u = radius * np.arctan2(y, x)
+    v = -radius * np.arcsin(np.clip(z / radius, -1, 1))
+    return np.zeros(len(local), np.intp), u, v, local @ to_light / radius

@@ -1,0 +1,256 @@
+"""A workcell scene: an MJCF file, the motion written in it, and which body is which object.
+
+Scenes are ordinary MJCF with a few conventions in ``<custom>``:
+
+- ``motion:JOINT``: key-states "time value time value ..."; a monotone cubic joins them, so a joint
+  rests where its key-states do and never overshoots. Joints without key-states stay at 0.
+- ``period``: seconds after which all motion repeats (the last key-state equals the first).
+- ``robot``: the links whose poses proprioception reports.
+- ``unscored``: bodies whose features are too ambiguous to score (turning wheels).
+- ``shadow``: amplitude, radius, depth, period of a soft shadow that wanders over the scene.
+
+Joint equalities (``<equality><joint .../>``) are obeyed: they couple wheels to the way rolled.
+The motion is a pure function of time: bodies are driven, not pushed by contact forces, so every
+process and every machine gets the same configuration bit for bit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from ..errors import SceneError
+from .extra import require_mujoco
+
+BACKGROUND = 0
+"""Object number of everything that cannot move."""
+AMBIGUOUS = -1
+
+STILL, MOVING = 0, 1
+"""Groups of geoms: those that cannot move, and those that can."""
+
+Vector = NDArray[np.float64]
+
+_FRAGMENTS = {"room", "clutter", "gripper", "toy_truck"}
+_WARP_S = 0.35
+_MOTION = "motion:"
+
+
+def scene_folder() -> Path:
+    """Folder of the MJCF files that come with the package."""
+    return Path(str(resources.files(__package__) / "scenes"))
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(p.stem for p in scene_folder().glob("*.xml") if p.stem not in _FRAGMENTS)
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """A soft shadow that wanders: metres, metres, share of light taken, seconds."""
+
+    amplitude: float
+    radius: float
+    depth: float
+    period: float
+
+
+class Scene:
+    """A scene with its motion and its truth.
+
+    Parameters
+    ----------
+    name
+        One of :func:`scene_names`, or the path of an MJCF file that follows the conventions.
+    seed
+        0: as written. Otherwise the motion runs a little faster here and slower there, the cameras
+        stand a few centimetres elsewhere and the textures are others.
+
+    Attributes
+    ----------
+    model
+        The ``mujoco.MjModel``.
+    joints
+        Names of its joints, all with one degree of freedom, in the order of a configuration.
+    period
+        Seconds after which the motion repeats.
+    objects
+        Names of the true objects by number; 0 is the background.
+    geom_objects, body_objects
+        int32: object number of each geom and body; -1 where it is not scored.
+    robot
+        Links of the robot: bodies whose poses proprioception may report.
+
+    Raises
+    ------
+    SceneError
+        For an unknown scene or one that breaks the conventions, and when MuJoCo is missing.
+    """
+
+    def __init__(self, name: str, seed: int = 0) -> None:
+        self._mujoco = require_mujoco()
+        self.name, self.seed = name, seed
+        self.model = self._load(name)
+        self._check_joints()
+        self.joints: tuple[str, ...] = tuple(self.model.joint(i).name for i in range(self.model.njnt))
+        self.period = float(self._numeric("period", [0.0])[0])
+        self._curves = self._read_motion()
+        self._couplings = self._read_couplings()
+        self._warp = self._draw_warp()
+        self.objects, self.body_objects = self._number_objects()
+        self.geom_objects = self.body_objects[self.model.geom_bodyid]
+        self.model.geom_group[:] = np.where(self.model.body_weldid[self.model.geom_bodyid] > 0, MOVING, STILL)
+
+    @classmethod
+    def named(cls, name: str, seed: int = 0) -> Self:
+        """Load a scene that comes with the package (no files)."""
+        if name not in scene_names():
+            raise SceneError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
+        return cls(name, seed)
+
+    def configuration(self, t: float) -> Vector:
+        """Joint positions at the time t in seconds: float64 [joints], rad or m."""
+        when = self._warped(t % self.period if self.period else t)
+        q = np.array([0.0 if curve is None else float(curve(when)) for curve in self._curves])
+        for target, driver, coefficients in self._couplings:
+            q[target] = np.polynomial.polynomial.polyval(q[driver], coefficients)
+        return q
+
+    def place(self, data: Any, configuration: Vector) -> None:
+        """Put all bodies of an ``MjData`` where a configuration has them."""
+        data.qpos[:] = configuration
+        self._mujoco.mj_kinematics(self.model, data)
+
+    def new_data(self) -> Any:
+        """Return an ``MjData`` of this scene, in its first configuration."""
+        data = self._mujoco.MjData(self.model)
+        self.place(data, self.configuration(0.0))
+        return data
+
+    @cached_property
+    def robot(self) -> tuple[str, ...]:
+        """Links whose poses proprioception reports."""
+        return tuple(self._text("robot").split())
+
+    @cached_property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return tuple(self.model.camera(i).name for i in range(self.model.ncam))
+
+    @cached_property
+    def shadow(self) -> Shadow | None:
+        """The wandering shadow of the clutter variants."""
+        values = self._numeric("shadow", [])
+        return Shadow(*values) if len(values) else None
+
+    def object_of(self, body: str) -> int:
+        """Object number of a body.
+
+        Raises
+        ------
+        SceneError
+            If there is no such body.
+        """
+        try:
+            return int(self.body_objects[self.model.body(body).id])
+        except KeyError:
+            raise SceneError(f"{self.name} has no body {body!r}") from None
+
+    def joints_of(self, links: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the joints that move any of these bodies, in the order of a configuration."""
+        moving: set[int] = set()
+        for link in links:
+            body = self.model.body(link).id
+            while body:
+                first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
+                moving.update(range(first, first + count))
+                body = self.model.body_parentid[body]
+        return tuple(name for index, name in enumerate(self.joints) if index in moving)
+
+    def _load(self, name: str) -> Any:
+        path = scene_folder() / f"{name}.xml" if name in scene_names() else Path(name)
+        if not path.is_file():
+            raise SceneError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
+        try:
+            return self._mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            raise SceneError(f"{path}: {' '.join(str(error).split())}") from None
+
+    def _check_joints(self) -> None:
+        kinds = {int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE)}
+        if not set(self.model.jnt_type.tolist()) <= kinds:
+            raise SceneError(f"{self.name}: only hinge and slide joints can be driven")
+
+    def _numeric(self, name: str, default: list[float]) -> list[float]:
+        try:
+            return [float(v) for v in self.model.numeric(name).data]
+        except KeyError:
+            return default
+
+    def _text(self, name: str) -> str:
+        index = self._mujoco.mj_name2id(self.model, self._mujoco.mjtObj.mjOBJ_TEXT, name)
+        if index < 0:
+            return ""
+        start, size = int(self.model.text_adr[index]), int(self.model.text_size[index])
+        return bytes(self.model.text_data[start : start + size]).rstrip(b"\0").decode()
+
+    def _read_motion(self) -> list[PchipInterpolator | None]:
+        names = [self.model.numeric(i).name for i in range(self.model.nnumeric)]
+        for name in names:
+            if name.startswith(_MOTION) and name.removeprefix(_MOTION) not in self.joints:
+                raise SceneError(f"{self.name}: {name}: no such joint")
+        return [self._curve(_MOTION + joint) for joint in self.joints]
+
+    def _curve(self, name: str) -> PchipInterpolator | None:
+        keys = np.array(self._numeric(name, [])).reshape(-1)
+        if not keys.size:
+            return None
+        times, values = keys[0::2], keys[1::2]
+        if len(times) != len(values) or len(times) < 2 or (np.diff(times) <= 0).any():
+            raise SceneError(f"{self.name}: {name}: expected 'time value' pairs with growing times")
+        if times[0] != 0 or (self.period and (times[-1] != self.period or values[-1] != values[0])):
+            raise SceneError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
+        return PchipInterpolator(times, values)
+
+    def _read_couplings(self) -> list[tuple[int, int, Vector]]:
+        model, kind = self.model, int(self._mujoco.mjtEq.mjEQ_JOINT)
+        return [
+            (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), np.array(model.eq_data[i, :5]))
+            for i in range(model.neq)
+            if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
+        ]
+
+    def _draw_warp(self) -> tuple[float, float]:
+        if self.seed == 0 or not self.period:
+            return 0.0, 0.0
+        rng = np.random.default_rng([self.seed, 1])
+        return _WARP_S * rng.uniform(0.4, 1.0), rng.uniform(0, 2 * np.pi)
+
+    def _warped(self, t: float) -> float:
+        amplitude, phase = self._warp
+        if not amplitude:
+            return t
+        swing = np.sin(2 * np.pi * t / self.period + phase) - np.sin(phase)
+        return float((t + amplitude * swing) % self.period)
+
+    def _number_objects(self) -> tuple[Mapping[int, str], NDArray[np.int32]]:
+        """Bodies with joints of their own are objects; what is fixed to one belongs to it."""
+        names, numbers = {BACKGROUND: "background"}, np.zeros(self.model.nbody, np.int32)
+        unscored = self._text("unscored").split()
+        for body in range(1, self.model.nbody):
+            name = self.model.body(body).name
+            if name in unscored:
+                numbers[body] = AMBIGUOUS
+            elif self.model.body_jntnum[body]:
+                numbers[body] = len(names)
+                names[len(names)] = name
+            else:
+                numbers[body] = numbers[self.model.body_parentid[body]]
+        return names, numbers

@@ -1,0 +1,97 @@
+"""What a real RGB-D sensor makes of an ideal image: lens blur, image noise, depth noise, dropouts."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .render import Rendering
+
+Depth = NDArray[np.float32]
+
+_TILE_MARGIN = 251  # noise is cut at a random offset out of tiles this much larger than the image
+_SPECKLE = 0.002
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise of a structured-light RGB-D camera (defaults: first-generation Kinect).
+
+    Attributes
+    ----------
+    depth_per_m2
+        1/m: one sigma of the depth is this times z² (Khoshelham and Elberink, Sensors 2012).
+    edge_dropout
+        Share of depth pixels missing at depth discontinuities; some of the others there fly between
+        the surfaces.
+    edge_width
+        Pixels to each side of a discontinuity that suffer.
+    blur
+        One sigma of the lens in pixels.
+    image
+        One sigma of the image noise in grey levels.
+    near, far
+        Metres; outside there is no depth.
+    """
+
+    depth_per_m2: float = 1.425e-3
+    edge_dropout: float = 0.6
+    edge_width: int = 2
+    blur: float = 0.55
+    image: float = 1.5
+    near: float = 0.35
+    far: float = 5.0
+
+
+class Sensor:
+    """Adds noise, deterministic in (seed, stamp).
+
+    Parameters
+    ----------
+    shape
+        (height, width) of the images.
+    seed
+        Same seed and stamp, same noise.
+    noise
+        How much of it.
+    """
+
+    def __init__(self, shape: tuple[int, int], seed: int, noise: SensorNoise | None = None) -> None:
+        self.noise = noise or SensorNoise()
+        self._shape, self._seed = shape, seed
+        rng = np.random.default_rng([seed, 2])
+        size = (shape[0] + _TILE_MARGIN, shape[1] + _TILE_MARGIN)
+        # Depth errors of neighbouring pixels go together: both come from one matched block.
+        blurred = cv2.GaussianBlur(rng.standard_normal(size).astype(np.float32), (0, 0), 0.8)
+        self._depth_tile = blurred / blurred.std()
+        self._image_tile = rng.normal(0.0, self.noise.image, size).astype(np.float32)
+        self._chance_tile = rng.random(size, dtype=np.float32)
+
+    def observe(self, ideal: Rendering, stamp_ns: int) -> tuple[NDArray[np.uint8], Depth]:
+        """Image uint8 [H, W, 3] and depth float32 [H, W] (0: missing) as the sensor reports them."""
+        rng = np.random.default_rng([self._seed, 3, stamp_ns % 2**63])
+        return self._image(ideal.image, rng), self._depth(ideal.depth, rng)
+
+    def _image(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+        soft = cv2.GaussianBlur(image, (0, 0), self.noise.blur)
+        grain = self._cut(self._image_tile, rng)
+        return np.asarray(cv2.add(soft, cv2.merge([grain] * 3), dtype=cv2.CV_8U))
+
+    def _depth(self, depth: Depth, rng: np.random.Generator) -> Depth:
+        noisy = depth + np.float32(self.noise.depth_per_m2) * depth * depth * self._cut(self._depth_tile, rng)
+        chance = self._cut(self._chance_tile, rng)
+        kernel = np.ones((2 * self.noise.edge_width + 1,) * 2, np.uint8)
+        back, front = cv2.dilate(depth, kernel), cv2.erode(depth, kernel)
+        edge = back - front > 0.02 + 0.02 * depth
+        # Chance below the dropout: gone; a little above: somewhere between front and back.
+        flying = edge & (chance < self.noise.edge_dropout + 0.1)
+        mix = front + (back - front) * self._cut(self._chance_tile, rng)
+        noisy = np.where(flying, mix, noisy)
+        gone = (edge & (chance < self.noise.edge_dropout)) | (chance > 1 - _SPECKLE)
+        gone |= (depth < self.noise.near) | (depth > self.noise.far)
+        return np.where(gone, np.float32(0), noisy).astype(np.float32)
+
+    def _cut(self, tile: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+        top, left = rng.integers(0, _TILE_MARGIN, 2)
+        return np.ascontiguousarray(tile[top : top + self._shape[0], left : left + self._shape[1]])

@@ -1,0 +1,133 @@
+"""Where the cameras of a scene stand and what their sensors measure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.model import Extrinsics, Intrinsics
+from ..cameras.types import Frame
+from ..errors import SceneError
+from .atlas import Atlas
+from .render import Renderer
+from .scene import AMBIGUOUS, Scene, Vector
+from .sensor import Sensor, SensorNoise
+
+_PLACEMENT_M = 0.04
+
+
+def calibration(
+    scene: Scene, camera: str, size: tuple[int, int] = (640, 480)
+) -> tuple[Intrinsics, Extrinsics]:
+    """True calibration of a camera of a scene.
+
+    Parameters
+    ----------
+    scene
+        Its seed moves the cameras by a few centimetres (seed 0: as in the file).
+    camera
+        Name of the camera.
+    size
+        (width, height) of the image; the field of view is the file's.
+
+    Raises
+    ------
+    SceneError
+        If the scene has no such camera.
+    """
+    if camera not in scene.cameras:
+        raise SceneError(f"{scene.name} has no camera {camera!r}; one of {', '.join(scene.cameras)}")
+    model, index = scene.model, scene.cameras.index(camera)
+    width, height = size
+    focal = height / 2 / np.tan(np.deg2rad(model.cam_fovy[index]) / 2)
+    intrinsics = Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    position = model.cam_pos[index].copy()
+    if scene.seed:
+        rng = np.random.default_rng([scene.seed, 4, index])
+        position += rng.uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
+    target = model.body_pos[model.cam_targetbodyid[index]]
+    return intrinsics, looking_at(position, target)
+
+
+def looking_at(position: Vector, target: Vector) -> Extrinsics:
+    """Extrinsics of an upright camera at a position [3] that looks at a target [3], in metres."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    return Extrinsics(np.stack([right, np.cross(forward, right), forward], axis=1), np.asarray(position))
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A hand over the lens: from `start` to `stop`, in seconds of the scene, nothing is seen."""
+
+    start: float
+    stop: float
+
+    def hides(self, t: float) -> bool:
+        """Whether the lens is covered at the time t."""
+        return self.start <= t < self.stop
+
+
+class Viewpoint:
+    """One simulated RGB-D camera in a scene: configurations in, frames with truth out.
+
+    Parameters
+    ----------
+    scene, camera, size
+        As in :func:`calibration`.
+    noise
+        Of the sensor; the defaults of :class:`SensorNoise` when None.
+    atlas
+        Textures, to share between the cameras of a scene.
+
+    Attributes
+    ----------
+    intrinsics, extrinsics
+        The true calibration.
+    objects
+        Names of the true objects by number.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        camera: str,
+        size: tuple[int, int] = (640, 480),
+        noise: SensorNoise | None = None,
+        atlas: Atlas | None = None,
+    ) -> None:
+        self.scene = scene
+        self.intrinsics, self.extrinsics = calibration(scene, camera, size)
+        self.objects: Mapping[int, str] = scene.objects
+        self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
+        self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), noise)
+
+    def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
+        """Take the frame at a stamp, with the bodies where the configuration [joints] has them.
+
+        The same configuration and stamp give the same frame, bit for bit.
+        """
+        ideal = self._renderer.render(configuration, stamp_ns * 1e-9)
+        image, depth = self._sensor.observe(ideal, stamp_ns)
+        return Frame(stamp_ns, image, depth, object_map(self.scene.geom_objects, ideal.geoms))
+
+    def covered(self, stamp_ns: int) -> Frame:
+        """Take a frame with a hand over the lens: black, without depth, without objects."""
+        shape = (self.intrinsics.height, self.intrinsics.width)
+        return Frame(
+            stamp_ns,
+            np.full((*shape, 3), 4, np.uint8),
+            np.zeros(shape, np.float32),
+            np.full(shape, AMBIGUOUS, np.int32),
+        )
+
+
+def object_map(geom_objects: NDArray[np.int32], geoms: NDArray[np.int32]) -> NDArray[np.int32]:
+    """True object under each pixel, int32 [H, W]; -1 on the outlines, where a feature may be either's."""
+    objects = np.where(geoms >= 0, geom_objects[geoms], AMBIGUOUS).astype(np.float32)
+    kernel = np.ones((3, 3), np.uint8)
+    uniform = cv2.erode(objects, kernel) == cv2.dilate(objects, kernel)
+    return np.where(uniform, objects, AMBIGUOUS).astype(np.int32)
