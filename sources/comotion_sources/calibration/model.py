@@ -85,13 +85,6 @@ class Intrinsics:
         pixels, _ = cv2.projectPoints(given, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(pixels, np.float64).reshape(-1, 2)
 
-    def scaled(self, width: int, height: int) -> "Intrinsics":
-        """Return the intrinsics of the same camera after its image was resized."""
-        sx, sy = width / self.width, height / self.height
-        # Pixel centres are at whole numbers, so the image's corner is at -0.5.
-        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
-        return Intrinsics(width, height, self.fx * sx, self.fy * sy, cx, cy, self.distortion)
-
 
 @dataclass(frozen=True, eq=False)
 class Extrinsics:

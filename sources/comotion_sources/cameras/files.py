@@ -24,8 +24,6 @@ class VideoFile:
     ----------
     path
         Anything OpenCV's FFMPEG reads.
-    rate
-        Frames per second, None: what the file says.
 
     Raises
     ------
@@ -34,16 +32,16 @@ class VideoFile:
     """
 
     live = False
+    has_depth = False
     intrinsics: Intrinsics | None = None
     extrinsics: Extrinsics | None = None
     objects: Mapping[int, str] = {}
 
-    def __init__(self, path: Path, rate: float | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._given_rate = rate
         capture = self._open()
         said = float(capture.get(cv2.CAP_PROP_FPS))
-        self.rate: float | None = rate or (said if 0 < said <= 1000 else DEFAULT_RATE)
+        self.rate: float | None = said if 0 < said <= 1000 else DEFAULT_RATE
         capture.release()
         self.counters = {"unreadable": 0}
         self._closed = False
@@ -74,11 +72,8 @@ class VideoFile:
             if not ok:
                 break
             said = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6
-            stamp = round(count * period_ns)
-            if self._given_rate is None and math.isfinite(said) and said > last:
-                stamp = round(said)
             # Broken containers repeat time stamps; the frames are still one after the other.
-            stamp = max(stamp, last + 1)
+            stamp = round(said) if math.isfinite(said) and said > last else last + round(period_ns)
             count, last = count + 1, stamp
             yield Frame(stamp, np.asarray(image, np.uint8))
         if not self._closed and expected > count + 1:
@@ -98,6 +93,7 @@ class ImageFolder:
     """
 
     live = False
+    has_depth = False
     intrinsics: Intrinsics | None = None
     extrinsics: Extrinsics | None = None
     objects: Mapping[int, str] = {}

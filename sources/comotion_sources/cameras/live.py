@@ -36,7 +36,7 @@ class LiveCamera:
         How the user named it, for messages.
     device
         The opened device.
-    rate, intrinsics
+    has_depth, rate, intrinsics
         What the device tells about itself.
     """
 
@@ -45,8 +45,15 @@ class LiveCamera:
     objects: Mapping[int, str] = {}
 
     def __init__(
-        self, what: str, device: Device, *, rate: float | None = None, intrinsics: Intrinsics | None = None
+        self,
+        what: str,
+        device: Device,
+        *,
+        has_depth: bool = False,
+        rate: float | None = None,
+        intrinsics: Intrinsics | None = None,
     ) -> None:
+        self.has_depth = has_depth
         self.rate = rate
         self.intrinsics = intrinsics
         self.counters = {"skipped": 0}

@@ -1,14 +1,18 @@
 """One function that opens whatever the user names."""
 
+import os
 import re
 from importlib import import_module
 from pathlib import Path
+
+import cv2
 
 from .files import ImageFolder, VideoFile, image_files
 from .live import open_stream, open_webcam
 from .tum import TumFolder, is_tum_folder
 from .types import Camera, CameraError
 
+_ERRORS_ONLY = 2
 FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:CAMERA"
 
 
@@ -22,13 +26,14 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
         ``realsense:SERIAL``; ``workcell:CAMERA``: a camera of the simulated workcell; a folder with
         ``rgb.txt``: TUM RGB-D; another folder: its images; any other file: video.
     rate
-        Frames per second: asked of a device, assumed for files that do not say. None: theirs.
+        Frames per second: asked of a device, assumed for a folder of images. None: theirs.
 
     Raises
     ------
     CameraError
         If there is no such thing or it cannot be read.
     """
+    _hush_opencv()
     if match := re.fullmatch(r"(?:/dev/video)?(\d{1,3})", what):
         return open_webcam(int(match[1]), rate)
     if re.match(r"(?i)(rtsps?|rtmps?|https?|udp|tcp)://", what):
@@ -43,6 +48,14 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
     return _open_path(what, rate)
 
 
+def _hush_opencv() -> None:
+    """Keep OpenCV from writing to standard error what we report ourselves."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    if "OPENCV_LOG_LEVEL" not in os.environ:
+        # OpenCV 5 has moved what OpenCV 4 has at its top.
+        (cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging).setLogLevel(_ERRORS_ONLY)
+
+
 def _open_path(what: str, rate: float | None) -> Camera:
     path = Path(what)
     if path.is_dir():
@@ -52,7 +65,7 @@ def _open_path(what: str, rate: float | None) -> Camera:
             raise CameraError(f"{path}: neither images nor rgb.txt in this folder")
         return ImageFolder(path, rate)
     if path.is_file():
-        return VideoFile(path, rate)
+        return VideoFile(path)
     raise CameraError(f"{what}: no such file or folder; name {FORMS}")
 
 

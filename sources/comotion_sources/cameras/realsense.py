@@ -73,7 +73,7 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
     except RuntimeError as error:
         raise CameraError(f"{what}: {' '.join(str(error).split())}") from None
     device = RealSenseDevice(library, pipeline, scale)
-    return LiveCamera(what, device, rate=float(hertz), intrinsics=camera)
+    return LiveCamera(what, device, has_depth=True, rate=float(hertz), intrinsics=camera)
 
 
 def _intrinsics(given: Any) -> Intrinsics:

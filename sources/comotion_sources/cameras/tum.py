@@ -52,6 +52,7 @@ class TumFolder:
     """
 
     live = False
+    has_depth = True
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -48,6 +48,8 @@ class Camera(Protocol):
     ----------
     live
         Frames come at the device's own pace; they can neither be slowed down nor repeated.
+    has_depth
+        Frames come with depth, though single ones may lack it.
     rate
         Nominal frames per second, None when unknown.
     intrinsics, extrinsics
@@ -57,6 +59,7 @@ class Camera(Protocol):
     """
 
     live: bool
+    has_depth: bool
     rate: float | None
     intrinsics: Intrinsics | None
     extrinsics: Extrinsics | None
