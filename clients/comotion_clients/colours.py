@@ -1,7 +1,8 @@
 """A colour per hypothesis: it stays with its id, in every client, and is safe for the colour-blind.
 
 The seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black; ids beyond
-seven repeat the hues in a darker and a lighter shade, and every plot adds a marker per shade.
+seven repeat the hues in a darker and a lighter shade. Together with the markers of plots the first
+105 ids differ.
 """
 
 from typing import TypeAlias
@@ -25,7 +26,7 @@ HUES: tuple[RGB, ...] = (
 )
 # Dark enough to differ from the reddish purple as deuteranopes see it.
 GREY: RGB = (120, 120, 120)
-MARKERS = ("o", "s", "^")
+MARKERS = ("o", "s", "^", "D", "v")
 _SHADES = (0.0, -0.35, 0.45)
 
 
@@ -52,7 +53,7 @@ def colours(hypotheses: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def marker(hypothesis: int) -> str:
-    """Matplotlib marker that tells apart hypotheses of one hue; a cross for undetermined."""
+    """Matplotlib marker that tells apart hypotheses of one colour; a cross for undetermined."""
     return "x" if hypothesis == UNDETERMINED else MARKERS[hypothesis // len(HUES) % len(MARKERS)]
 
 

@@ -58,16 +58,16 @@ def nmi(labels: Labels, truth: Labels) -> float:
         return float("nan")
     joint = counts / counts.sum()
     p_c, p_g = joint.sum(axis=1), joint.sum(axis=0)
-    entropies = _entropy(p_c) + _entropy(p_g)
-    if entropies == 0.0:
-        return 1.0
     k, g = np.nonzero(counts)
+    if len(k) == len(p_c) == len(p_g):
+        # The same partition twice, a single cluster included: exactly 1, whatever rounding does.
+        return 1.0
     information = float(np.sum(joint[k, g] * np.log(joint[k, g] / (p_c[k] * p_g[g]))))
-    return min(max(2.0 * information / entropies, 0.0), 1.0)
+    return min(max(2.0 * information / (_entropy(p_c) + _entropy(p_g)), 0.0), 1.0)
 
 
 def _entropy(p: NDArray[np.float64]) -> float:
-    return 0.0 if len(p) < 2 else float(-np.sum(p * np.log(p)))
+    return float(-np.sum(p * np.log(p)))
 
 
 def misclassification(labels: Labels, truth: Labels) -> float:

@@ -50,14 +50,14 @@ def test_hues_are_told_apart(deficiency: str) -> None:
 
 def test_a_colour_stays_with_its_id_and_neighbours_differ() -> None:
     assert colour(3) == colour(3)
-    assert len({(colour(i), marker(i)) for i in range(21)}) == 21
+    assert len({(colour(i), marker(i)) for i in range(105)}) == 105
     assert len({colour(i) for i in range(21)}) == 21
 
 
 def test_undetermined_is_grey_and_nothing_else_is() -> None:
     assert colour(UNDETERMINED) == GREY
     assert all(len(set(colour(i))) > 1 for i in range(21))
-    assert marker(UNDETERMINED) not in {marker(i) for i in range(21)}
+    assert marker(UNDETERMINED) not in {marker(i) for i in range(105)}
 
 
 def test_arrays_and_hex_agree_with_the_scalar() -> None:

@@ -1,0 +1,217 @@
+"""``comotion evaluate`` without files: NMI of a running scene against its truth, as it runs."""
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import zenoh
+from rich.console import Console
+from rich.live import Live
+
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, ObservationBatch, TruthBatch
+from comotion_schemas.component import Component, new_session_id
+from comotion_schemas.transport import SessionSettings
+
+from .metrics import Score, Truth
+from .scoring import Observed, SpaceRef, Summary, Tally, finite_or_none
+from .subscribe import Subscription
+from .watch_view import number
+
+TICK_S = 0.1
+REPORT_S = 1.0
+PATIENCE_S = 10.0
+"""How long a run of limited duration waits for its first update, if that is longer."""
+SETTLE_S = 0.15
+"""An update is scored this long after its arrival: the batches it rests on are here by then."""
+
+OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions:
+    """How to evaluate live.
+
+    `duration`: seconds from the first update on, None until stopped; `quiet`: report nothing on the
+    way; `on_update`: called with every scored update; `ready_file`: written once it listens.
+    """
+
+    duration: float | None = None
+    quiet: bool = False
+    on_update: OnUpdate = lambda update, score: None  # noqa: ARG005
+    ready_file: Path | None = None
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What was seen: the scores, the true objects, the sources' spaces, the updates lost on the way."""
+
+    summary: Summary
+    scores: list[Score]
+    truth: Truth
+    spaces: dict[str, SpaceRef]
+    lost: int
+    invalid: dict[str, int]
+
+
+class _Feed:
+    """The subscriptions of one scene, emptied into a tally."""
+
+    def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
+        self.tally = Tally(Truth())
+        self.first_at: float | None = None
+        self._on_update = on_update
+        self.observed = Observed()
+        self._waiting: list[tuple[float, HypothesisUpdate]] = []
+        self._truths = Subscription(session, TruthBatch, scene)
+        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
+        self.updates = Subscription(session, HypothesisUpdate, scene)
+
+    def poll(self, *, settled: bool = False) -> None:
+        """Take in what has come and score the updates that are due; all of them when `settled`."""
+        self._waiting += self.updates.drain()
+        for _, truth in self._truths.drain():
+            self.tally.truth.add(truth)
+        for _, batch in self._batches.drain():
+            self.observed.add(batch)
+        if self.first_at is None and self._waiting:
+            self.first_at = self._waiting[0][0]
+        now = time.monotonic()
+        while self._waiting and (settled or now - self._waiting[0][0] >= SETTLE_S):
+            _, update = self._waiting.pop(0)
+            self._on_update(update, self.tally.add(update, self.observed))
+
+    def close(self) -> None:
+        """Undeclare everything."""
+        for subscription in (self.updates, self._batches, self._truths):
+            subscription.close()
+
+
+def evaluate(
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    options: EvaluateOptions | None = None,
+) -> LiveRun:
+    """Score a running scene until the time is over or it is told to stop.
+
+    Every track that is observed at an update's stamp is scored, listed by the update or not.
+
+    Parameters
+    ----------
+    scene, settings
+        What to evaluate and where to connect.
+    options
+        How long, and what to report on the way.
+
+    Raises
+    ------
+    ValueError
+        If no update came, or none could be scored for want of truth.
+    """
+    options = options or EvaluateOptions()
+    presence = Component(
+        role="viewer",
+        name=f"evaluate-{new_session_id()[:8]}",
+        scene=scene,
+        settings=settings,
+        ready_file=options.ready_file,
+    )
+    with presence as component:
+        feed = _Feed(component.session, scene, options.on_update)
+        if options.ready_file is not None:
+            component.ready()
+        with contextlib.closing(feed), _reporting(options.quiet) as report:
+            begun = time.monotonic()
+            while not component.stop.wait(TICK_S) and not _is_over(feed, options.duration, begun):
+                feed.poll()
+                report(feed.tally)
+            feed.poll(settled=True)
+    return _result(feed, scene)
+
+
+def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
+    if duration is None:
+        return False
+    if feed.first_at is None:
+        return time.monotonic() - begun >= max(duration, PATIENCE_S)
+    return time.monotonic() - feed.first_at >= duration
+
+
+def _result(feed: _Feed, scene: str) -> LiveRun:
+    summary = feed.tally.summary()
+    if not summary.updates:
+        raise ValueError(f"no update came in scene {scene!r}: is the service running?")
+    if not summary.scored:
+        raise ValueError(f"no update of scene {scene!r} could be scored: no source publishes truth")
+    return LiveRun(
+        summary=summary,
+        scores=feed.tally.scores,
+        truth=feed.tally.truth,
+        spaces=dict(feed.observed.spaces),
+        lost=feed.updates.counters.lost,
+        invalid=dict(feed.updates.counters.invalid),
+    )
+
+
+def progress_line(tally: Tally) -> str:
+    """How it stands, in one line."""
+    if not tally.scores:
+        return "waiting for updates"
+    score, summary = tally.scores[-1], tally.summary()
+    if not summary.scored:
+        return f"{summary.updates} updates, no truth yet"
+    return (
+        f"{summary.updates} updates   NMI {number(score.nmi, 3)}   mean {number(summary.mean_nmi, 3)}   "
+        f"{score.hypotheses} hypotheses of {score.objects} objects   "
+        f"{score.scored} tracks, {score.singletons} alone"
+    )
+
+
+@contextlib.contextmanager
+def _reporting(quiet: bool) -> Iterator[Callable[[Tally], None]]:
+    """Report progress on standard error once a second: one line that changes, or a new line."""
+    if quiet:
+        yield lambda tally: None  # noqa: ARG005
+    elif sys.stderr.isatty():
+        with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
+            yield _EverySecond(live.update)
+    else:
+        yield _EverySecond(lambda line: print(line, file=sys.stderr, flush=True))  # noqa: T201
+
+
+class _EverySecond:
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self._show = show
+        self._due = time.monotonic() + REPORT_S
+
+    def __call__(self, tally: Tally) -> None:
+        if time.monotonic() >= self._due:
+            self._due += REPORT_S
+            self._show(progress_line(tally))
+
+
+def summary_lines(run: LiveRun) -> list[str]:
+    """The result in words."""
+    s = run.summary
+    lines = [
+        f"mean NMI {number(s.mean_nmi, 3)}, final {number(s.final_nmi, 3)}, over {s.scored} updates",
+        f"error {number(100 * s.mean_misclassification, 1)} %, "
+        f"{number(s.mean_hypotheses, 2)} hypotheses of {number(s.mean_objects, 2)} objects, "
+        f"{number(s.switches_per_100, 2)} label switches per 100 tracks",
+    ]
+    if run.lost or run.invalid:
+        lines.append(f"{run.lost} updates lost, {sum(run.invalid.values())} invalid")
+    return lines
+
+
+def as_json(run: LiveRun) -> dict[str, Any]:
+    """The result as plain values, with NMI over time; what is not known is null."""
+    return {
+        **finite_or_none(asdict(run.summary)),
+        "lost": run.lost,
+        "invalid": run.invalid,
+        "over_time": [finite_or_none(asdict(score)) for score in run.scores],
+    }

@@ -1,0 +1,156 @@
+"""Scoring a run: which tracks are observed when, and what the scores add up to. Pure."""
+
+import bisect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas.types import Unit
+
+from .metrics import Score, SourceKey, Switches, Truth, label_switches, score_update
+
+TRACK_TIMEOUT_S = 0.5
+_PERIODS = 3
+_BATCHES_KEPT = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """One batch of a source: its rows, by acquisition time."""
+
+    first_ns: int
+    session: str
+    ids: NDArray[np.uint64]
+    stamps_ns: NDArray[np.int64] | None
+
+
+@dataclass(frozen=True, slots=True)
+class SpaceRef:
+    """The coordinate space of a source's features."""
+
+    name: str
+    unit: Unit
+    dim: int
+
+
+class Observed:
+    """Which tracks are observed at a given time, from the batches of every source.
+
+    A track is observed at W if it is in its source's newest batch at W, and that batch is not
+    outdated: no older than 0.5 s, or three periods of the source if longer. A source that sends
+    several instants in one batch counts with those up to W. :attr:`spaces` tells the coordinate
+    space of every source.
+    """
+
+    def __init__(self) -> None:
+        self.spaces: dict[str, SpaceRef] = {}
+        self._sources: dict[str, list[_Seen]] = {}
+
+    def add(self, batch: ObservationBatch) -> None:
+        """Take in a batch, in any order."""
+        self.spaces[batch.source] = SpaceRef(batch.space, batch.unit, batch.dim)
+        stamps = batch.stamps_ns if batch.stamps_ns is not None and len(batch.ids) else None
+        first = batch.stamp_ns if stamps is None else int(stamps.min())
+        seen = self._sources.setdefault(batch.source, [])
+        bisect.insort(seen, _Seen(first, batch.session, batch.ids, stamps), key=lambda s: s.first_ns)
+        if len(seen) > _BATCHES_KEPT:
+            del seen[0]
+
+    def at(self, stamp_ns: int) -> dict[SourceKey, NDArray[np.uint64]]:
+        """Feature ids observed at a time, by source; times must not decrease from call to call."""
+        tracks: dict[SourceKey, NDArray[np.uint64]] = {}
+        for source, seen in self._sources.items():
+            count = bisect.bisect_right(seen, stamp_ns, key=lambda s: s.first_ns)
+            if not count:
+                continue
+            newest = seen[count - 1]
+            period_ns = newest.first_ns - seen[count - 2].first_ns if count > 1 else 0
+            if stamp_ns - newest.first_ns <= max(TRACK_TIMEOUT_S * 1e9, _PERIODS * period_ns):
+                rows = slice(None) if newest.stamps_ns is None else newest.stamps_ns <= stamp_ns
+                tracks[source, newest.session] = np.unique(newest.ids[rows])
+            # The one before is kept for the period.
+            del seen[: count - 2 if count > 2 else 0]
+        return tracks
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run adds up to.
+
+    Attributes
+    ----------
+    updates, scored
+        Updates in all, and those with at least one track to score.
+    mean_nmi, final_nmi
+        Over the scored updates; NaN without truth.
+    mean_misclassification, final_misclassification
+        Likewise.
+    mean_hypotheses, mean_objects
+        Hypotheses and true objects among the scored tracks; without truth the hypotheses listed.
+    switches_per_100
+        Tracks whose hypothesis id changed from one update to the next, per 100 present in both.
+    """
+
+    updates: int
+    scored: int
+    mean_nmi: float
+    final_nmi: float
+    mean_misclassification: float
+    final_misclassification: float
+    mean_hypotheses: float
+    mean_objects: float
+    switches_per_100: float
+
+
+class Tally:
+    """Scores every update of a run as it comes."""
+
+    def __init__(self, truth: Truth) -> None:
+        self.truth = truth
+        self.scores: list[Score] = []
+        self.switches = Switches()
+        self._listed: list[int] = []
+        self._last: HypothesisUpdate | None = None
+
+    def add(self, update: HypothesisUpdate, observed: Observed) -> Score:
+        """Score an update against the truth so far, over the tracks observed at its stamp."""
+        score = score_update(update, self.truth, observed.at(update.stamp_ns))
+        self.scores.append(score)
+        self._listed.append(len(update.hypotheses))
+        if self._last is not None:
+            self.switches += label_switches(self._last, update)
+        self._last = update
+        return score
+
+    def summary(self) -> Summary:
+        """Everything so far."""
+        scored = [score for score in self.scores if score.scored]
+        return Summary(
+            updates=len(self.scores),
+            scored=len(scored),
+            mean_nmi=_mean(scored, lambda s: s.nmi),
+            final_nmi=scored[-1].nmi if scored else math.nan,
+            mean_misclassification=_mean(scored, lambda s: s.misclassification),
+            final_misclassification=scored[-1].misclassification if scored else math.nan,
+            mean_hypotheses=_mean(scored, lambda s: s.hypotheses) if scored else _average(self._listed),
+            mean_objects=_mean(scored, lambda s: s.objects),
+            switches_per_100=self.switches.per_100,
+        )
+
+
+def _mean(scores: list[Score], value: Callable[[Score], float]) -> float:
+    return _average([value(score) for score in scores])
+
+
+def _average(values: list[Any]) -> float:
+    return math.fsum(values) / len(values) if values else math.nan
+
+
+def finite_or_none(values: dict[str, Any]) -> dict[str, Any]:
+    """Replace what is not known (NaN) by None, for JSON."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
