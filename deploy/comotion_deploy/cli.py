@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import config, router, serve, source, up, watch
+from .commands import config, evaluate, router, serve, source, up, watch
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
+app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 

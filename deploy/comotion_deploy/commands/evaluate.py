@@ -1,0 +1,176 @@
+"""``comotion evaluate``: how good the hypotheses are, live or offline."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .. import options
+from ..errors import UserError
+
+EPILOG = """
+Examples:
+
+  comotion evaluate --duration 30   # a running scene that publishes truth
+
+  comotion evaluate recording.npz --method thesis --set sigma_switch=0.01
+
+  comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
+
+  comotion evaluate recording.npz --split 3 --plot out/recording.png
+"""
+
+_OFFLINE_ONLY = ("method", "assignments", "period", "seeds", "split", "rate")
+_LIVE_ONLY = ("scene", "connect", "ready_file")
+
+
+def evaluate(
+    ctx: typer.Context,
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[FILES]...",
+            help="Recordings (.c3d, .npz) and simulated scenes (sim:NAME). Without any: the running scene.",
+            show_default=False,
+        ),
+    ] = None,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            "--period",
+            envvar="COMOTION_PERIOD",
+            help="s between updates. Default: the fusion parameter.",
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            "--duration",
+            envvar="COMOTION_DURATION",
+            help="s to evaluate. Default: to the end; live: until Ctrl-C.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        str,
+        typer.Option("--seeds", envvar="COMOTION_SEEDS", help="Seeds of simulated scenes, e.g. 0-4 or 0,3."),
+    ] = "0",
+    split: Annotated[
+        int,
+        typer.Option(
+            "--split", envvar="COMOTION_SPLIT_SOURCES", min=1, max=64, help="Sources a recording becomes."
+        ),
+    ] = 1,
+    rate: Annotated[
+        str | None,
+        typer.Option(
+            "--rate", envvar="COMOTION_RATE", metavar="HZ[,HZ...]", help="Rate of the sources, or of each."
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", envvar="COMOTION_PLOT", metavar="FILE.png", help="Draw hypotheses, truth and NMI."
+        ),
+    ] = None,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    json_: options.Json = False,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Score hypotheses against the truth: NMI, error, number of hypotheses, label switches.
+
+    Every track that is observed at an update is scored; one that is undetermined,
+    or not listed, counts as a cluster of its own.
+    """
+    _check_duration(duration)
+    if plot is not None:
+        _require_matplotlib()
+    _refuse_options(ctx, _LIVE_ONLY if files else _OFFLINE_ONLY, "without" if files else "with")
+    if not files:
+        _live(scene, connect, duration, plot, ready_file, json_=json_)
+        return
+    from rich.console import Console
+
+    from comotion_experiments.evaluate import as_json, evaluate_inputs, table
+    from comotion_experiments.inputs import find_inputs, parse_seeds
+    from comotion_sources.parts import parse_rates
+
+    config = options.fusion_config(ctx, method, assignments)
+    inputs = find_inputs(
+        files, seeds=parse_seeds(seeds), split=split, rates=parse_rates(rate) if rate else None
+    )
+    results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot)
+    if json_:
+        _print_json(as_json(results, config, period))
+    else:
+        Console(width=None if sys.stdout.isatty() else 120).print(table(results))
+        _tell_plot(plot)
+
+
+def _live(
+    scene: str,
+    connect: list[str] | None,
+    duration: float | None,
+    plot: Path | None,
+    ready_file: Path | None,
+    *,
+    json_: bool,
+) -> None:
+    from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+    from comotion_experiments.plot import Trace, save_plot
+
+    trace = Trace()
+    how = EvaluateOptions(duration=duration, on_update=trace.add, ready_file=ready_file)
+    run = evaluate(scene, options.session_settings(connect), how)
+    if plot is not None:
+        save_plot(
+            plot,
+            title=f"scene {scene}, live",
+            updates=trace.updates,
+            scores=run.scores,
+            truth=run.truth,
+            spaces=run.spaces,
+        )
+    if json_:
+        _print_json(as_json(run))
+        return
+    for line in summary_lines(run):
+        print(line)
+    _tell_plot(plot)
+
+
+def _check_duration(duration: float | None) -> None:
+    if duration is not None and not 0 < duration < float("inf"):
+        raise UserError(f"--duration {duration:g} is not above 0")
+
+
+def _refuse_options(ctx: typer.Context, names: tuple[str, ...], word: str) -> None:
+    """An option that has no effect here is a misunderstanding; the environment and files may set it."""
+    for name in names:
+        source = ctx.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            flag = {"assignments": "--set"}.get(name, f"--{name.replace('_', '-')}")
+            raise UserError(f"{flag} goes {word} FILES only")
+
+
+def _require_matplotlib() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        raise UserError("matplotlib is not installed: pip install 'comotion[plot]'")
+
+
+def _tell_plot(plot: Path | None) -> None:
+    if plot is not None:
+        print(f"plot: {plot}")
+
+
+def _print_json(values: dict[str, Any]) -> None:
+    import json
+
+    print(json.dumps(values, indent=2))

@@ -1,0 +1,205 @@
+"""``comotion evaluate FILES``: recordings and scenes through the core, with a table of scores."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from comotion import FusionConfig
+from comotion_clients.scoring import Summary, finite_or_none
+
+from .inputs import Input
+from .offline import Run, run_offline
+from .plot import Trace, save_plot
+
+_MEANS = (
+    "mean_nmi",
+    "final_nmi",
+    "mean_misclassification",
+    "final_misclassification",
+    "mean_hypotheses",
+    "mean_objects",
+    "switches_per_100",
+    "ms_per_update",
+)
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """One input and its run, less the bulk of it."""
+
+    name: str
+    seed: int | None
+    summary: Summary
+    ms_per_update: float
+    ms_p99: float
+    seconds: float
+
+    def values(self) -> dict[str, Any]:
+        """Everything as plain numbers."""
+        return {**asdict(self.summary), "ms_per_update": self.ms_per_update, "ms_p99": self.ms_p99}
+
+
+def evaluate_inputs(
+    inputs: Sequence[Input],
+    config: FusionConfig,
+    *,
+    period: float | None = None,
+    duration: float | None = None,
+    plot: Path | None = None,
+    progress: bool = True,
+) -> list[Evaluated]:
+    """Run every input through the core.
+
+    Parameters
+    ----------
+    inputs
+        What to run, see :func:`comotion_experiments.inputs.find_inputs`.
+    config
+        Parameters of the core.
+    period, duration
+        As in :func:`comotion_experiments.offline.run_offline`.
+    plot
+        Draw every run here; with several inputs their names become part of the file's.
+    progress
+        Show a bar on standard error when that is a terminal.
+
+    Raises
+    ------
+    ValueError
+        If an input holds no observation, or is shorter than a period.
+    """
+    results: list[Evaluated] = []
+    for one in _with_progress(inputs, shown=progress):
+        trace = Trace()
+        try:
+            run = run_offline(one.open(), config, period=period, duration=duration, on_update=trace.add)
+        except ValueError as error:
+            raise ValueError(f"{one.name}: {error}") from None
+        results.append(_evaluated(one, run))
+        if plot is not None:
+            _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
+    return results
+
+
+def _evaluated(one: Input, run: Run) -> Evaluated:
+    return Evaluated(
+        name=one.name,
+        seed=one.seed,
+        summary=run.summary,
+        ms_per_update=float(run.update_ms.mean()),
+        ms_p99=float(np.percentile(run.update_ms, 99)),
+        seconds=float(run.seconds[-1]),
+    )
+
+
+def _plot(path: Path, one: Input, config: FusionConfig, run: Run, trace: Trace) -> None:
+    seed = "" if one.seed is None else f", seed {one.seed}"
+    title = f"{Path(one.name).stem if one.seed is None else one.name}{seed}, method {config.method}"
+    save_plot(path, title=title, updates=trace.updates, scores=run.scores, truth=run.truth, spaces=run.spaces)
+
+
+def plot_path(path: Path, one: Input, *, several: bool) -> Path:
+    """Where the picture of an input goes: `path`, with the input's name where there are several."""
+    if not several:
+        return path
+    seed = "" if one.seed is None else f"-{one.seed}"
+    name = Path(one.name.replace(":", "-")).stem
+    return path.with_name(f"{path.stem}-{name}{seed}{path.suffix}")
+
+
+def _with_progress(inputs: Sequence[Input], *, shown: bool) -> Iterator[Input]:
+    console = Console(stderr=True)
+    if not shown or not console.is_terminal:
+        yield from inputs
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("", total=len(inputs))
+        for one in inputs:
+            progress.update(task, description=_label(one.name, 30))
+            yield one
+            progress.advance(task)
+
+
+def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
+    """Results by input name, in order: the seeds of a scene together."""
+    groups: dict[str, list[Evaluated]] = {}
+    for result in results:
+        groups.setdefault(result.name, []).append(result)
+    return groups
+
+
+def averages(results: Sequence[Evaluated]) -> dict[str, float]:
+    """Mean of every number over results that have it; NaN where none has."""
+    rows = [result.values() for result in results]
+    return {name: _mean([row[name] for row in rows]) for name in _MEANS}
+
+
+def overall(results: Sequence[Evaluated]) -> dict[str, float]:
+    """Mean over files, each with the mean over its seeds."""
+    files = [averages(members) for members in group(results).values()]
+    return {name: _mean([file[name] for file in files]) for name in _MEANS}
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return math.fsum(known) / len(known) if known else math.nan
+
+
+def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
+    """Everything as plain values: parameters, one entry per run, and the mean over files."""
+    return {
+        "config": config.model_dump(mode="json"),
+        "period": config.period if period is None else period,
+        "runs": [
+            {"file": r.name, "seed": r.seed, "seconds": r.seconds, **finite_or_none(r.values())}
+            for r in results
+        ],
+        "overall": finite_or_none(overall(results)),
+    }
+
+
+def table(results: Sequence[Evaluated]) -> Table:
+    """One row per file or scene, the mean over its seeds, and one for all."""
+    seeded = any(len(members) > 1 for members in group(results).values())
+    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    found.add_column("file", no_wrap=True)
+    titles = ("mean NMI", *(("± seeds",) if seeded else ()), "final NMI", "error %", "K found", "K true")
+    for title in (*titles, "switches/100", "ms/update"):
+        found.add_column(title, justify="right", no_wrap=True)
+    for name, members in group(results).items():
+        found.add_row(_label(name, 28), *_cells(averages(members), members, seeded=seeded))
+    if len(group(results)) > 1:
+        found.add_section()
+        found.add_row("overall", *_cells(overall(results), (), seeded=seeded), style="bold")
+    return found
+
+
+def _cells(row: Mapping[str, float], members: Sequence[Evaluated], *, seeded: bool) -> list[str]:
+    spread = float(np.std([m.summary.mean_nmi for m in members])) if len(members) > 1 else math.nan
+    return [
+        _number(row["mean_nmi"], 3),
+        *([_number(spread, 3)] if seeded else []),
+        _number(row["final_nmi"], 3),
+        _number(100 * row["mean_misclassification"], 1),
+        _number(row["mean_hypotheses"], 2),
+        _number(row["mean_objects"], 2),
+        _number(row["switches_per_100"], 2),
+        _number(row["ms_per_update"], 1),
+    ]
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _label(name: str, width: int) -> str:
+    short = name if name.startswith("sim:") else Path(name).name
+    return short if len(short) <= width else "…" + short[1 - width :]

@@ -1,0 +1,176 @@
+"""The core offline: recorded or simulated messages in, scored updates out, as fast as it goes."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion import Fusion, FusionConfig
+from comotion.stats import Stats
+from comotion_clients.metrics import Score, Truth
+from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
+from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
+
+Message: TypeAlias = TruthBatch | ObservationBatch
+OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording, or one seed of a scene, through the core.
+
+    Attributes
+    ----------
+    summary
+        What the scores add up to.
+    scores
+        One per update, in order.
+    update_ms
+        float64 [updates]: time in the core per update, ingest of its batches included.
+    start_ns
+        Event time of the first observation.
+    truth
+        The true objects.
+    spaces
+        Coordinate space of every source.
+    stats
+        The core's counters at the end.
+    """
+
+    summary: Summary
+    scores: list[Score]
+    update_ms: NDArray[np.float64]
+    start_ns: int
+    truth: Truth
+    spaces: dict[str, SpaceRef]
+    stats: Stats
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """Event time of every score, seconds since the first observation."""
+        return np.array([(s.stamp_ns - self.start_ns) / 1e9 for s in self.scores])
+
+    @property
+    def nmi(self) -> NDArray[np.float64]:
+        """NMI of every score; NaN where nothing could be scored."""
+        return np.array([s.nmi for s in self.scores])
+
+
+@dataclass
+class _Offline:
+    fusion: Fusion
+    tally: Tally
+    on_update: OnUpdate
+    observed: Observed = field(default_factory=Observed)
+    times: list[float] = field(default_factory=list)
+    busy: float = 0.0
+
+    def ingest(self, batch: ObservationBatch) -> None:
+        begun = time.perf_counter()
+        self.fusion.ingest(batch)
+        self.busy += time.perf_counter() - begun
+        self.observed.add(batch)
+
+    def update(self, now_ns: int) -> None:
+        begun = time.perf_counter()
+        update = self.fusion.update(now_ns)
+        self.times.append((self.busy + time.perf_counter() - begun) * 1e3)
+        self.busy = 0.0
+        self.on_update(update, self.tally.add(update, self.observed))
+
+
+def run_offline(
+    messages: Iterable[Message],
+    config: FusionConfig,
+    *,
+    truth: Truth | None = None,
+    period: float | None = None,
+    duration: float | None = None,
+    scene: str = "default",
+    on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
+) -> Run:
+    """Run messages through the core and score every update.
+
+    The clock is simulated: updates are due every period after the first observation, and each sees
+    the batches stamped until then.
+
+    Parameters
+    ----------
+    messages
+        Observations of one or several sources in time order; truth anywhere before it matters.
+    config
+        Parameters of the core.
+    truth
+        True objects known beforehand; what `messages` say is added.
+    period
+        Seconds between updates; that of `config` by default.
+    duration
+        Seconds of event time to run; all by default.
+    scene
+        Name of the scene in the updates.
+    on_update
+        Called with every update and its score.
+
+    Raises
+    ------
+    ValueError
+        If there is no observation, or the period is not above 0.
+    """
+    period = config.period if period is None else period
+    if not period > 0:
+        raise ValueError(f"the period {period:g} s is not above 0")
+    truth = Truth() if truth is None else truth
+    batches = _batches(messages, truth)
+    first = next(batches, None)
+    if first is None:
+        raise ValueError("there is no observation")
+    offline = _Offline(Fusion(config, scene=scene), Tally(truth), on_update)
+    start_ns = _start(first)
+    end_ns = None if duration is None else start_ns + round(duration * 1e9)
+    due = 1
+    for batch in _chain(first, batches):
+        while batch.stamp_ns > (now_ns := start_ns + round(due * period * 1e9)) and not _over(now_ns, end_ns):
+            offline.update(now_ns)
+            due += 1
+        if _over(batch.stamp_ns, end_ns):
+            break
+        offline.ingest(batch)
+    if not _over(now_ns := start_ns + round(due * period * 1e9), end_ns):
+        offline.update(now_ns)
+    if not offline.times:
+        raise ValueError(f"{duration:g} s are too short for an update every {period:g} s")
+    return Run(
+        summary=offline.tally.summary(),
+        scores=offline.tally.scores,
+        update_ms=np.array(offline.times),
+        start_ns=start_ns,
+        truth=truth,
+        spaces=dict(offline.observed.spaces),
+        stats=offline.fusion.stats,
+    )
+
+
+def _over(time_ns: int, end_ns: int | None) -> bool:
+    return end_ns is not None and time_ns > end_ns
+
+
+def _start(batch: ObservationBatch) -> int:
+    stamps = batch.stamps_ns
+    return batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
+
+
+def _batches(messages: Iterable[Message], truth: Truth) -> Iterator[ObservationBatch]:
+    """Pick the observations; truth is put aside as it comes."""
+    for message in messages:
+        if isinstance(message, TruthBatch):
+            truth.add(message)
+        else:
+            yield message
+
+
+def _chain(first: ObservationBatch, rest: Iterator[ObservationBatch]) -> Iterator[ObservationBatch]:
+    yield first
+    yield from rest

@@ -1,0 +1,299 @@
+"""Pictures of a run: tracks coloured by hypothesis beside the truth, and NMI over time.
+
+Needs the extra ``plot`` (matplotlib), which is imported only when a picture is drawn.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from comotion_clients.colours import GREY, HUES, colour, marker
+from comotion_clients.metrics import Score, Truth, contingency
+from comotion_clients.scoring import SpaceRef
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+
+PANELS = 3
+TRAIL_S = 1.0
+_TRACE_LIMIT = 600
+_LEGEND_LIMIT = 8
+_DPI = 100
+
+
+class Trace:
+    """The updates of a run, thinned out so that a long run stays small."""
+
+    def __init__(self) -> None:
+        self.updates: list[HypothesisUpdate] = []
+        self._stride = 1
+        self._count = 0
+
+    def add(self, update: HypothesisUpdate, score: Score | None = None) -> None:  # noqa: ARG002
+        """Take in an update; its score, if given, is not needed here."""
+        if self._count % self._stride == 0:
+            self.updates.append(update)
+        self._count += 1
+        if len(self.updates) > _TRACE_LIMIT:
+            del self.updates[1::2]
+            self._stride *= 2
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """The tracks of one space in one update."""
+
+    stamp_ns: int
+    tracks: list[tuple[str, str, int]]
+    positions: NDArray[np.float32]
+    hypotheses: NDArray[np.int64]
+    objects: NDArray[np.int64]
+
+
+def save_plot(
+    path: Path,
+    *,
+    title: str,
+    updates: Sequence[HypothesisUpdate],
+    scores: Sequence[Score],
+    truth: Truth,
+    spaces: Mapping[str, SpaceRef],
+) -> None:
+    """Draw a run into a PNG (or what else the suffix says).
+
+    Three moments of the run, the tracks coloured by hypothesis and, below, by true object; then
+    NMI over time, or the number of hypotheses where there is no truth. Of several coordinate
+    spaces the one with most tracks is drawn.
+
+    Parameters
+    ----------
+    path
+        File to write; its folder is made if need be.
+    title
+        Heading.
+    updates, scores
+        Of one run, both in order; see :class:`Trace`.
+    truth
+        True objects; without any the row of the truth is left out.
+    spaces
+        Coordinate space of every source.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If matplotlib is not installed.
+    ValueError
+        If there is no update with a track.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    space = _main_space(updates, spaces)
+    if space is None:
+        raise ValueError("there is nothing to plot: no update lists a track")
+    moments = [_moment(update, truth, spaces, space) for update in updates]
+    has_truth = any((moment.objects >= 0).any() for moment in moments)
+    figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=14)
+    _Painter(figure, space, moments, scores, truth, has_truth).draw()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def _main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
+    counts: dict[SpaceRef, int] = {}
+    for update in updates:
+        for index, source in enumerate(update.sources):
+            if source.name in spaces:
+                space = spaces[source.name]
+                counts[space] = counts.get(space, 0) + int(np.count_nonzero(update.track_source == index))
+    return max(counts, key=lambda s: counts[s], default=None) if any(counts.values()) else None
+
+
+def _moment(
+    update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
+) -> _Moment:
+    picked, tracks, objects = [np.zeros(0, np.intp)], [], [np.zeros(0, np.int32)]
+    for index, source in enumerate(update.sources):
+        if spaces.get(source.name) == space:
+            rows = np.flatnonzero(update.track_source == index)
+            ids = update.track_id[rows]
+            picked.append(rows)
+            tracks += [(source.name, source.session, identity) for identity in ids.tolist()]
+            objects.append(truth.objects((source.name, source.session), ids))
+    chosen = np.concatenate(picked)
+    return _Moment(
+        stamp_ns=update.stamp_ns,
+        tracks=tracks,
+        positions=update.track_position[chosen, : space.dim],
+        hypotheses=update.track_hypothesis[chosen].astype(np.int64),
+        objects=np.concatenate(objects).astype(np.int64),
+    )
+
+
+def object_colours(moments: Sequence[_Moment]) -> dict[int, tuple[float, float, float]]:
+    """A colour per true object: that of the hypothesis it was most often found as, if one is free."""
+    labels = np.concatenate([m.hypotheses for m in moments])
+    objects = np.concatenate([m.objects for m in moments])
+    scored = (objects >= 0) & (labels != UNDETERMINED)
+    found: dict[int, tuple[int, int, int]] = {}
+    if scored.any():
+        counts = contingency(labels[scored], objects[scored])
+        rows, columns = linear_sum_assignment(counts, maximize=True)
+        ids, numbers = np.unique(labels[scored]), np.unique(objects[scored])
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+            if colour(int(ids[row])) not in found.values():
+                found[int(numbers[column])] = colour(int(ids[row]))
+    free = [hue for hue in HUES if hue not in found.values()]
+    for number in np.unique(objects[objects >= 0]).tolist():
+        if number not in found:
+            found[number] = free.pop(0) if free else colour(number)
+    return {number: _unit_rgb(rgb) for number, rgb in found.items()}
+
+
+def _unit_rgb(rgb: tuple[int, int, int]) -> tuple[float, float, float]:
+    return rgb[0] / 255, rgb[1] / 255, rgb[2] / 255
+
+
+class _Painter:
+    def __init__(
+        self,
+        figure: Any,
+        space: SpaceRef,
+        moments: Sequence[_Moment],
+        scores: Sequence[Score],
+        truth: Truth,
+        has_truth: bool,
+    ) -> None:
+        self._figure, self._space, self._moments = figure, space, moments
+        self._scores, self._truth, self._has_truth = scores, truth, has_truth
+        self._start_ns = moments[0].stamp_ns
+        self._object_colours = object_colours(moments) if has_truth else {}
+        self._limits = _limits([m.positions for m in moments])
+
+    def draw(self) -> None:
+        rows = 2 if self._has_truth else 1
+        grid = self._figure.add_gridspec(rows + 1, PANELS, height_ratios=[*[3] * rows, 2])
+        chosen = self._chosen()
+        for column, index in enumerate(chosen):
+            t = self._seconds(self._moments[index].stamp_ns)
+            self._panel(grid[0, column], index, f"hypotheses, t = {t:.1f} s", truth=False)
+            if self._has_truth:
+                self._panel(grid[1, column], index, "truth", truth=True)
+        self._curve(self._figure.add_subplot(grid[rows, :]), chosen)
+
+    def _chosen(self) -> list[int]:
+        """Moments evenly spread over the run, its end included; those with tracks only."""
+        filled = [k for k, moment in enumerate(self._moments) if moment.tracks]
+        picks = np.linspace(0, len(filled) - 1, PANELS + 1)[1:]
+        return [filled[round(k)] for k in picks]
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self._start_ns) / 1e9
+
+    def _panel(self, cell: Any, index: int, title: str, *, truth: bool) -> None:
+        flat = self._space.dim == 2
+        axes = self._figure.add_subplot(cell, **({} if flat else {"projection": "3d"}))
+        moment = self._moments[index]
+        labels = moment.objects if truth else moment.hypotheses
+        trails = self._trails(index)
+        for label in np.unique(labels).tolist():
+            rgb, shape, name = self._style(label, int(np.count_nonzero(labels == label)), truth=truth)
+            members = np.flatnonzero(labels == label)
+            axes.plot(*_broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
+            points = moment.positions[members].T
+            axes.plot(*points, linestyle="", marker=shape, markersize=4.5, color=rgb, label=name)
+        axes.set_title(title, fontsize=11)
+        self._frame(axes)
+        self._legend(axes)
+
+    def _style(self, label: int, count: int, *, truth: bool) -> tuple[tuple[float, float, float], str, str]:
+        if truth:
+            name = self._truth.names.get(label, f"object {label}") if label >= 0 else "not scored"
+            return self._object_colours.get(label, _unit_rgb(GREY)), "o" if label >= 0 else "x", name
+        name = "undetermined" if label == UNDETERMINED else f"{label}"
+        return _unit_rgb(colour(label)), marker(label), f"{name} ({count})"
+
+    def _trails(self, index: int) -> list[NDArray[np.float32]]:
+        """The way each track of a moment has come in the last second: [steps, dim] each."""
+        end = self._moments[index].stamp_ns
+        rows = {track: k for k, track in enumerate(self._moments[index].tracks)}
+        ways: list[list[NDArray[np.float32]]] = [[] for _ in rows]
+        for moment in self._moments[: index + 1]:
+            if moment.stamp_ns < end - TRAIL_S * 1e9:
+                continue
+            for track, position in zip(moment.tracks, moment.positions, strict=True):
+                if track in rows:
+                    ways[rows[track]].append(position)
+        return [np.array(way) for way in ways]
+
+    def _frame(self, axes: Any) -> None:
+        names = "xyz"[: self._space.dim]
+        widest = max(high - low for low, high in self._limits)
+        for name, (low, high) in zip(names, self._limits, strict=True):
+            getattr(axes, f"set_{name}lim")(low, high)
+            getattr(axes, f"set_{name}label")(f"{name} [{self._space.unit}]", fontsize=9)
+            axes.locator_params(axis=name, nbins=max(2, round(5 * (high - low) / widest)))
+        axes.tick_params(labelsize=8)
+        if self._space.dim == 3:
+            axes.set_box_aspect([high - low for low, high in self._limits], zoom=0.85)
+            return
+        axes.set_aspect("equal")
+        if self._space.unit == "px":
+            axes.invert_yaxis()
+
+    def _legend(self, axes: Any) -> None:
+        handles, names = axes.get_legend_handles_labels()
+        axes.legend(
+            handles[:_LEGEND_LIMIT],
+            [*names[: _LEGEND_LIMIT - 1], f"... {len(names)} in all"]
+            if len(names) > _LEGEND_LIMIT
+            else names,
+            fontsize=7,
+            loc="upper left",
+            framealpha=0.7,
+            handletextpad=0.2,
+        )
+
+    def _curve(self, axes: Any, chosen: Sequence[int]) -> None:
+        times = [self._seconds(score.stamp_ns) for score in self._scores]
+        if self._has_truth:
+            values = np.array([score.nmi for score in self._scores])
+            axes.set_ylim(-0.03, 1.05)
+            axes.set_ylabel("NMI")
+            axes.set_title(f"NMI against the truth: mean {np.nanmean(values):.3f}", fontsize=11)
+        else:
+            times = [self._seconds(m.stamp_ns) for m in self._moments]
+            values = np.array(
+                [len(np.unique(m.hypotheses[m.hypotheses != UNDETERMINED])) for m in self._moments]
+            )
+            axes.set_ylabel("hypotheses")
+            axes.set_title("number of hypotheses (no truth)", fontsize=11)
+        axes.plot(times, values, color=_unit_rgb(HUES[0]), linewidth=1.4)
+        for index in chosen:
+            axes.axvline(
+                self._seconds(self._moments[index].stamp_ns), color="0.6", linewidth=0.8, dashes=(4, 3)
+            )
+        axes.set_xlabel("t [s]")
+        axes.grid(visible=True, alpha=0.3)
+
+
+def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:
+    """Bounds per axis that hold all but stray points, with some room."""
+    points = np.concatenate(clouds)
+    low, high = np.percentile(points, [0.5, 99.5], axis=0)
+    room = 0.06 * max(float((high - low).max()), 1e-6)
+    return [(float(a) - room, float(b) + room) for a, b in zip(low, high, strict=True)]
+
+
+def _broken(
+    trails: Sequence[NDArray[np.float32]], members: NDArray[np.intp], dim: int
+) -> Iterator[NDArray[np.float32]]:
+    """Several trails as one line with gaps, one array per axis: far faster to draw than many lines."""
+    gap = np.full((1, dim), np.nan, np.float32)
+    pieces = [piece for member in members.tolist() for piece in (trails[member], gap)]
+    yield from np.concatenate(pieces).T

@@ -1,0 +1,172 @@
+"""The core offline: the clock, the inputs and the table."""
+
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from comotion import Fusion, FusionConfig
+from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, plot_path, table
+from comotion_experiments.inputs import find_inputs, parse_seeds
+from comotion_experiments.offline import run_offline
+from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas.codec import encode
+from comotion_sources import simulator
+
+CONFIG = FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+SCENE = """
+title = "two bodies, one moves"
+dim = 2
+duration = 2.0
+[[bodies]]
+name = "ground"
+features = 5
+size = [1.0, 1.0]
+sigma = 0.001
+motion = { kind = "rest", at = [0.5, 0.5] }
+[[bodies]]
+name = "box"
+features = 4
+size = [0.2, 0.2]
+sigma = 0.001
+motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [2, 0.8, 0.5, 0]] }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "two.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def messages(scene: Path, rates: list[float] | None = None) -> list:
+    return list(simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=3, rates=rates)))
+
+
+def test_every_update_sees_what_was_stamped_until_then(scene: Path) -> None:
+    """The same as a plain loop over the clock, bit for bit."""
+    sent = messages(scene, [15.0, 40.0])
+    found: list[bytes] = []
+    run_offline(sent, CONFIG, period=0.25, on_update=lambda u, _: found.append(encode(u)))
+
+    fusion = Fusion(CONFIG)
+    waiting = [m for m in sent if isinstance(m, ObservationBatch)]
+    start, end = waiting[0].stamp_ns, waiting[-1].stamp_ns
+    expected, now = [], start
+    while now < end:
+        now += 250_000_000
+        while waiting and waiting[0].stamp_ns <= now:
+            fusion.ingest(waiting.pop(0))
+        expected.append(encode(fusion.update(now)))
+    assert found == expected
+
+
+def test_a_moving_body_is_told_from_a_resting_one(scene: Path) -> None:
+    run = run_offline(messages(scene), CONFIG)
+    assert run.summary.final_nmi == 1.0
+    assert run.summary.final_misclassification == 0.0
+    assert run.scores[-1].objects == 2
+    assert run.truth.names == {0: "ground", 1: "box"}
+    assert len(run.update_ms) == len(run.scores) == run.summary.updates == 20
+    assert (run.update_ms > 0).all()
+    assert run.seconds[-1] == pytest.approx(run.nmi.size * 0.1, abs=0.1)
+
+
+def test_duration_cuts_the_run(scene: Path) -> None:
+    run = run_offline(messages(scene), CONFIG, period=0.1, duration=0.55)
+    assert run.summary.updates == 5
+    assert run.seconds.max() <= 0.55
+
+
+def test_what_cannot_run_is_refused(scene: Path) -> None:
+    with pytest.raises(ValueError, match="no observation"):
+        run_offline([], CONFIG)
+    with pytest.raises(ValueError, match="not above 0"):
+        run_offline(messages(scene), CONFIG, period=0.0)
+    with pytest.raises(ValueError, match="too short"):
+        run_offline(messages(scene), CONFIG, duration=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"), [("0", [0]), ("0-4", [0, 1, 2, 3, 4]), ("7,1-2, 9", [7, 1, 2, 9])]
+)
+def test_seeds(text: str, seeds: list[int]) -> None:
+    assert parse_seeds(text) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "a", "-1", "1-", "3-1", "0-2000", "1.5"])
+def test_seeds_that_are_none(text: str) -> None:
+    with pytest.raises(ValueError, match="seeds"):
+        parse_seeds(text)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Three markers at rest and three that move; one of each is not labelled."""
+    rng = np.random.default_rng(0)
+    times = np.arange(60) / 30
+    positions = np.repeat(rng.uniform(0, 1, (1, 6, 3)), 60, axis=0)
+    positions[:, 3:, 0] += 0.4 * times[:, None]
+    path = tmp_path / "markers.npz"
+    np.savez(path, positions=positions, times=times, labels=[1, 1, -1, 2, 2, -1])
+    return path
+
+
+def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> None:
+    inputs = find_inputs([f"sim:{scene}", str(recording)], seeds=[0, 1])
+    results = evaluate_inputs(inputs, CONFIG, period=0.25)
+    assert [(r.name, r.seed) for r in results] == [
+        (f"sim:{scene}", 0),
+        (f"sim:{scene}", 1),
+        (str(recording), None),
+    ]
+    assert all(r.summary.final_nmi == 1.0 for r in results)
+    # The two markers without a label are grouped but never scored.
+    assert results[2].summary.mean_objects == 2
+    scenes = averages(results[:2])["mean_nmi"]
+    assert overall(results)["mean_nmi"] == pytest.approx((scenes + results[2].summary.mean_nmi) / 2)
+
+    found = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
+    assert found["period"] == 0.25
+    assert found["config"]["sigma_switch"] == 0.02
+    assert [run["seed"] for run in found["runs"]] == [0, 1, None]
+    text = io.StringIO()
+    Console(file=text, width=120).print(table(results))
+    assert "overall" in text.getvalue()
+    assert "± seeds" in text.getvalue()
+
+
+def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) -> None:
+    with np.load(recording) as content:
+        np.savez(recording, positions=content["positions"], times=content["times"])
+    (result,) = evaluate_inputs(find_inputs([str(recording)]), CONFIG)
+    assert math.isnan(result.summary.mean_nmi)
+    assert result.summary.mean_hypotheses > 1
+    assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None
+
+
+def test_a_recording_becomes_several_sources(recording: Path) -> None:
+    (one,) = find_inputs([str(recording)], split=3, rates=[30.0, 15.0, 10.0])
+    updates: list[HypothesisUpdate] = []
+    run = run_offline(one.open(), CONFIG, on_update=lambda u, _: updates.append(u))
+    assert len(updates[-1].sources) == 3
+    assert run.summary.final_nmi == 1.0
+
+
+@pytest.mark.parametrize("name", ["missing.npz", "sim:missing", "sim:missing.toml"])
+def test_inputs_that_do_not_exist_are_refused_before_anything_runs(name: str) -> None:
+    with pytest.raises(ValueError, match="missing"):
+        find_inputs([name])
+
+
+def test_several_plots_do_not_overwrite_each_other(scene: Path, recording: Path) -> None:
+    inputs = find_inputs([f"sim:{scene}", str(recording)], seeds=[0, 1])
+    assert plot_path(Path("out/p.png"), inputs[0], several=False) == Path("out/p.png")
+    paths = {plot_path(Path("out/p.png"), one, several=True) for one in inputs}
+    assert len(paths) == 3
+    assert Path("out/p-markers.png") in paths

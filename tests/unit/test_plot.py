@@ -1,0 +1,71 @@
+"""Pictures of a run. What they show is looked at by people; here: that they are drawn, and of what."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from comotion import FusionConfig
+from comotion_clients.colours import colour
+from comotion_clients.metrics import Truth
+from comotion_clients.scoring import SpaceRef
+from comotion_experiments.offline import Run, run_offline
+from comotion_experiments.plot import Trace, _moment, object_colours, save_plot
+from comotion_sources import simulator
+
+cv2 = pytest.importorskip("cv2")
+pytest.importorskip("matplotlib")
+CONFIG = FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+
+
+def run(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, Trace]:
+    trace = Trace()
+    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
+    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
+    return run_offline(messages, CONFIG, duration=duration, on_update=trace.add), trace
+
+
+@pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
+def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
+    done, trace = run(scene, 1.5, keep_truth=keep_truth)
+    path = tmp_path / "new" / "run.png"
+    save_plot(
+        path,
+        title="a run",
+        updates=trace.updates,
+        scores=done.scores,
+        truth=done.truth,
+        spaces=done.spaces,
+    )
+    image = cv2.imread(str(path))
+    assert image.shape[1] == 1200
+    assert image.shape[0] == (960 if keep_truth else 640)
+    # Some points have the colour of a hypothesis.
+    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
+    ids = np.unique(trace.updates[-1].track_hypothesis).tolist()
+    for wanted in (colour(i) for i in ids):
+        assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20
+
+
+def test_an_object_has_the_colour_of_its_hypothesis() -> None:
+    done, trace = run("fig4_1", 4.0)
+    space = SpaceRef("world", "m", 2)
+    moments = [_moment(update, done.truth, done.spaces, space) for update in trace.updates]
+    colours = object_colours(moments)
+    last = moments[-1]
+    for number in (0, 1):
+        (hypothesis,) = np.unique(last.hypotheses[last.objects == number]).tolist()
+        assert colours[number] == pytest.approx([value / 255 for value in colour(hypothesis)])
+
+
+def test_a_long_trace_is_thinned_evenly() -> None:
+    _, short = run("fig4_1", 0.5)
+    trace = Trace()
+    for k in range(5000):
+        trace.add(short.updates[k % 5])
+    assert 300 <= len(trace.updates) <= 601
+
+
+def test_nothing_to_draw_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nothing to plot"):
+        save_plot(tmp_path / "x.png", title="", updates=[], scores=[], truth=Truth(), spaces={})
