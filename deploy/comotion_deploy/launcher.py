@@ -58,7 +58,7 @@ class Launcher:
         for stage in (True, False):
             members = [child for child in self.children if child.spec.is_router is stage]
             for child in members:
-                child.start()
+                self._start(child)
             self._wait_ready(members)
         if not self._stop.is_set():
             self._say("all processes are ready; Ctrl-C stops them")
@@ -88,8 +88,11 @@ class Launcher:
             if status is not None:
                 self._on_end(child, status)
             if child.due_s is not None and time.monotonic() >= child.due_s and not self._stop.is_set():
-                self._say(f"starting {child.spec.name} again")
-                child.start()
+                self._start(child)
+
+    def _start(self, child: Child) -> None:
+        child.start()
+        self._say(f"started {child.spec.name}, pid {child.pid}")
 
     def _on_end(self, child: Child, status: int) -> None:
         name = child.spec.name

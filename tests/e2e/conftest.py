@@ -16,16 +16,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
-from comotion_schemas import Message, decode
+from comotion_schemas import Keys, Message, ObservationBatch, decode, encode
+from comotion_schemas.component import Component
 from comotion_schemas.qos import Kind
-from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
+from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session, stream_publisher
 
 DEADLINE = 30.0
 
@@ -157,13 +159,73 @@ class Mailbox:
         self._subscriber.undeclare()
 
 
+def two_bodies(stamp_ns: int) -> np.ndarray:
+    """Twelve features in metres: the first six move along x, the others along y."""
+    rng = np.random.default_rng(7)
+    positions = rng.random((12, 3)) * 0.4
+    swing = 0.3 * np.sin(2 * np.pi * 0.5 * (stamp_ns % 10**12) / 1e9)
+    positions[:6, 0] += swing
+    positions[6:, 1] += 1.0 + swing
+    return positions.astype(np.float32)
+
+
+def observe(name: str, session: str, seq: int, stamp_ns: int) -> ObservationBatch:
+    """What a tracker of :func:`two_bodies` publishes."""
+    return ObservationBatch(
+        source=name,
+        session=session,
+        seq=seq,
+        space="world",
+        unit="m",
+        dim=3,
+        stamp_ns=stamp_ns,
+        ids=np.arange(12, dtype=np.uint64),
+        positions=two_bodies(stamp_ns),
+    )
+
+
+class Tracker:
+    """A well-behaved source of :func:`two_bodies`, in a thread of the test."""
+
+    def __init__(self, endpoint: str, name: str, rate: float) -> None:
+        self._endpoint, self._name, self._rate = endpoint, name, rate
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        settings = SessionSettings(connect=(self._endpoint,))
+        with Component(role="source", name=self._name, settings=settings) as component:
+            publisher = stream_publisher(component.session, component.keys, "obs", self._name)
+            seq = 0
+            while not self._stop.wait(1 / self._rate):
+                publisher.put(encode(observe(self._name, component.session_id, seq, time.time_ns())))
+                seq += 1
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(DEADLINE)
+
+
 Start = Callable[..., Process]
 Listen = Callable[..., Mailbox]
+Track = Callable[..., Tracker]
+Connect = Callable[[str], zenoh.Session]
+KEYS = Keys()
 
 
-@pytest.fixture
-def start() -> Iterator[Start]:
-    """Run a command; `ready=False` to not wait for it."""
+class Service:
+    """A running service and a client's session at it."""
+
+    def __init__(self, process: Process, endpoint: str, session: zenoh.Session, listen: Listen) -> None:
+        self.process, self.endpoint, self.session = process, endpoint, session
+        self.updates = listen(session, KEYS.hypotheses, "hypotheses")
+        self.statuses = listen(session, KEYS.stream("status", "fusion"), "status")
+
+
+@contextmanager
+def running() -> Iterator[Start]:
+    """Run commands, and stop them in the end; `ready=False` to not wait for one."""
     with ExitStack() as stack:
 
         def run(
@@ -182,8 +244,28 @@ def start() -> Iterator[Start]:
 
 
 @pytest.fixture
+def start() -> Iterator[Start]:
+    """Run a command for one test."""
+    with running() as run:
+        yield run
+
+
+@pytest.fixture(scope="module")
+def start_shared() -> Iterator[Start]:
+    """Run a command for all tests of a module."""
+    with running() as run:
+        yield run
+
+
+@pytest.fixture
 def free_port_endpoint() -> str:
     """An endpoint that nobody listens at yet."""
+    return free_endpoint()
+
+
+@pytest.fixture(scope="module")
+def shared_endpoint() -> str:
+    """An endpoint for what the tests of a module share."""
     return free_endpoint()
 
 
@@ -200,20 +282,50 @@ def endpoint(router: Process, free_port_endpoint: str) -> str:
 
 
 @pytest.fixture
-def session(endpoint: str) -> Iterator[zenoh.Session]:
-    """A client session at the router."""
-    with open_session(SessionSettings(connect=(endpoint,))) as session:
-        yield session
+def connect() -> Iterator[Connect]:
+    """Open a client session: ``connect(endpoint)``."""
+    with ExitStack() as stack:
+        yield lambda endpoint: stack.enter_context(open_session(SessionSettings(connect=(endpoint,))))
 
 
 @pytest.fixture
-def listen(session: zenoh.Session) -> Iterator[Listen]:
-    """Subscribe: ``listen(key, kind)``."""
+def session(endpoint: str, connect: Connect) -> zenoh.Session:
+    """A client session at the router."""
+    return connect(endpoint)
+
+
+@pytest.fixture
+def listen() -> Iterator[Listen]:
+    """Subscribe: ``listen(session, key, kind)``."""
     with ExitStack() as stack:
 
-        def subscribe(key: str, kind: Kind) -> Mailbox:
+        def subscribe(session: zenoh.Session, key: str, kind: Kind) -> Mailbox:
             mailbox = Mailbox(session, key, kind)
             stack.callback(mailbox.close)
             return mailbox
 
         yield subscribe
+
+
+@pytest.fixture
+def track() -> Iterator[Track]:
+    """Publish two bodies: ``track(endpoint, name, rate)``."""
+    with ExitStack() as stack:
+
+        def run(endpoint: str, name: str = "tracker", rate: float = 20.0) -> Tracker:
+            tracker = Tracker(endpoint, name, rate)
+            stack.callback(tracker.close)
+            return tracker
+
+        yield run
+
+
+@pytest.fixture
+def serve(start: Start, free_port_endpoint: str, connect: Connect, listen: Listen) -> Callable[..., Service]:
+    """Run a service that is its own router: ``serve(*arguments)``."""
+
+    def run(*arguments: object) -> Service:
+        process = start("serve", "--listen", free_port_endpoint, *arguments)
+        return Service(process, free_port_endpoint, connect(free_port_endpoint), listen)
+
+    return run

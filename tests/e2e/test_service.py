@@ -1,0 +1,278 @@
+"""The fusion service as a process: what it publishes, answers, refuses and survives."""
+
+import json
+import math
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zenoh
+
+from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, decode_as, encode
+from comotion_schemas.component import Component
+from comotion_schemas.transport import SessionSettings, stream_publisher
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+SESSION = "00000000000000aa"
+
+
+def batch(source: str = "bad", **changes: Any) -> ObservationBatch:
+    fields: dict[str, Any] = {
+        "source": source,
+        "session": SESSION,
+        "seq": 0,
+        "space": "world",
+        "unit": "m",
+        "dim": 3,
+        "stamp_ns": time.time_ns(),
+        "ids": np.arange(3, dtype=np.uint64),
+        "positions": np.zeros((3, 3), np.float32),
+    }
+    return ObservationBatch(**(fields | changes))
+
+
+def altered(**changes: Any) -> bytes:
+    """A batch whose wire map has been tampered with."""
+    content = msgpack.unpackb(encode(batch()))
+    return msgpack.packb(content | changes)
+
+
+MALFORMED: dict[str, tuple[str, Callable[[], bytes]]] = {
+    "truncated": ("malformed", lambda: encode(batch())[:-7]),
+    "not msgpack": ("malformed", lambda: b"\xc1 this is not msgpack"),
+    "empty": ("malformed", lambda: b""),
+    "not a map": ("malformed", lambda: msgpack.packb([1, 2, 3])),
+    "another schema": ("schema", lambda: altered(schema="comotion.ObservationBatch/2")),
+    "wrong type of a field": ("schema", lambda: altered(seq="7")),
+    "wrong length": ("length", lambda: altered(positions=b"\0" * 24)),
+    "no whole rows": ("length", lambda: altered(ids=b"\0" * 23)),
+    "NaN": ("non-finite", lambda: altered(positions=np.full(9, math.nan, "<f4").tobytes())),
+    "infinity": ("non-finite", lambda: altered(sigma=math.inf)),
+    "unknown key": ("unknown-field", lambda: altered(colour="red")),
+    "an id twice": ("duplicate-id", lambda: altered(ids=np.array([1, 2, 1], "<u8").tobytes())),
+    "wrong source for its key": ("source-mismatch", lambda: encode(batch(source="somebody-else"))),
+    "20 MB": ("too-large", lambda: bytes(20_000_000)),
+    "from the future": ("future", lambda: encode(batch(stamp_ns=time.time_ns() + 10**10))),
+    "another unit": ("space-mismatch", lambda: encode(batch(unit="px", seq=1))),
+}
+
+
+def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
+    names = [source.name for source in update.sources]
+    return {
+        (names[source], int(track)): int(hypothesis)
+        for source, track, hypothesis in zip(
+            update.track_source, update.track_id, update.track_hypothesis, strict=True
+        )
+    }
+
+
+def is_sorted_out(update: HypothesisUpdate) -> bool:
+    """Both bodies are told apart, each as one hypothesis."""
+    found = [label for _, label in sorted(labels(update).items())]
+    return len(found) == 12 and len(set(found[:6])) == len(set(found[6:])) == 1 and found[0] != found[6]
+
+
+@pytest.fixture(scope="module")
+def busy_endpoint(start_shared, shared_endpoint) -> str:
+    """A service that is not changed by the tests that share it."""
+    start_shared("serve", "--listen", shared_endpoint, "--set", "window=7")
+    return shared_endpoint
+
+
+@pytest.fixture
+def busy(busy_endpoint, connect, listen, track) -> SimpleNamespace:
+    """The shared service with one source, sorted out, and what it published then."""
+    track(busy_endpoint, "left")
+    session = connect(busy_endpoint)
+    updates = listen(session, KEYS.hypotheses, "hypotheses")
+    statuses = listen(session, KEYS.stream("status", "fusion"), "status")
+    return SimpleNamespace(
+        endpoint=busy_endpoint,
+        session=session,
+        updates=updates,
+        statuses=statuses,
+        update=updates.until(is_sorted_out),
+    )
+
+
+def ask(session: zenoh.Session, selector: str) -> zenoh.Reply:
+    replies = list(session.get(f"{KEYS.prefix}/query/{selector}", timeout=10))
+    assert len(replies) == 1
+    return replies[0]
+
+
+def content(reply: zenoh.Reply) -> bytes:
+    assert reply.ok is not None, reply.err
+    return reply.ok.payload.to_bytes()
+
+
+def grown(after: Status, before: Status) -> dict[str, int]:
+    growth = {reason: count - before.rejected.get(reason, 0) for reason, count in after.rejected.items()}
+    return {reason: count for reason, count in growth.items() if count}
+
+
+def test_a_malformed_batch_is_counted_with_its_reason_and_changes_nothing_else(busy) -> None:
+    status_before = busy.statuses.until(lambda s: s.ages)
+    publisher = stream_publisher(busy.session, KEYS, "obs", "bad")
+    expected: dict[str, int] = {}
+    for reason, make in MALFORMED.values():
+        publisher.put(make())
+        expected[reason] = expected.get(reason, 0) + 1
+    status = busy.statuses.until(lambda s: sum(grown(s, status_before).values()) >= len(MALFORMED))
+    assert grown(status, status_before) == expected
+    assert status.state == "degraded"
+    assert "obs/bad" in status.message
+    for name in ("lost", "late", "duplicates", "tracks"):
+        assert status.counters[name] == status_before.counters[name]
+    busy.updates.drain()
+    for _ in range(5):
+        after = busy.updates.next()
+        assert labels(after) == labels(busy.update)
+        assert [source.name for source in after.sources] == ["left"]
+
+
+@pytest.mark.parametrize("name", ["Upper-Case", "x" * 65])
+def test_a_source_with_an_invalid_name_is_a_mismatch(busy, name) -> None:
+    before = busy.statuses.next()
+    busy.session.put(f"{KEYS.prefix}/obs/{name}", encode(batch()))
+    assert grown(busy.statuses.until(lambda s: grown(s, before)), before) == {"source-mismatch": 1}
+
+
+def test_every_queryable_answers(busy) -> None:
+    snapshot = decode_as(HypothesisUpdate, content(ask(busy.session, "snapshot")))
+    assert snapshot.session == busy.update.session
+    assert snapshot.seq >= busy.update.seq
+    status = decode_as(Status, content(ask(busy.session, "status")))
+    assert (status.component, status.role, status.session) == ("fusion", "service", snapshot.session)
+    assert json.loads(content(ask(busy.session, "config")))["window"] == 7.0
+    schemas = json.loads(content(ask(busy.session, "schema")))
+    assert "positions" in schemas["ObservationBatch"]["properties"]
+    assert json.loads(content(ask(busy.session, "schema?message=Status"))) == schemas["Status"]
+
+
+def test_affinities_are_those_of_the_last_update(busy) -> None:
+    answer = msgpack.unpackb(content(ask(busy.session, "affinity?space=world")))
+    tracks = np.frombuffer(answer["track_id"], "<u8")
+    matrix = np.frombuffer(answer["matrix"], "<f4").reshape(len(tracks), len(tracks))
+    assert answer["schema"] == "comotion.Affinity/1"
+    assert [source["name"] for source in answer["sources"]] == ["left"]
+    assert np.array_equal(matrix, matrix.T)
+    order = np.argsort(tracks)
+    matrix = matrix[np.ix_(order, order)]
+    assert matrix[:6, :6].min() > 0.9
+    assert matrix[:6, 6:].max() < 0.5
+    # There is one space, so it need not be named.
+    assert msgpack.unpackb(content(ask(busy.session, "affinity")))["space"] == "world"
+
+
+@pytest.mark.parametrize(
+    ("selector", "words"),
+    [("affinity?space=moon", "no space 'moon'; known: world"), ("schema?message=X", "no message 'X'")],
+)
+def test_a_query_that_cannot_be_answered_says_why(busy, selector, words) -> None:
+    error = ask(busy.session, selector).err
+    assert error is not None
+    assert words in error.payload.to_string()
+
+
+def test_status_tells_rates_and_ages(busy, track) -> None:
+    track(busy.endpoint, "lively", rate=40)
+    status = busy.statuses.until(lambda s: s.rates.get("lively", 0) > 20)
+    assert 0 <= status.ages["lively"] < 1
+    assert status.counters["batches"] > 0
+
+
+def test_a_source_that_is_there_but_silent_is_reported(busy) -> None:
+    with Component(role="source", name="mute", settings=SessionSettings(connect=(busy.endpoint,))):
+        status = busy.statuses.until(lambda s: "no data from mute" in s.message)
+        assert status.state == "degraded"
+    busy.statuses.until(lambda s: "mute" not in s.message)
+
+
+def test_a_new_session_of_a_source_replaces_the_tracks_of_the_old(busy, track) -> None:
+    first = track(busy.endpoint, "again")
+    before = busy.updates.until(lambda u: len(u.track_id) == 24)
+    first.close()
+    track(busy.endpoint, "again")
+    after = busy.updates.until(lambda u: len(u.track_id) == 24 and u.sources != before.sources)
+    assert {s.name for s in after.sources} == {"left", "again"}
+
+
+def test_a_second_service_in_a_scene_is_refused(busy, start) -> None:
+    second = start("serve", "--connect", busy.endpoint, "--name", "other", ready=False)
+    assert second.wait() == 2
+    assert second.lines == ["error: scene 'default' is already served by 'fusion'"]
+
+
+def test_updates_come_from_the_start_and_are_numbered(serve) -> None:
+    service = serve("--set", "period=0.05")
+    got = [service.updates.next() for _ in range(10)]
+    assert [u.seq - got[0].seq for u in got] == list(range(10))
+    assert {u.period_ns for u in got} == {50_000_000}
+    assert all(len(u.track_id) == 0 for u in got)
+    published = [u.published_ns for u in got]
+    assert published == sorted(published)
+    assert "none yet" in ask(service.session, "affinity").err.payload.to_string()
+
+
+def test_a_late_joiner_gets_the_last_update_at_once(serve) -> None:
+    # The next update is a minute away: whatever arrives before is the cached one.
+    assert serve("--set", "period=60").updates.next(deadline=20).seq == 0
+
+
+def test_recordings_from_the_past_are_fused_under_the_event_clock(serve) -> None:
+    service = serve("--clock", "event")
+    publisher = stream_publisher(service.session, KEYS, "obs", "old")
+    for seq in range(30):
+        publisher.put(encode(batch("old", seq=seq, stamp_ns=10**18 + seq * 10**8)))
+    update = service.updates.until(lambda u: u.stamp_ns == 10**18 + 29 * 10**8)
+    assert update.track_id.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_is_clean_and_withdraws_the_service(start, endpoint, session, number) -> None:
+    presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
+    service = start("serve", "--connect", endpoint)
+    assert presence.recv().kind == zenoh.SampleKind.PUT
+    service.signal(number)
+    assert service.wait() == 0
+    assert service.lines == ["ready"]
+    assert presence.recv().kind == zenoh.SampleKind.DELETE
+    presence.undeclare()
+
+
+def test_waiting_for_a_router_can_be_interrupted(start, free_port_endpoint) -> None:
+    service = start("serve", "--connect", free_port_endpoint, ready=False)
+    service.wait_line(lambda line: "waiting for a router" in line)
+    service.interrupt()
+    assert service.wait() == 0
+
+
+def test_a_clean_stop_keeps_the_state(serve, start, connect, listen, track, tmp_path: Path) -> None:
+    arguments = ("--state", tmp_path / "s", "--state-interval", "3600")
+    service = serve(*arguments)
+    track(service.endpoint)
+    before = service.updates.until(is_sorted_out)
+    service.process.interrupt()
+    assert service.process.wait() == 0
+    again = start("serve", "--listen", service.endpoint, *arguments)
+    after = service.updates.until(lambda u: u.session != before.session and is_sorted_out(u))
+    assert labels(after) == labels(before)
+    assert "continuing from" in again.output
+
+
+def test_a_useless_state_file_is_kept_aside_and_the_service_starts_afresh(serve, tmp_path: Path) -> None:
+    state = tmp_path / "scene.state"
+    state.write_bytes(b"holiday pictures")
+    service = serve("--state", state)
+    service.updates.next()
+    assert sum("starting afresh" in line for line in service.process.lines) == 1
+    assert (tmp_path / "scene.state.rejected").read_bytes() == b"holiday pictures"
