@@ -1,1 +1,39 @@
-"""Readers of recordings."""
+"""Readers of recordings: what was observed once, to be published again or evaluated offline."""
+
+from pathlib import Path
+
+from ..errors import RecordingError
+from .recording import Recording
+from .streams import recording_batches, recording_streams
+
+__all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a recording: ``.c3d`` or ``.npz``, by its ending.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, truncated, empty or no recording; one line that names the file.
+    """
+    path = Path(path)
+    try:
+        return _read(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror or error}") from None
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+
+
+def _read(path: Path) -> Recording:
+    from .c3d import read_c3d
+    from .npz import read_npz
+
+    if path.stat().st_size == 0:
+        raise RecordingError("the file is empty")
+    readers = {".c3d": read_c3d, ".npz": read_npz}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(f"not one of the endings {', '.join(readers)}")
+    return reader(path)

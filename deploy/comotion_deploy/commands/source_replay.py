@@ -1,0 +1,137 @@
+"""``comotion source replay``: a recording, published again."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options
+from ..errors import UserError
+
+EPILOG = """
+Examples:
+
+  comotion source replay tennis_serve.c3d
+
+  comotion source replay take.npz --loop --speed 2
+
+  comotion source replay take.npz --split 3   # three sources, at 1, 1/2 and 1/3 of the rate
+
+  comotion source replay take.npz --rate 50,25,10 --split 3
+
+  comotion source replay take.npz --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
+
+  comotion source replay take.npz --stamps original   # for: comotion serve --clock event
+"""
+
+
+class StampsChoice(StrEnum):
+    """Which acquisition times the batches carry."""
+
+    NOW = "now"
+    ORIGINAL = "original"
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: .c3d or .npz.")],
+    speed: Annotated[
+        float, typer.Option("--speed", envvar="COMOTION_SPEED", help="Recorded seconds per second.")
+    ] = 1.0,
+    loop: Annotated[
+        bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Start again at the end, as a new session.")
+    ] = False,
+    rate: Annotated[
+        str | None,
+        typer.Option(
+            "--rate",
+            envvar="COMOTION_RATE",
+            metavar="HZ[,HZ...]",
+            help="Drop frames down to this rate, for all sources or for each. Default: that of the "
+            "recording; its 1/K for the K-th of several sources.",
+        ),
+    ] = None,
+    split: Annotated[
+        int,
+        typer.Option(
+            "--split",
+            envvar="COMOTION_REPLAY_SPLIT",
+            min=1,
+            max=64,
+            help="Deal the markers out to so many sources, all in this process.",
+        ),
+    ] = 1,
+    part: Annotated[
+        str | None,
+        typer.Option(
+            "--part",
+            envvar="COMOTION_PART",
+            metavar="K/N",
+            help="Be the K-th of N sources only, the others being processes of their own.",
+        ),
+    ] = None,
+    stamps: Annotated[
+        StampsChoice,
+        typer.Option(
+            "--stamps",
+            envvar="COMOTION_STAMPS",
+            help="Stamp with the wall clock, or with the recording's own time from 0 on "
+            "(then serve with --clock event).",
+        ),
+    ] = StampsChoice.NOW,
+    start_at: Annotated[
+        str,
+        typer.Option(
+            "--start-at",
+            envvar="COMOTION_START_AT",
+            metavar="now|aligned|SECONDS",
+            help="When to start: now, at a multiple of the recording's length, or at a Unix time.",
+        ),
+    ] = "now",
+    duration: Annotated[
+        float | None,
+        typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="Stop after so many seconds."),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--name",
+            envvar="COMOTION_SOURCE_NAME",
+            help="Name of the source; of several, NAME-1, NAME-2, ... Default: replay.",
+        ),
+    ] = None,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Publish a recording, with its truth where it has labels, as one source or several."""
+    from comotion_sources import parts, playback
+    from comotion_sources import replay as process
+    from comotion_sources.recordings import read_recording
+
+    chosen = parts.parse_part(part) if part else None
+    if chosen is not None and split not in {1, chosen.count}:
+        raise UserError(f"--part {part} and --split {split} do not agree")
+    start = playback.parse_start(start_at)
+    rates = parts.parse_rates(rate) if rate else None
+    recording = read_recording(file)
+    streams = process.choose_streams(
+        recording,
+        split=split,
+        part=chosen,
+        rates=rates,
+        name=name,
+        speed=speed,
+        stamps=stamps.value,
+    )
+    process.run(
+        recording,
+        streams,
+        process.schedule(speed=speed, stamps=stamps.value, loop=loop, duration=duration, start_at=start),
+        scene=scene,
+        settings=options.session_settings(connect, listen),
+        ready_file=ready_file,
+    )

@@ -1,0 +1,122 @@
+"""Reader of ``.npz`` recordings.
+
+Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, ``times`` (F,) in seconds, optionally
+``labels`` (N,), the number of the true object from 1 on, ``segment_names`` or ``label_names``, and
+``units`` (``m``, ``cm`` or ``mm``; m by default). Two dimensions are pixels.
+"""
+
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RecordingError
+from .recording import Recording, clean, clean_labels
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+# What zipfile, zlib and NumPy raise on bytes that are no sound archive.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    ValueError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    TypeError,
+)
+_LARGEST = np.iinfo(np.int32).max
+
+
+def read_npz(path: Path) -> Recording:
+    """Read an ``.npz`` recording.
+
+    Raises
+    ------
+    RecordingError
+        If the file is truncated, empty or holds no such arrays.
+    OSError
+        If it cannot be opened.
+    """
+    try:
+        with path.open("rb") as file:
+            # Pickled arrays run code when they are read.
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise RecordingError("it is no .npz archive")
+            return _recording(path.stem, archive)
+    except RecordingError:
+        raise
+    except _DAMAGED as error:
+        raise RecordingError(
+            f"it is no .npz archive, or damaged or truncated ({type(error).__name__})"
+        ) from None
+
+
+def _recording(name: str, archive: Any) -> Recording:
+    positions, times = _numbers(archive, "positions", 3), _numbers(archive, "times", 1)
+    frames, markers, dim = positions.shape
+    if dim not in {2, 3}:
+        raise RecordingError(f"its positions have {dim} coordinates, not 2 or 3")
+    if len(times) != frames:
+        raise RecordingError(f"it has {len(times)} times for {frames} frames")
+    if not np.isfinite(times).all():
+        raise RecordingError("its times are not finite")
+    labels = _labels(archive, markers)
+    return Recording(
+        name=name,
+        times=times - times[0] if frames else times,
+        positions=clean(positions * (_scale(archive) if dim == 3 else 1.0)),
+        labels=labels,
+        label_names={} if labels is None else _label_names(archive),
+    )
+
+
+def _numbers(archive: Any, name: str, rank: int) -> NDArray[np.float64]:
+    if name not in archive:
+        raise RecordingError(f"it has no array {name!r}")
+    array = _array(archive, name)
+    if array.ndim != rank or array.dtype.kind not in "iuf":
+        raise RecordingError(f"its array {name!r} is not a {rank}-dimensional array of numbers")
+    return np.asarray(array, np.float64)
+
+
+def _array(archive: Any, name: str) -> NDArray[Any]:
+    array = archive[name]
+    if not isinstance(array, np.ndarray):  # a member of the archive that is no array comes as bytes
+        raise RecordingError(f"its member {name!r} is no array")
+    return array
+
+
+def _labels(archive: Any, markers: int) -> NDArray[np.int64] | None:
+    if "labels" not in archive:
+        return None
+    labels = _array(archive, "labels")
+    if labels.shape != (markers,) or labels.dtype.kind not in "iu":
+        raise RecordingError(f"its labels are not {markers} integers")
+    if labels.size and int(labels.max()) > _LARGEST:
+        raise RecordingError("a label exceeds 2147483647")
+    return clean_labels(labels.astype(np.int64))
+
+
+def _label_names(archive: Any) -> dict[int, str]:
+    """`segment_names` starts with object 1, `label_names` with object 0."""
+    for key, first in (("segment_names", 1), ("label_names", 0)):
+        names = _array(archive, key) if key in archive else np.empty(0)
+        if names.ndim == 1 and names.dtype.kind == "U":
+            return {first + k: text[:64] for k, text in enumerate(names.tolist()) if text}
+    return {}
+
+
+def _scale(archive: Any) -> float:
+    unit = str(_array(archive, "units")) if "units" in archive else "m"
+    if unit not in METRES:
+        raise RecordingError(f"its unit is {unit[:20]!r}, not one of {', '.join(METRES)}")
+    return METRES[unit]

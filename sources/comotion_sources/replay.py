@@ -1,0 +1,123 @@
+"""Replay as a process: a recording published live, as one source or several."""
+
+import dataclasses
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.transport import SessionSettings
+
+from .parts import Part
+from .playback import Schedule, publish
+from .progress import shown_progress
+from .recordings import Recording, recording_streams
+from .streams import Stream
+
+Stamps = Literal["now", "original"]
+_log = logging.getLogger(__name__)
+
+
+def choose_streams(
+    recording: Recording,
+    *,
+    split: int = 1,
+    part: Part | None = None,
+    rates: Sequence[float] | None = None,
+    name: str | None = None,
+    speed: float = 1.0,
+    stamps: Stamps = "now",
+) -> list[Stream]:
+    """Build the sources that one process is to publish.
+
+    Parameters
+    ----------
+    recording
+        What to publish.
+    split
+        Number of sources that share the markers; this process publishes them all.
+    part
+        Publish this part of so many only, instead.
+    rates
+        Hz of each source, or of all, as in :func:`recording_streams`.
+    name
+        Name of the source; where one process publishes several, the k-th is ``<name>-k``.
+    speed
+        Recorded seconds per second.
+    stamps
+        With ``now`` the stamps are those of the wall clock, so speeds scale with `speed`; with
+        ``original`` they are the recording's.
+
+    Raises
+    ------
+    ValueError
+        If a rate is above that of the recording, the rates do not go with the sources, or the
+        speed is not above 0.
+    """
+    if not 0 < speed <= 1000:
+        raise ValueError(f"speed {speed:g} is not within 0 to 1000")
+    count = split if part is None else part.count
+    streams = recording_streams(
+        recording,
+        split=count,
+        rates=rates,
+        source=name or "replay",
+        time_scale=1.0 / speed if stamps == "now" else 1.0,
+    )
+    if part is None:
+        return streams
+    mine = streams[part.index]
+    return [mine if name is None else dataclasses.replace(mine, name=name)]
+
+
+def schedule(
+    *, speed: float, stamps: Stamps, loop: bool, duration: float | None, start_at: float | str
+) -> Schedule:
+    """Say when the frames of :func:`choose_streams` are due."""
+    live = stamps == "now"
+    return Schedule(
+        start_at=start_at,
+        loop=loop,
+        pace=1.0 if live else speed,
+        live_stamps=live,
+        duration=duration,
+    )
+
+
+def run(
+    recording: Recording,
+    streams: Sequence[Stream],
+    when: Schedule,
+    *,
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    ready_file: Path | None = None,
+) -> None:
+    """Publish until the recording ends, or a signal or the schedule stops it.
+
+    Raises
+    ------
+    ValueError
+        If scene or name is no valid chunk of a key.
+    """
+    _log.info(
+        "%s: %d instants at %.4g Hz, %d %s%s; as %s",
+        recording.name,
+        len(recording),
+        recording.rate,
+        recording.positions.shape[1],
+        "markers in m" if recording.dim == 3 else "tracks in px",
+        "" if recording.labels is None else " with truth",
+        ", ".join(f"{stream.name} at {stream.rate:.4g} Hz" for stream in streams),
+    )
+    with shown_progress(recording.name, streams[0].length) as progress:
+        publish(
+            streams,
+            when,
+            scene=scene,
+            settings=settings,
+            ready_file=ready_file,
+            message=f"replays {recording.name}",
+            progress=progress,
+        )
