@@ -171,7 +171,7 @@ class _Painter:
     ) -> None:
         self._figure, self._space, self._moments = figure, space, moments
         self._scores, self._truth, self._has_truth = scores, truth, has_truth
-        self._start_ns = moments[0].stamp_ns
+        self._start_ns = next(m.stamp_ns for m in moments if m.tracks)
         self._object_colours = object_colours(moments) if has_truth else {}
         self._limits = _limits([m.positions for m in moments])
 

@@ -1,0 +1,92 @@
+"""`comotion evaluate` live, against the same scene evaluated offline."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from comotion import FusionConfig
+from comotion_experiments.evaluate import evaluate_inputs
+from comotion_experiments.inputs import find_inputs
+
+pytestmark = pytest.mark.e2e
+SETTINGS = ("--set", "sigma_switch=0.02", "--set", "v_move=null")
+SCENE = """
+title = "two bodies, one moves"
+dim = 2
+duration = 3.0
+sources = [15.0, 30.0]
+[[bodies]]
+name = "ground"
+features = 8
+size = [1.0, 1.0]
+sigma = 0.001
+motion = { kind = "rest", at = [0.5, 0.5] }
+[[bodies]]
+name = "box"
+features = 8
+size = [0.2, 0.2]
+sigma = 0.001
+motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [3, 0.8, 0.5, 0]] }
+"""
+
+
+def test_live_agrees_with_offline(start: Callable, endpoint: str, tmp_path: Path) -> None:
+    scene, plot, ready = tmp_path / "two.toml", tmp_path / "live.png", tmp_path / "ready"
+    scene.write_text(SCENE)
+    connect = ("--connect", endpoint)
+    start("serve", *SETTINGS, *connect)
+    live = start("evaluate", "--json", "--plot", plot, "--ready-file", ready, *connect, ready=False)
+    live.wait_line(lambda line: "waiting" in line or "updates" in line)
+    assert start("source", "simulator", scene, *connect).wait() == 0
+    live.interrupt()
+    assert live.wait() == 0
+
+    found = json.loads(live.output[live.output.index("{") :])
+    (offline,) = evaluate_inputs(
+        find_inputs([f"sim:{scene}"]), FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+    )
+    assert found["lost"] == 0
+    assert found["final_nmi"] == offline.summary.final_nmi == 1.0
+    # Updates fall on other instants; the one at which the bodies part weighs a thirtieth.
+    assert found["mean_nmi"] == pytest.approx(offline.summary.mean_nmi, abs=0.1)
+    assert [row["stamp_ns"] for row in found["over_time"]] == sorted(
+        row["stamp_ns"] for row in found["over_time"]
+    )
+    assert plot.stat().st_size > 10_000
+    assert not ready.exists()
+
+
+def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: str) -> None:
+    process = start("evaluate", "--connect", endpoint, ready=False)
+    process.wait_line(lambda line: line == "waiting for updates")
+    process.interrupt()
+    assert process.wait() == 2
+    assert process.lines[-1] == "error: no update came in scene 'default': is the service running?"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["nothing.npz"], "nothing.npz: No such file"),
+        (["sim:fig4_4", "--scene", "lab"], "--scene goes without FILES only"),
+        (["--seeds", "0-4"], "--seeds goes with FILES only"),
+        (["sim:fig4_4", "--set", "window=-1"], "fusion parameter window"),
+        (["sim:fig4_4", "--duration", "0"], "--duration 0 is not above 0"),
+    ],
+)
+def test_misuse_is_one_clear_line(start: Callable, arguments: list[str], complaint: str) -> None:
+    process = start("evaluate", *arguments, ready=False)
+    assert process.wait() == 2
+    (line,) = process.lines
+    assert line.startswith("error: ")
+    assert complaint in line
+
+
+def test_a_table_of_a_scene(start: Callable, tmp_path: Path) -> None:
+    process = start("evaluate", "sim:fig4_1", "--duration", "1", "--seeds", "0-1", ready=False)
+    assert process.wait() == 0
+    header, row = process.lines
+    assert header.split()[:3] == ["file", "mean", "NMI"]
+    assert row.startswith("sim:fig4_1")
