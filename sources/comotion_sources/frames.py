@@ -75,8 +75,9 @@ class MessageBuilder:
         sigma: float | ArrayLike | None = None,
         quaternions: ArrayLike | None = None,
         ended: ArrayLike | None = None,
+        stamps_ns: ArrayLike | None = None,
     ) -> ObservationBatch:
-        """Build the next batch: one instant, arrays as in :class:`ObservationBatch`.
+        """Build the next batch; arrays as in :class:`ObservationBatch`.
 
         Raises
         ------
@@ -96,6 +97,7 @@ class MessageBuilder:
             sigma=sigma if sigma is None or np.isscalar(sigma) else np.asarray(sigma, np.float32),  # type: ignore[arg-type]
             quaternions=None if quaternions is None else np.asarray(quaternions, np.float32),
             ended=None if ended is None else np.asarray(ended),
+            stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns),
         )
         self._seq += 1
         return batch

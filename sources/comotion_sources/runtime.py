@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode
 from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.messages import RejectionReason
 from comotion_schemas.transport import SessionSettings, stream_publisher
 from comotion_schemas.types import Unit
 
@@ -85,6 +86,7 @@ class SourcePublisher:
         self._message = message
         self._exit = ExitStack()
         self._counters = {"batches": 0, "observations": 0, "tracks": 0, "overruns": 0}
+        self._rejected: dict[RejectionReason, int] = {}
         self._reported = (time.monotonic(), 0)
         self._last_put: float | None = None
 
@@ -128,8 +130,9 @@ class SourcePublisher:
         sigma: float | ArrayLike | None = None,
         quaternions: ArrayLike | None = None,
         ended: ArrayLike | None = None,
+        stamps_ns: ArrayLike | None = None,
     ) -> None:
-        """Publish what is seen at one instant.
+        """Publish what is seen at one instant, or at several with `stamps_ns`.
 
         Parameters
         ----------
@@ -145,6 +148,8 @@ class SourcePublisher:
             float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points.
         ended
             Ids [M] that are lost for good.
+        stamps_ns
+            Acquisition time of each row, int64 [N], when they differ; the largest is `stamp_ns`.
 
         Raises
         ------
@@ -160,6 +165,7 @@ class SourcePublisher:
                 sigma=sigma,
                 quaternions=quaternions,
                 ended=ended,
+                stamps_ns=stamps_ns,
             )
         )
 
@@ -178,6 +184,14 @@ class SourcePublisher:
         self._counters["observations"] += len(message.ids)
         self._last_put = time.monotonic()
 
+    def count(self, name: str, amount: int = 1) -> None:
+        """Add to a counter of this source's own; it appears in Status."""
+        self._counters[name] = self._counters.get(name, 0) + amount
+
+    def reject(self, reason: RejectionReason) -> None:
+        """Count an input that was refused; it appears in Status."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + 1
+
     def overrun(self) -> None:
         """Count an instant that was due and has been left out."""
         self._counters["overruns"] += 1
@@ -193,5 +207,6 @@ class SourcePublisher:
             rates={"obs": rate},
             ages={} if age is None else {"obs": age},
             counters=dict(self._counters),
+            rejected=dict(self._rejected),
             message=self._message,
         )
