@@ -1,1 +1,16 @@
 """The simulated workcell: MuJoCo scenes whose RGB-D cameras are rendered on the CPU, with truth."""
+
+from .camera import CameraSpec, WorkcellCamera, open_camera
+from .scene import Scene, scene_names
+from .viewpoint import Cover, Viewpoint, calibration
+
+__all__ = [
+    "CameraSpec",
+    "Cover",
+    "Scene",
+    "Viewpoint",
+    "WorkcellCamera",
+    "calibration",
+    "open_camera",
+    "scene_names",
+]

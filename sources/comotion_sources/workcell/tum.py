@@ -36,9 +36,10 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
         (folder / name).mkdir(parents=True, exist_ok=True)
     _write_calibration(camera, folder)
     pose = " ".join(f"{v:.9f}" for v in (*camera.extrinsics.translation, *camera.extrinsics.quaternion))
-    count = 0
     lists = {"rgb": "# color images\n", "depth": "# depth maps\n", "groundtruth": "# camera pose\n"}
-    for count, (stamp, frame) in enumerate(_stamped(camera), 1):
+    count = 0
+    for stamp, frame in _stamped(camera):
+        count += 1
         _write_frame(frame, folder, stamp)
         for name in ("rgb", "depth"):
             lists[name] += f"{stamp} {name}/{stamp}.png\n"
@@ -54,7 +55,8 @@ def _stamped(camera: WorkcellCamera) -> Iterator[tuple[str, Frame]]:
 
 
 def _write_frame(frame: Frame, folder: Path, stamp: str) -> None:
-    assert frame.depth is not None and frame.objects is not None  # noqa: S101 - every workcell frame has both
+    assert frame.depth is not None  # noqa: S101 - every workcell frame has both
+    assert frame.objects is not None  # noqa: S101
     depth = np.clip(np.rint(frame.depth * DEPTH_SCALE), 0, 65535).astype(np.uint16)
     images = {"rgb": frame.image, "depth": depth, "objects": (frame.objects + 1).astype(np.uint16)}
     for name, image in images.items():
