@@ -1,0 +1,187 @@
+"""``comotion source proprioception``: the poses of a robot's links."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .. import options
+from ..errors import UserError
+
+if TYPE_CHECKING:
+    from comotion_sources.calibration.model import Extrinsics
+    from comotion_sources.proprioception.inlets import Inlet
+
+EPILOG = """
+Examples:
+
+  comotion source proprioception workcell:arm --name arm
+
+  comotion source proprioception ur5.urdf --joints ur5 --link tool0 --base 0.4,0,0.8
+
+  comotion source proprioception ur5.urdf --csv joints.csv --link tool0
+
+  comotion source proprioception ur5.urdf --bag run1.mcap --topic /joint_states --link tool0
+
+  comotion source proprioception ur5.urdf --ros /joint_states --ros-connect tcp/192.168.1.20:7447
+"""
+_WORKCELL = "workcell:"
+
+
+def proprioception(
+    model: Annotated[
+        str, typer.Argument(metavar="MODEL", help="URDF or MJCF file of the robot, or workcell:SCENE.")
+    ],
+    joints: Annotated[
+        str | None,
+        typer.Option("--joints", metavar="NAME", help="Follow the joint states NAME of the scene."),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option(
+            "--csv", metavar="FILE", help="Play a log: stamp_ns or time, then one column per joint."
+        ),
+    ] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            "--bag", metavar="FILE", help="Play sensor_msgs/JointState of a ROS 2 bag (MCAP or SQLite)."
+        ),
+    ] = None,
+    ros: Annotated[
+        str | None,
+        typer.Option(
+            "--ros", metavar="TOPIC", help="Follow a topic of sensor_msgs/JointState over rmw_zenoh."
+        ),
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option("--topic", help="Topic in the bag; needed where it has several.")
+    ] = None,
+    domain: Annotated[
+        int, typer.Option("--ros-domain", envvar="ROS_DOMAIN_ID", min=0, help="ROS domain id, for --ros.")
+    ] = 0,
+    ros_connect: Annotated[
+        str | None,
+        typer.Option(
+            "--ros-connect",
+            metavar="ENDPOINT",
+            help="Router of the ROS network. [default: the scene's router]",
+        ),
+    ] = None,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--link", help="Link to report; may be repeated. [default: all moving, or the scene's robot]"
+        ),
+    ] = None,
+    base: Annotated[
+        str,
+        typer.Option(
+            "--base", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the robot's base is in the world (m)."
+        ),
+    ] = "0,0,0",
+    rate: Annotated[
+        float,
+        typer.Option("--rate", envvar="COMOTION_RATE", min=1, max=1000, help="Most instants per second."),
+    ] = 200.0,
+    batch: Annotated[
+        float, typer.Option("--batch", min=0, max=1, help="Seconds of instants packed in one batch.")
+    ] = 0.02,
+    resolution: Annotated[
+        float,
+        typer.Option("--encoder", min=0, help="Resolution of the rotary encoders, rad. [default: 16 bits]"),
+    ] = 9.5873799e-05,
+    linear: Annotated[
+        float, typer.Option("--linear-encoder", min=0, help="Resolution of the linear encoders, m.")
+    ] = 1e-5,
+    speed: Annotated[float, typer.Option("--speed", min=0.01, help="Recorded seconds per second.")] = 1.0,
+    original_stamps: Annotated[
+        bool, typer.Option("--original-stamps", help="Keep a log's stamps (serve with --clock event).")
+    ] = False,
+    name: Annotated[
+        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
+    ] = "proprioception",
+    space: Annotated[str, typer.Option("--space", help="Coordinate space of the poses.")] = "world",
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Publish the 6-DoF poses of a robot's links from its joint positions."""
+    from comotion_sources.proprioception import Encoders, Kinematics, process
+    from comotion_sources.proprioception.packer import Packing
+
+    loaded, links, truth, default_joints = _load(model, link)
+    kinematics = Kinematics(loaded, links, _base(base), Encoders(angular=resolution, linear=linear))
+    given = {"--joints": joints, "--csv": csv, "--bag": bag, "--ros": ros}
+    inlet = _inlet(given, default_joints, topic, domain, ros_connect, speed, original_stamps)
+    process.run(
+        kinematics,
+        inlet,
+        packing=Packing(rate=rate, span=batch),
+        truth=truth,
+        name=name,
+        space=space,
+        scene=scene,
+        settings=options.session_settings(connect, listen),
+        ready_file=ready_file,
+    )
+
+
+def _load(
+    model: str, links: list[str] | None
+) -> tuple[Any, list[str] | None, dict[str, tuple[int, str]] | None, str | None]:
+    """Model, links, truth of the links and default joint states."""
+    from comotion_sources.proprioception import load_model
+
+    if not model.startswith(_WORKCELL):
+        return load_model(Path(model)), links, None, None
+    from comotion_sources.workcell import Scene
+
+    cell = Scene.named(model.removeprefix(_WORKCELL))
+    chosen = links or list(cell.robot)
+    numbers = {name: cell.object_of(name) for name in chosen}
+    truth = {name: (number, cell.objects.get(number, "")) for name, number in numbers.items()}
+    return cell.model, chosen, truth, "workcell"
+
+
+def _base(text: str) -> "Extrinsics":
+    from comotion_sources.calibration.model import Extrinsics
+
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (3, 7):
+        raise UserError(f"--base {text}: expected X,Y,Z or X,Y,Z,QX,QY,QZ,QW")
+    return Extrinsics.from_quaternion(values[3:] or (0, 0, 0, 1), values[:3])
+
+
+def _inlet(
+    given: dict[str, Any],
+    default_joints: str | None,
+    topic: str | None,
+    domain: int,
+    ros_connect: str | None,
+    speed: float,
+    original_stamps: bool,
+) -> "Inlet":
+    from comotion_schemas.transport import SessionSettings
+    from comotion_sources.proprioception.inlets import Playback, RosTopic, SceneJoints
+    from comotion_sources.proprioception.readers import read_bag, read_csv
+
+    chosen = {flag: value for flag, value in given.items() if value is not None}
+    if not chosen and default_joints is not None:
+        chosen = {"--joints": default_joints}
+    if len(chosen) != 1:
+        raise UserError(f"name one input: {', '.join(given)}")
+    flag, value = next(iter(chosen.items()))
+    if flag == "--joints":
+        return SceneJoints(value)
+    if flag == "--ros":
+        settings = None if ros_connect is None else SessionSettings(connect=(ros_connect,))
+        return RosTopic(value, domain, settings)
+    samples = read_csv(value) if flag == "--csv" else read_bag(value, topic)
+    return Playback(samples, speed, original_stamps)

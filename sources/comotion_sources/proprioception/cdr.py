@@ -1,0 +1,93 @@
+"""ROS 2 ``sensor_msgs/msg/JointState`` in CDR, decoded and encoded with rosbags (extra ``ros``)."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from .samples import JointSample, SampleError, joint_sample
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@cache
+def ros_types() -> Any:
+    """Return the type store of rosbags.
+
+    Raises
+    ------
+    SampleError
+        If rosbags is not installed.
+    """
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise SampleError("rosbags is not installed: pip install 'comotion[ros]'") from None
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def decode_message(raw: bytes) -> Any:
+    """Decode a CDR payload with its 4 bytes of encapsulation header.
+
+    Raises
+    ------
+    SampleError
+        If it is no JointState.
+    """
+    if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
+        raise SampleError("no CDR payload")
+    try:
+        return ros_types().deserialize_cdr(raw, JOINT_STATE)
+    except SampleError:
+        raise
+    except Exception as error:  # rosbags lets whatever its unpacking meets through
+        raise SampleError(f"no {JOINT_STATE}: {type(error).__name__}") from None
+
+
+def from_message(message: Any, received_ns: int) -> JointSample:
+    """Reading of a JointState message; one without a stamp has the time at which it was received.
+
+    Raises
+    ------
+    SampleError
+        If names and positions do not match or a number is not finite.
+    """
+    stamp = message.header.stamp
+    stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return joint_sample(stamp_ns or received_ns, message.name, message.position)
+
+
+def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> bytes:
+    """Encode a reading as a little-endian CDR JointState, as ROS 2 publishes it."""
+    types = ros_types().types
+    sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
+    time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    message = types[JOINT_STATE](
+        header=types["std_msgs/msg/Header"](stamp=time, frame_id=""),
+        name=list(sample.names),
+        position=np.asarray(sample.positions, np.float64),
+        velocity=np.asarray(velocities, np.float64),
+        effort=np.empty(0),
+    )
+    return bytes(ros_types().serialize_cdr(message, JOINT_STATE))
+
+
+def ros_key(topic: str, domain: int = 0) -> str:
+    """Key expression on which rmw_zenoh publishes a topic of joint states.
+
+    rmw_zenoh's layout is ``<domain>/<topic without the outer slashes>/<DDS type>/<type hash>``; the hash
+    differs between distributions and is left open.
+
+    Raises
+    ------
+    SampleError
+        If the topic is no ROS name.
+    """
+    name = topic.strip("/")
+    chunks = name.split("/")
+    if not all(chunk and (chunk[0].isalpha() or chunk[0] == "_") for chunk in chunks) or not all(
+        character.isascii() and (character.isalnum() or character in "_/") for character in name
+    ):
+        raise SampleError(f"{topic!r} is no ROS topic")
+    return f"{domain}/{name}/sensor_msgs::msg::dds_::JointState_/*"

@@ -1,0 +1,171 @@
+"""Forward kinematics: joint positions in, poses of chosen links with their noise out. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..calibration.model import Extrinsics
+from ..errors import SceneError
+from ..workcell.extra import require_mujoco
+from .model import couplings
+from .samples import JointSample, SampleError, Vector
+
+Vectors = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Encoders:
+    """Resolution of the joint encoders and what they do not see.
+
+    Attributes
+    ----------
+    angular
+        rad per count (default: 16 bits a turn).
+    linear
+        m per count.
+    floor
+        m; least one-sigma noise of a link: play, compliance and calibration of the robot.
+    """
+
+    angular: float = 2 * np.pi / 2**16
+    linear: float = 1e-5
+    floor: float = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkPoses:
+    """Poses of the chosen links.
+
+    `positions` float64 [L, 3] in metres; `quaternions` float64 [L, 4] (x, y, z, w); `sigma` float64 [L],
+    isotropic one-sigma noise of a position in metres.
+    """
+
+    positions: Vectors
+    quaternions: Vectors
+    sigma: Vector
+
+
+class Kinematics:
+    """Poses of links of one robot.
+
+    Parameters
+    ----------
+    model
+        An ``mjModel`` (see :func:`comotion_sources.proprioception.model.load_model`).
+    links
+        Bodies to report; None: every link that a joint moves.
+    base
+        Where the model's world is in the scene's.
+    encoders
+        What the noise follows from.
+
+    Attributes
+    ----------
+    links
+        Names of the links, in the order of the poses.
+    joints
+        Names of the joints that move them: what a sample must hold. Coupled ones follow their driver.
+
+    Raises
+    ------
+    SceneError
+        If there is no such link, none at all, or one hangs on a joint of more than one degree of freedom.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        links: Sequence[str] | None = None,
+        base: Extrinsics | None = None,
+        encoders: Encoders | None = None,
+    ) -> None:
+        self._mujoco = require_mujoco()
+        self._model, self._data = model, self._mujoco.MjData(model)
+        self._base = base or Extrinsics()
+        self._encoders = encoders or Encoders()
+        names = [model.body(i).name for i in range(model.nbody)]
+        self.links = tuple(links) if links else tuple(n for i, n in enumerate(names) if model.body_jntnum[i])
+        if not self.links:
+            raise SceneError("the model has no link that a joint moves")
+        for link in self.links:
+            if link not in names:
+                raise SceneError(f"no link {link!r}; one of {', '.join(n for n in names[1:] if n)}")
+        self._bodies = [names.index(link) for link in self.links]
+        self._couplings = [
+            (t, d, np.polynomial.Polynomial(coefficients)) for t, d, coefficients in couplings(model)
+        ]
+        self._needed = self._find_joints()
+        self.joints = tuple(model.joint(i).name for i in self._needed)
+        self._counts = self._resolutions() / np.sqrt(12.0)  # one sigma of a rounding error
+
+    def poses(self, sample: JointSample) -> LinkPoses:
+        """Poses of the links for a reading of the joints; other joints in it are ignored.
+
+        Raises
+        ------
+        SampleError
+            If it lacks one of :attr:`joints`.
+        """
+        self._place(sample)
+        places = self._data.xpos[self._bodies]
+        rotations = Rotation.from_quat(self._data.xquat[self._bodies][:, [1, 2, 3, 0]])
+        turned = Rotation.from_matrix(self._base.rotation) * rotations
+        return LinkPoses(self._base.apply(places), turned.as_quat(canonical=True), self._sigma())
+
+    def _place(self, sample: JointSample) -> None:
+        given: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
+        for index, joint in zip(self._needed, self.joints, strict=True):
+            if joint not in given:
+                raise SampleError(f"no position of joint {joint!r}")
+            self._data.qpos[self._model.jnt_qposadr[index]] = given[joint]
+        for target, driver, polynomial in self._couplings:
+            value = polynomial(self._data.qpos[self._model.jnt_qposadr[driver]])
+            self._data.qpos[self._model.jnt_qposadr[target]] = value
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_comPos(self._model, self._data)  # the Jacobian needs it
+
+    def _sigma(self) -> Vector:
+        """Encoder noise carried through the Jacobian, isotropic: the mean of the three variances."""
+        sigma = np.empty(len(self._bodies))
+        jacobian = np.zeros((3, self._model.nv))
+        for row, body in enumerate(self._bodies):
+            self._mujoco.mj_jacBody(self._model, self._data, jacobian, None, body)
+            for target, driver, polynomial in self._couplings:
+                slope = polynomial.deriv()(self._data.qpos[self._model.jnt_qposadr[driver]])
+                to, of = self._model.jnt_dofadr[target], self._model.jnt_dofadr[driver]
+                jacobian[:, of] += slope * jacobian[:, to]
+                jacobian[:, to] = 0.0
+            variance = ((jacobian * self._counts) ** 2).sum() / 3.0
+            sigma[row] = np.hypot(np.sqrt(variance), self._encoders.floor)
+        return sigma
+
+    def _find_joints(self) -> list[int]:
+        """Joints between the world and the links; a coupled one is replaced by its driver."""
+        model, found = self._model, set[int]()
+        for body in self._bodies:
+            while body:
+                first = int(model.body_jntadr[body])
+                found.update(range(first, first + int(model.body_jntnum[body])))
+                body = int(model.body_parentid[body])  # noqa: PLW2901 - walking up the tree
+        drivers = {target: driver for target, driver, _ in self._couplings}
+        needed = sorted({drivers.get(joint, joint) for joint in found})
+        single = (int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE))
+        for joint in needed:
+            if int(model.jnt_type[joint]) not in single:
+                name = model.joint(joint).name
+                raise SceneError(f"joint {name!r} is neither a hinge nor a slide: a reading cannot place it")
+        return needed
+
+    def _resolutions(self) -> Vector:
+        """Counts [nv] in rad or m."""
+        hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
+        counts = np.zeros(self._model.nv)
+        for joint in self._needed:
+            angular = int(self._model.jnt_type[joint]) == hinge
+            step = self._encoders.angular if angular else self._encoders.linear
+            counts[self._model.jnt_dofadr[joint]] = step
+        return counts

@@ -1,0 +1,56 @@
+"""Robot models for kinematics: MJCF as it is, URDF stripped to its joints."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+from ..errors import SceneError
+from ..workcell.extra import require_mujoco
+
+
+def load_model(path: Path) -> Any:
+    """Load an ``mjModel`` from an MJCF or URDF file.
+
+    A URDF is stripped of its meshes, which kinematics need not have and which are seldom where the file
+    says, and keeps links on fixed joints, such as tool frames.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read as either, and when MuJoCo is missing; the message is one line.
+    """
+    mujoco = require_mujoco()
+    try:
+        root = ET.parse(path).getroot()  # noqa: S314 - a file the user names; expat limits expansion
+        if root.tag == "robot":
+            return mujoco.MjModel.from_xml_string(_kinematics_only(root))
+        return mujoco.MjModel.from_xml_path(str(path))
+    except OSError as error:
+        raise SceneError(f"{path}: {error.strerror}") from None
+    except (ET.ParseError, ValueError) as error:
+        raise SceneError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
+    """Joint equalities: (dependent joint, driving joint, coefficients of the polynomial, lowest first)."""
+    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
+    return [
+        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
+        for i in range(model.neq)
+        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
+    ]
+
+
+def _kinematics_only(robot: ET.Element) -> str:
+    for link in robot.iter("link"):
+        for tag in ("visual", "collision", "inertial"):
+            for element in link.findall(tag):
+                link.remove(element)
+    for old in robot.findall("mujoco"):
+        robot.remove(old)
+    extension = ET.SubElement(robot, "mujoco")
+    # Links without mass are refused where they move; the mass has no part in kinematics.
+    ET.SubElement(
+        extension, "compiler", fusestatic="false", boundmass="1", boundinertia="1", balanceinertia="true"
+    )
+    return ET.tostring(robot, encoding="unicode")

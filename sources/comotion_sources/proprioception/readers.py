@@ -1,0 +1,91 @@
+"""Joint readings from files: CSV logs and ROS 2 bags.
+
+A CSV log has a header: the time first, as ``stamp_ns`` (integer nanoseconds) or ``time`` / ``t`` /
+``stamp`` (seconds), then one column per joint, named like the joint (rad or m).
+"""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+from .cdr import JOINT_STATE, decode_message, from_message, ros_types
+from .samples import JointSample, SampleError, joint_sample
+
+_SECONDS = ("time", "t", "stamp", "timestamp")
+
+
+def read_csv(path: Path) -> Iterator[JointSample]:
+    """Yield the readings of a CSV log, in the order of its lines.
+
+    Raises
+    ------
+    SampleError
+        If it is no such log; the message names the line.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = csv.reader(file)
+            header = [cell.strip() for cell in next(rows, [])]
+            _check_header(path, header)
+            for row in rows:
+                if row:
+                    yield _csv_sample(path, rows.line_num, header, row)
+    except OSError as error:
+        raise SampleError(f"{path}: {error.strerror}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise SampleError(f"{path}: no CSV: {error}") from None
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    if not header or (header[0] != "stamp_ns" and header[0] not in _SECONDS):
+        raise SampleError(f"{path}: the first column must be stamp_ns or time, then one per joint")
+    if len(header) < 2:
+        raise SampleError(f"{path}: no joint columns")
+
+
+def _csv_sample(path: Path, line: int, header: list[str], row: list[str]) -> JointSample:
+    try:
+        if len(row) != len(header):
+            raise SampleError(f"{len(row)} cells, expected {len(header)}")
+        stamp = int(row[0]) if header[0] == "stamp_ns" else round(float(row[0]) * 1e9)
+        return joint_sample(stamp, header[1:], [float(cell) for cell in row[1:]])
+    except (ValueError, OverflowError) as error:
+        raise SampleError(f"{path}, line {line}: {error}") from None
+
+
+def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
+    """Yield the joint states of a ROS 2 bag: an MCAP or SQLite file, or a bag folder.
+
+    A message without a stamp of its own has the time at which it was recorded.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    topic
+        Topic of type ``sensor_msgs/msg/JointState``; the only one of that type when None.
+
+    Raises
+    ------
+    SampleError
+        If it is no bag, there is no such topic or several, or a message is malformed.
+    """
+    ros_types()  # says how to get rosbags when it is missing
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.interfaces import Connection
+
+    def wanted(connection: Connection) -> bool:
+        return connection.msgtype == JOINT_STATE and topic in (None, connection.topic)
+
+    try:
+        with AnyReader([path], default_typestore=ros_types()) as reader:
+            connections = [c for c in reader.connections if wanted(c)]
+            topics = sorted({c.topic for c in connections})
+            if len(topics) != 1:
+                found = f"several: {', '.join(topics)}; name one" if topics else "none"
+                called = f" named {topic}" if topic else ""
+                raise SampleError(f"{path}: topics with joint states{called}: {found}")
+            for _, recorded_ns, raw in reader.messages(connections=connections):
+                yield from_message(decode_message(raw), recorded_ns)
+    except (AnyReaderError, OSError) as error:
+        raise SampleError(f"{path}: {error}") from None
