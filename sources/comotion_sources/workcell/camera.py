@@ -158,6 +158,7 @@ class WorkcellCamera:
         except SceneError as error:
             raise CameraError(str(error)) from None
         self.live = False
+        self.has_depth = True
         self.rate: float | None = spec.rate
         self.intrinsics, self.extrinsics = self.viewpoint.intrinsics, self.viewpoint.extrinsics
         self.objects: Mapping[int, str] = self.scene.objects

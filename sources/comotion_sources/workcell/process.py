@@ -98,7 +98,8 @@ def run(
     """
     driver = _Driver(workcell, rate, name)
     component = Component(
-        role="source",
+        # Not "source": it publishes no observations, and the service would miss them.
+        role="viewer",
         name=name,
         scene=scene,
         settings=settings,
