@@ -33,7 +33,7 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
         If a process refuses to start (exit status 2 before it was ever ready).
     """
     stop = threading.Event()
-    with LogLines([spec.name for spec in specs], log) as lines, stop_on_signals(stop):
+    with LogLines([OWN_NAME, *(spec.name for spec in specs)], log) as lines, stop_on_signals(stop):
         Launcher(specs, lines, stop).run(duration_s)
 
 

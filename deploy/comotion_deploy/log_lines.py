@@ -1,6 +1,7 @@
 """The lines of many processes in one stream, each with the name of its process in front."""
 
 import threading
+from itertools import cycle
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -8,7 +9,17 @@ from typing import Self
 from rich.console import Console
 from rich.text import Text
 
-_COLOURS = ("cyan", "green", "yellow", "magenta", "blue", "bright_cyan", "bright_green", "bright_magenta")
+_COLOURS = (
+    "bold",
+    "cyan",
+    "green",
+    "yellow",
+    "magenta",
+    "blue",
+    "bright_cyan",
+    "bright_green",
+    "bright_magenta",
+)
 
 
 class LogLines:
@@ -24,7 +35,7 @@ class LogLines:
 
     def __init__(self, names: list[str], path: Path | None = None) -> None:
         self._width = max(map(len, names), default=0)
-        self._colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)}
+        self._styles = dict(zip(names, cycle(_COLOURS), strict=False))
         self._lock = threading.Lock()
         self._file = None if path is None else path.open("w", encoding="utf-8")
         self._console = Console(file=self._file, soft_wrap=True, highlight=False)
@@ -40,6 +51,6 @@ class LogLines:
 
     def write(self, name: str, line: str) -> None:
         """Print one line of a process."""
-        prefix = Text(f"{name:>{self._width}} | ", style=self._colours.get(name, "bold"))
+        prefix = Text(f"{name:>{self._width}} | ", style=self._styles[name])
         with self._lock:
             self._console.print(prefix + Text.from_ansi(line))

@@ -1,6 +1,7 @@
 """What ``comotion up`` starts: the ``[process.NAME]`` tables of its file."""
 
 import shlex
+import shutil
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -83,7 +84,10 @@ def _read(name: str, table: Any) -> ProcessSpec:
         raise UserError(f"{where} needs either run (a comotion command) or command (any program)")
     if "run" in table:
         return comotion(name, *_words(where, table["run"]), **options)
-    return ProcessSpec(name=name, command=_words(where, table["command"]), says_ready=False, **options)
+    command = _words(where, table["command"])
+    if shutil.which(command[0]) is None:
+        raise UserError(f"{where}: there is no program {command[0]!r}")
+    return ProcessSpec(name=name, command=command, says_ready=False, **options)
 
 
 def _words(where: str, value: Any) -> tuple[str, ...]:

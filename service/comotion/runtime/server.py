@@ -27,7 +27,7 @@ from .clocks import ClockName, make_clock
 from .health import Health
 from .intake import Intake
 from .queries import Queryables, handlers
-from .state_file import StateWriter, load_fusion
+from .state_file import StateSchedule, StateWriter, load_fusion
 from .ticker import HeadStart, Ticker
 
 DEFAULT_NAME = "fusion"
@@ -35,8 +35,6 @@ _SLICE_NS = 20_000_000
 _HEALTH_NS = 500_000_000
 _HANGING_NS = 3_000_000_000
 _COLLECT_NS = 1_000_000_000
-# A state that is expensive to take is taken less often: at most this share of the time.
-_STATE_SHARE = 0.05
 _log = logging.getLogger(__name__)
 
 
@@ -44,7 +42,8 @@ _log = logging.getLogger(__name__)
 class ServeOptions:
     """Everything ``comotion serve`` can be told.
 
-    `state` is the file that carries identities across restarts, written every `state_interval` s.
+    `state` is the file that carries identities across restarts, written every `state_interval` s and
+    whenever the set of hypotheses has changed.
     """
 
     config: FusionConfig = field(default_factory=FusionConfig)
@@ -139,11 +138,12 @@ class _Service:
         self._intake = Intake(component.session, component.keys, fusion.stats)
         self._publisher = declare_publisher(component.session, component.keys.hypotheses, "hypotheses")
         self._writer: StateWriter | None = None
+        self._state_schedule = StateSchedule(to_ns(options.state_interval))
         self._last = self._publish(fusion.update(self._clock.now_ns()))
         self._queryables = Queryables(
             component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
         )
-        self._due = {"health": 0, "collect": 0, "state": 0, "idle": 0}
+        self._due = {"health": 0, "collect": 0, "idle": 0}
 
     def run(self) -> None:
         """Publish at every deadline until told to stop."""
@@ -207,10 +207,15 @@ class _Service:
             self._intake.drop_idle(now_ns)
         if self._is_due("collect", now_ns, _COLLECT_NS):
             gc.collect()
-        if self._writer is not None and self._is_due("state", now_ns, 0):
+        self._keep_state(time.monotonic_ns())
+
+    def _keep_state(self, now_ns: int) -> None:
+        if self._writer is None:
+            return
+        hypotheses = frozenset(h.id for h in self._last.hypotheses)
+        if self._state_schedule.is_due(now_ns, hypotheses):
             self._writer.put(self._fusion.snapshot())
-            took = time.monotonic_ns() - now_ns
-            self._due["state"] = now_ns + max(to_ns(self._options.state_interval), int(took / _STATE_SHARE))
+            self._state_schedule.taken(now_ns, time.monotonic_ns() - now_ns, hypotheses)
 
     def _is_due(self, what: str, now_ns: int, every_ns: int) -> bool:
         if now_ns < self._due[what]:

@@ -9,6 +9,7 @@ from ..config import FusionConfig
 from ..fusion import Fusion
 
 _AHEAD_NS = 1_000_000_000
+_SHARE = 0.05
 _log = logging.getLogger(__name__)
 
 
@@ -56,6 +57,31 @@ def write_atomically(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     partial.replace(path)
+
+
+class StateSchedule:
+    """When to take the state: at an interval, and at once when the set of hypotheses has changed.
+
+    A state that is expensive to take is taken less often, at most for 5 % of the time.
+    """
+
+    def __init__(self, interval_ns: int) -> None:
+        self._interval_ns = interval_ns
+        self._due_ns = 0
+        self._allowed_ns = 0
+        self._known: frozenset[int] = frozenset()
+
+    def is_due(self, monotonic_ns: int, hypotheses: frozenset[int]) -> bool:
+        """Whether to take it now."""
+        if monotonic_ns < self._allowed_ns:
+            return False
+        return monotonic_ns >= self._due_ns or hypotheses != self._known
+
+    def taken(self, monotonic_ns: int, took_ns: int, hypotheses: frozenset[int]) -> None:
+        """Note that it has been taken, and how long that has held up the caller."""
+        self._known = hypotheses
+        self._allowed_ns = monotonic_ns + round(took_ns / _SHARE)
+        self._due_ns = monotonic_ns + self._interval_ns
 
 
 class StateWriter:

@@ -1,0 +1,201 @@
+"""``comotion up``: real systems of processes, killed in every way, leaving nothing behind."""
+
+import json
+import os
+import re
+import select
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from comotion_schemas import HypothesisUpdate, Keys
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+
+TRACKER = """
+import sys, time
+import numpy as np
+from comotion_schemas import ObservationBatch, encode
+from comotion_schemas.component import Component
+from comotion_schemas.transport import SessionSettings, stream_publisher
+
+name, endpoint = sys.argv[1:]
+with Component(role="source", name=name, settings=SessionSettings(connect=[endpoint])) as component:
+    publisher = stream_publisher(component.session, component.keys, "obs", name)
+    rest = np.random.default_rng(7).random((12, 3)) * 0.4
+    seq = 0
+    while not component.stop.wait(0.04):
+        now = time.time()
+        positions = rest.copy()
+        positions[:6, 0] += 0.3 * np.sin(np.pi * now)
+        positions[6:, 1] += 1.0 + 0.3 * np.sin(np.pi * now)
+        publisher.put(encode(ObservationBatch(
+            source=name, session=component.session_id, seq=seq, space=name, unit="m", dim=3,
+            stamp_ns=int(now * 1e9), ids=np.arange(12, dtype=np.uint64), positions=positions)))
+        seq += 1
+"""
+
+
+class System:
+    """A launcher with router, service and two trackers in spaces of their own."""
+
+    def __init__(self, folder: Path, endpoint: str) -> None:
+        (folder / "tracker.py").write_text(TRACKER)
+        self.file = folder / "system.toml"
+        command = [sys.executable, str(folder / "tracker.py")]
+        self.file.write_text(
+            f"""
+connect = ["{endpoint}"]
+[router]
+listen = ["{endpoint}"]
+[serve]
+state = "{folder / "system.state"}"
+state-interval = 3600
+[process.router]
+run = "router"
+[process.serve]
+run = "serve"
+[process.left]
+command = {json.dumps([*command, "left", endpoint])}
+[process.right]
+command = {json.dumps([*command, "right", endpoint])}
+"""
+        )
+
+
+def pid_of(launcher, name: str, start: int = 0) -> int:
+    """Process id of a child, from the launcher's own lines."""
+    pattern = re.compile(rf"\| started {name}, pid (\d+)")
+    match = pattern.search(launcher.wait_line(lambda line: pattern.search(line) is not None, start=start))
+    assert match is not None
+    return int(match[1])
+
+
+@pytest.fixture
+def await_end() -> Iterator[Callable[[int], None]]:
+    """Wait until a process that is no child of ours has ended."""
+
+    def wait(pid: int) -> None:
+        try:
+            handle = os.pidfd_open(pid)
+        except ProcessLookupError:
+            return
+        try:
+            assert select.select([handle], [], [], 20)[0], f"process {pid} lives on"
+        finally:
+            os.close(handle)
+
+    return wait
+
+
+def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
+    names = [source.name for source in update.sources]
+    rows = zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
+    return {(names[source], int(track)): int(hypothesis) for source, track, hypothesis in rows}
+
+
+def is_sorted_out(update: HypothesisUpdate) -> bool:
+    """Two sources with two bodies each make four hypotheses of six."""
+    found = [label for _, label in sorted(labels(update).items())]
+    bodies = [set(found[k : k + 6]) for k in range(0, len(found), 6)]
+    return len(found) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
+
+
+def test_what_dies_is_started_again_and_nothing_is_left_behind(
+    start, free_port_endpoint, connect, listen, await_end, tmp_path: Path
+) -> None:
+    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+    launcher.wait_line(lambda line: "all processes are ready" in line)
+    updates = listen(connect(free_port_endpoint), KEYS.hypotheses, "hypotheses")
+    before = updates.until(is_sorted_out)
+
+    seen = len(launcher.lines)
+    os.kill(pid_of(launcher, "left"), signal.SIGKILL)
+    pid_of(launcher, "left", seen)
+    restarted = updates.until(lambda u: is_sorted_out(u) and u.sources != before.sources)
+    assert restarted.session == before.session
+    # The state of an update is written right after it has left: the next shows that it is.
+    expected = labels(updates.until(lambda u: u.seq > restarted.seq + 5 and is_sorted_out(u)))
+    assert expected == labels(restarted)
+    assert {k: v for k, v in expected.items() if k[0] == "right"} == {
+        k: v for k, v in labels(before).items() if k[0] == "right"
+    }
+
+    seen = len(launcher.lines)
+    os.kill(pid_of(launcher, "serve"), signal.SIGKILL)
+    after_service = updates.until(lambda u: u.session != before.session and is_sorted_out(u))
+    assert labels(after_service) == expected
+    pid_of(launcher, "serve", seen)
+
+    seen = len(launcher.lines)
+    os.kill(pid_of(launcher, "router"), signal.SIGKILL)
+    pid_of(launcher, "router", seen)
+    after_router = updates.until(lambda u: u.seq > after_service.seq and is_sorted_out(u))
+    assert after_router.session == after_service.session
+    assert labels(updates.until(lambda u: u.seq > after_router.seq + 20 and is_sorted_out(u))) == expected
+
+    children = [int(pid) for pid in re.findall(r"started \w+, pid (\d+)", launcher.output)]
+    assert len(children) == 7
+    launcher.interrupt()
+    assert launcher.wait() == 0
+    for pid in children:
+        await_end(pid)
+
+
+def test_a_killed_launcher_takes_everything_with_it(
+    start, free_port_endpoint, await_end, tmp_path: Path
+) -> None:
+    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+    launcher.wait_line(lambda line: "all processes are ready" in line)
+    children = [pid_of(launcher, name) for name in ("router", "serve", "left", "right")]
+    launcher.kill()
+    for pid in children:
+        await_end(pid)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "no processes"),
+        ("[process.router]\nrun = 'router'\nrestart = 'sometimes'", "restart is one of"),
+        ("[process.router]\nrum = 'router'", "has no key 'rum'"),
+        ("[process.router]", "needs either run"),
+        ("[process.'Two Words']\nrun = 'router'", "a name is"),
+        ("[process.a]\ncommand = 'no-such-program'", "there is no program 'no-such-program'"),
+        ("[serve]\nmethd = 'thesis'\n[process.serve]\nrun = 'serve'", "has no option 'methd'"),
+        ("[process.router]\nrun = 'router --listen tcp/nowhere'", "router cannot start: cannot listen"),
+        ("[process", "up.toml: Expected ']'"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_one_line(start, tmp_path: Path, content, words) -> None:
+    (tmp_path / "up.toml").write_text(content)
+    launcher = start("up", tmp_path / "up.toml", ready=False)
+    assert launcher.wait() == 2
+    assert [line for line in launcher.lines if line.startswith("error: ")] == [launcher.lines[-1]]
+    assert words in launcher.lines[-1]
+    assert "Traceback" not in launcher.output
+
+
+def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path: Path) -> None:
+    (tmp_path / "up.toml").write_text("[process.a]\ncommand = 'echo hello'\n[process.b]\ncommand = 'true'")
+    launcher = start("up", tmp_path / "up.toml", ready=False)
+    assert launcher.wait() == 0
+    assert "       a | hello" in launcher.lines
+    assert "all processes have ended" in launcher.output
+
+
+def test_a_process_that_ignores_the_stop_is_killed(start, await_end, tmp_path: Path) -> None:
+    (tmp_path / "up.toml").write_text(
+        "[process.deaf]\ncommand = ['sh', '-c', \"trap '' TERM; echo listening; while :; do sleep 60; done\"]"
+    )
+    launcher = start("up", tmp_path / "up.toml", ready=False)
+    launcher.wait_line(lambda line: "listening" in line)
+    pid = pid_of(launcher, "deaf")
+    launcher.signal(signal.SIGTERM)
+    assert launcher.wait() == 0
+    assert "deaf did not stop in time" in launcher.output
+    await_end(pid)
