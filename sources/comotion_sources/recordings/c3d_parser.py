@@ -26,6 +26,10 @@ _MEMORY = 4 << 30
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
+class NotReadableError(ValueError):
+    """What is wrong with the file, in words for its user."""
+
+
 @dataclass(frozen=True)
 class Header:
     """Processor type, and how many frames there should be (None: more than the header can say)."""
@@ -51,15 +55,15 @@ def read_header(raw: bytes) -> Header:
 
     Raises
     ------
-    ValueError
+    NotReadableError
         If this is no C3D file.
     """
     if len(raw) < _BLOCK or raw[1] != _MAGIC:
-        raise ValueError("it is no C3D file")
+        raise NotReadableError("it is no C3D file")
     processor_at = (raw[0] - 1) * _BLOCK + 3
     processor = raw[processor_at] if 0 <= processor_at < len(raw) else 0
     if processor not in _PROCESSORS:
-        raise ValueError("it is damaged or truncated: no parameter section")
+        raise NotReadableError("it is damaged or truncated: no parameter section")
     first, last = struct.unpack_from(_PROCESSORS[processor] + "HH", raw, 6)
     return Header(processor, None if last == _SATURATED else last - first + 1)
 
@@ -69,15 +73,15 @@ def parse(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError
-        If the file is no C3D file, truncated or damaged.
+    NotReadableError
+        If the file is no C3D file or truncated.
     """
     with path.open("rb") as file:
         header = read_header(file.read(256 * _BLOCK))
     points = _with_c3d(path) if header.processor == _SGI else _with_ezc3d(path)
     frames = len(points.positions)
     if header.frames is not None and frames < header.frames:
-        raise ValueError(f"it is truncated: {frames} of {header.frames} frames")
+        raise NotReadableError(f"it is truncated: {frames} of {header.frames} frames")
     wanted = [label not in points.others for label in points.labels]
     # Exporters write a lost marker with a negative residual, as NaN, or at exactly the origin.
     lost = (points.residuals < 0) | np.all(points.positions == 0, axis=2)
@@ -143,7 +147,7 @@ def main(arguments: list[str]) -> int:
     try:
         arrays = parse(Path(arguments[0]))
     except Exception as error:  # the readers raise many types on damaged files
-        message = str(error) if isinstance(error, ValueError) else f"it is damaged ({error})"
+        message = str(error) if isinstance(error, NotReadableError) else f"it is damaged ({error})"
         sys.stderr.write(" ".join(message.split()) + "\n")
         return 1
     buffer = io.BytesIO()

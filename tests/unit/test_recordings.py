@@ -1,0 +1,390 @@
+"""Readers of recordings, on files written here byte by byte and, where set, on COMOTION_DATA."""
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_sources.errors import RecordingError
+from comotion_sources.recordings import read_recording, recording_batches, recording_streams
+
+PROCESSORS = {"intel": 84, "dec": 85, "sgi": 86}
+SCALE = 0.25
+
+
+class C3DFile:
+    """A C3D file from the format's manual (c3d.org), for any processor, integer or real."""
+
+    def __init__(self, processor, real, frames, markers, unit="mm", rate=50.0, extra=()):
+        self.kind = processor
+        self.order = ">" if processor == "sgi" else "<"
+        self.real = real
+        self.shape = (frames, markers)
+        self.unit, self.rate, self.extra = unit, rate, extra
+
+    def word(self, value):
+        return struct.pack(self.order + "h", value)
+
+    def float(self, value):
+        if self.kind != "dec":
+            return struct.pack(self.order + "f", value)
+        raw = struct.pack("<f", value * 4)  # VAX: exponent biased by two more, words swapped
+        return raw[2:] + raw[:2]
+
+    def parameter(self, name, size, dims, data):
+        body = struct.pack("b", size) + bytes([len(dims), *dims]) + data + b"\0"
+        return bytes([len(name)]) + b"\1" + name.encode() + self.word(len(body) + 2) + body
+
+    def strings(self, name, values):
+        width = max(len(value) for value in values)
+        return self.parameter(
+            name, -1, [width, len(values)], b"".join(v.ljust(width).encode() for v in values)
+        )
+
+    def parameters(self):
+        frames, markers = self.shape
+        scale = -1.0 if self.real else SCALE
+        records = [
+            b"\5\xffPOINT" + self.word(3) + b"\0",
+            self.parameter("USED", 2, [], self.word(markers)),
+            self.parameter("FRAMES", 2, [], self.word(frames)),
+            self.parameter("DATA_START", 2, [], self.word(4)),
+            self.parameter("SCALE", 4, [], self.float(scale)),
+            self.parameter("RATE", 4, [], self.float(self.rate)),
+            self.strings("LABELS", [f"M{k}" for k in range(markers)]),
+        ]
+        if self.unit is not None:
+            records.append(self.strings("UNITS", [self.unit]))
+        records += [self.strings(name, values) for name, values in self.extra]
+        content = bytes([1, 0x50, 2, PROCESSORS[self.kind]]) + b"".join(records)
+        assert len(content) <= 1022
+        return content.ljust(1024, b"\0")
+
+    def header(self):
+        frames, markers = self.shape
+        content = b"\2\x50" + b"".join(self.word(v) for v in (markers, 0, 1, frames, 10))
+        content += self.float(-1.0 if self.real else SCALE) + self.word(4) + self.word(0)
+        return (content + self.float(self.rate)).ljust(512, b"\0")
+
+    def write(self, path, positions, lost=()):
+        """Positions [F, N, 3] in the file's unit; `lost` (frame, marker) get a negative residual."""
+        data = b""
+        for k, frame in enumerate(positions):
+            for m, point in enumerate(frame):
+                residual = -1 if (k, m) in lost else 0
+                if self.real:
+                    data += b"".join(self.float(v) for v in (*point, residual))
+                else:
+                    data += b"".join(self.word(int(v)) for v in (*(point / SCALE), residual))
+        content = self.header() + self.parameters() + data
+        path.write_bytes(content.ljust(-(-len(content) // 512) * 512, b"\0"))
+        return path
+
+
+def some_positions(frames=40, markers=3):
+    """Positions that 16-bit integers at the scale and float32 hold exactly, none at the origin."""
+    rng = np.random.default_rng(1)
+    return rng.integers(1, 8000, (frames, markers, 3)) * SCALE
+
+
+@pytest.mark.parametrize("real", [True, False], ids=["real", "integer"])
+@pytest.mark.parametrize("processor", sorted(PROCESSORS))
+def test_every_encoding_of_c3d_reads_the_same(tmp_path, processor, real):
+    positions = some_positions()
+    positions[7, 2] = 0.0  # how some exporters write a marker that was not seen
+    file = C3DFile(processor, real, 40, 3)
+    recording = read_recording(file.write(tmp_path / "take.c3d", positions, lost={(3, 0), (4, 0)}))
+    expected = positions / 1000
+    expected[3:5, 0] = expected[7, 2] = np.nan
+    np.testing.assert_allclose(recording.positions, expected, rtol=1e-6)
+    np.testing.assert_allclose(recording.times, np.arange(40) / 50)
+    assert (recording.unit, recording.space, recording.dim) == ("m", "world", 3)
+    assert recording.rate == pytest.approx(50.0)
+    assert recording.labels is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m", 1.0), ("mm", 1e-3), ("cm", 1e-2), ("MM", 1e-3), (None, 1e-3)]
+)
+def test_lengths_become_metres(tmp_path, unit, factor):
+    positions = some_positions()
+    recording = read_recording(C3DFile("intel", True, 40, 3, unit).write(tmp_path / "take.c3d", positions))
+    np.testing.assert_allclose(recording.positions, positions * factor, rtol=1e-6)
+
+
+@pytest.mark.parametrize("processor", ["intel", "sgi"])
+def test_angles_and_forces_among_the_points_are_left_out(tmp_path, processor):
+    positions = some_positions(markers=4)
+    file = C3DFile(processor, True, 40, 4, extra=[("ANGLES", ["M1"]), ("FORCES", ["M3", "M9"])])
+    recording = read_recording(file.write(tmp_path / "take.c3d", positions))
+    np.testing.assert_allclose(recording.positions, positions[:, [0, 2]] / 1000, rtol=1e-6)
+
+
+@pytest.mark.parametrize("processor", ["intel", "sgi"])
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        (0, "the file is empty"),
+        (100, "no C3D file"),
+        (513, "damaged or truncated"),
+        (900, "damaged|truncated"),
+        (1536 + 48 * 20 + 5, "truncated: 2[01] of 40 frames"),
+    ],
+)
+def test_a_truncated_c3d_is_one_clear_line(tmp_path, processor, size, words):
+    path = C3DFile(processor, True, 40, 3).write(tmp_path / "take.c3d", some_positions())
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(RecordingError, match=words) as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_c3d_with_another_unit_or_no_rate_is_refused(tmp_path):
+    positions = some_positions()
+    with pytest.raises(RecordingError, match="its unit is 'furlong'"):
+        read_recording(C3DFile("intel", True, 40, 3, "furlong").write(tmp_path / "a.c3d", positions))
+    with pytest.raises(RecordingError, match="frame rate is 0 Hz"):
+        read_recording(C3DFile("intel", True, 40, 3, rate=0.0).write(tmp_path / "b.c3d", positions))
+    with pytest.raises(RecordingError, match="damaged"):
+        read_recording(C3DFile("sgi", True, 40, 3, rate=0.0).write(tmp_path / "b.c3d", positions))
+
+
+def test_a_crash_of_the_c3d_library_is_one_clear_line(tmp_path, monkeypatch):
+    from comotion_sources.recordings import c3d
+
+    path = C3DFile("intel", True, 40, 3).write(tmp_path / "take.c3d", some_positions())
+    crash = tmp_path / "python"
+    crash.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    crash.chmod(0o755)
+    monkeypatch.setattr(c3d.sys, "executable", str(crash))
+    with pytest.raises(RecordingError, match="crashed"):
+        read_recording(path)
+
+
+def write_npz(path, **changes):
+    arrays = {
+        "positions": np.arange(60.0).reshape(10, 3, 2),
+        "times": 5.0 + np.arange(10) / 30,
+        "labels": np.array([2, 0, 1]),
+    } | changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+    return path
+
+
+def test_npz_in_two_dimensions_is_pixels(tmp_path):
+    positions = np.arange(60.0).reshape(10, 3, 2)
+    positions[4, 1, 0] = np.nan  # half a position is none
+    positions[5, 1, 1] = np.inf
+    recording = read_recording(
+        write_npz(tmp_path / "take.npz", positions=positions, label_names=np.array(["", "wall", "door"]))
+    )
+    assert (recording.unit, recording.space, recording.dim) == ("px", "pixels", 2)
+    assert np.isnan(recording.positions[4:6, 1]).all()
+    assert np.isfinite(np.delete(recording.positions, 1, axis=1)).all()
+    assert recording.times[0] == 0.0
+    assert recording.rate == pytest.approx(30.0)
+    assert recording.labels.tolist() == [2, -1, 1]
+    assert recording.label_names == {1: "wall", 2: "door"}
+
+
+def test_npz_in_three_dimensions_is_metres(tmp_path):
+    positions = np.arange(1.0, 91.0).reshape(10, 3, 3)
+    recording = read_recording(
+        write_npz(
+            tmp_path / "take.npz",
+            positions=positions,
+            labels=np.array([-1, 1, 2]),
+            segment_names=np.array(["arm", "hand"]),
+            units=np.array("mm"),
+        )
+    )
+    np.testing.assert_allclose(recording.positions, positions / 1000)
+    assert recording.label_names == {1: "arm", 2: "hand"}
+    assert read_recording(write_npz(tmp_path / "x.npz", labels=None)).labels is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"positions": None}, "no array 'positions'"),
+        ({"times": None}, "no array 'times'"),
+        ({"positions": np.zeros((10, 3))}, "'positions' is not a 3-dimensional array"),
+        ({"positions": np.zeros((10, 3, 4))}, "4 coordinates"),
+        ({"positions": np.full((10, 3, 2), "x")}, "array of numbers"),
+        ({"positions": np.full((10, 3, 2), np.nan)}, "no observation"),
+        ({"positions": np.zeros((10, 0, 2)), "labels": None}, "no observation"),
+        ({"positions": np.zeros((0, 3, 2)), "times": np.zeros(0)}, "fewer than two instants"),
+        ({"times": np.arange(9.0)}, "9 times for 10 frames"),
+        ({"times": np.zeros(10)}, "times do not increase"),
+        ({"times": np.full(10, np.nan)}, "times are not finite"),
+        ({"labels": np.zeros(2, int)}, "labels are not 3 integers"),
+        ({"labels": np.array([1, 2, 2**40])}, "a label exceeds"),
+        ({"positions": np.zeros((10, 3, 3)), "units": np.array("furlong")}, "unit is 'furlong'"),
+        ({"positions": np.array([[object()]])}, "damaged"),
+    ],
+)
+def test_an_npz_that_is_no_recording_is_one_clear_line(tmp_path, changes, words):
+    path = write_npz(tmp_path / "take.npz", **changes)
+    with pytest.raises(RecordingError, match=words) as caught:
+        read_recording(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.99])
+def test_a_truncated_npz_is_one_clear_line(tmp_path, share):
+    path = write_npz(tmp_path / "take.npz")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RecordingError, match=r"truncated|empty") as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
+    text = tmp_path / "notes.npz"
+    text.write_text("positions, times and labels\n")
+    array = tmp_path / "array.npz"
+    with array.open("wb") as file:
+        np.save(file, np.zeros(3))
+    video = tmp_path / "take.avi"
+    video.write_bytes(b"RIFF")
+    for path, words in (
+        (text, "no .npz archive"),
+        (array, "no .npz archive"),
+        (video, "not one of the endings .c3d, .npz"),
+        (tmp_path / "none.c3d", "No such file"),
+        (tmp_path, "endings|directory"),
+    ):
+        with pytest.raises(RecordingError, match=words):
+            read_recording(path)
+
+
+def two_markers(tmp_path, rate=50.0):
+    """Four markers for 2 s; marker 1 has a gap, marker 2 ends early, marker 3 is born late."""
+    frames = round(2 * rate)
+    positions = np.ones((frames, 4, 3)) * np.arange(frames)[:, None, None]
+    positions[20:30, 1] = np.nan
+    positions[60:, 2] = np.nan
+    positions[:40, 3] = np.nan
+    return read_recording(
+        write_npz(
+            tmp_path / "take.npz",
+            positions=positions,
+            times=np.arange(frames) / rate,
+            labels=np.array([1, 1, 2, -1]),
+            segment_names=np.array(["arm", "hand"]),
+        )
+    )
+
+
+def test_gaps_births_and_ends_reach_the_batches(tmp_path):
+    truths, batches = [], []
+    for message in recording_batches(two_markers(tmp_path), epoch_ns=1_000):
+        (truths if isinstance(message, TruthBatch) else batches).append(message)
+    assert [batch.seq for batch in batches] == list(range(100))
+    assert [batch.stamp_ns for batch in batches] == [1_000 + 20_000_000 * k for k in range(100)]
+    assert [k for k, batch in enumerate(batches) if 1 not in batch.ids] == list(range(20, 30))
+    assert [k for k, batch in enumerate(batches) if 3 in batch.ids] == list(range(40, 100))
+    # Marker 2 is gone for good; marker 1 comes back, so it has not ended.
+    assert {k: batch.ended.tolist() for k, batch in enumerate(batches) if batch.ended is not None} == {
+        60: [2]
+    }
+    assert [(t.ids.tolist(), t.objects.tolist(), t.names) for t in truths] == [
+        ([0, 1, 2], [1, 1, 2], {"1": "arm", "2": "hand"}),
+        ([3], [-1], {}),
+    ]
+
+
+def test_split_deals_markers_to_sources_of_different_rates(tmp_path):
+    recording = two_markers(tmp_path)
+    streams = recording_streams(recording, split=3)
+    assert [stream.name for stream in streams] == ["replay-1", "replay-2", "replay-3"]
+    assert [stream.rate for stream in streams] == pytest.approx([50.0, 25.0, 50 / 3])
+    assert [len(list(stream.frames)) for stream in streams] == [100, 50, 34]
+    seen = [set().union(*(frame.ids.tolist() for frame in stream.frames)) for stream in streams]
+    assert seen == [{0, 3}, {1}, {2}]
+    given = recording_streams(recording, split=2, rates=[40.0, 10.0], source="cam")
+    assert [(s.name, s.rate, len(list(s.frames))) for s in given] == [
+        ("cam-1", 40.0, 80),
+        ("cam-2", 10.0, 20),
+    ]
+
+
+def test_dropping_frames_keeps_their_times_and_never_invents_any(tmp_path):
+    recording = two_markers(tmp_path)
+    (stream,) = recording_streams(recording, rates=[30.0])
+    times = [frame.t for frame in stream.frames]
+    assert set(times) <= set(recording.times.tolist())
+    assert len(times) == 60
+    assert np.diff(times).max() <= 0.04 + 1e-9
+    for frame in stream.frames:
+        np.testing.assert_array_equal(frame.positions[:, 0], round(frame.t * 50))
+
+
+def test_a_rate_above_the_recording_is_refused(tmp_path):
+    recording = two_markers(tmp_path)
+    with pytest.raises(RecordingError, match="60 Hz exceeds the 50 Hz"):
+        recording_streams(recording, rates=[60.0])
+    with pytest.raises(ValueError, match="2 rates for 3 sources"):
+        recording_streams(recording, split=3, rates=[10.0, 20.0])
+
+
+def test_batches_of_several_sources_come_in_time_order(tmp_path):
+    stamps = [
+        m.stamp_ns
+        for m in recording_batches(two_markers(tmp_path), split=3)
+        if isinstance(m, ObservationBatch)
+    ]
+    assert stamps == sorted(stamps)
+    assert len(stamps) == 184
+
+
+@pytest.fixture
+def data() -> Path:
+    folder = os.environ.get("COMOTION_DATA")
+    if not folder:
+        pytest.skip("COMOTION_DATA does not name the folder of recordings")
+    return Path(folder)
+
+
+@pytest.mark.data
+def test_the_recorded_encodings_agree(data):
+    real = read_recording(data / "c3d/gait2_pc_real.c3d").positions
+    assert real.shape == (89, 36, 3)
+    for name in ("pc_int", "dec_int", "dec_real", "sgi_int", "sgi_real"):
+        positions = read_recording(data / f"c3d/gait2_{name}.c3d").positions
+        np.testing.assert_array_equal(np.isnan(positions), np.isnan(real))
+        # One integer of pc_int and sgi_int is one step of 0.28 mm off in the files themselves.
+        np.testing.assert_allclose(positions, real, atol=2.9e-4)
+    npz = read_recording(data / "mocap/gait_dec_real.npz").positions
+    np.testing.assert_allclose(real, npz, atol=1e-6)
+
+
+@pytest.mark.data
+def test_c3d_and_npz_of_one_take_agree_and_gaps_are_unobserved(data):
+    take = read_recording(data / "mocap/tennis_serve.npz")
+    c3d = read_recording(data / "c3d/tennis_serve.c3d")
+    gaps = read_recording(data / "c3d/tennis_serve_gaps.c3d")
+    np.testing.assert_allclose(c3d.positions, take.positions, atol=1e-6)
+    np.testing.assert_allclose(c3d.times, take.times, atol=1e-9)
+    missing = np.isnan(gaps.positions[..., 0])
+    assert missing.sum() == 145
+    np.testing.assert_allclose(gaps.positions[~missing], c3d.positions[~missing], atol=1e-6)
+
+
+@pytest.mark.data
+def test_every_recording_reads_and_is_well_formed(data):
+    paths = sorted([*data.glob("*/*.npz"), *data.glob("c3d/*.c3d")])
+    assert len(paths) > 50
+    for path in paths[::4]:
+        recording = read_recording(path)
+        if len(recording) > 500:  # the long ones take long
+            continue
+        batches = list(recording_batches(recording, split=2))
+        observed = sum(len(b.ids) for b in batches if isinstance(b, ObservationBatch))
+        assert observed <= np.isfinite(recording.positions[..., 0]).sum()
+        assert observed > 0
