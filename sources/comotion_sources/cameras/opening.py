@@ -71,8 +71,8 @@ def _open_path(what: str, rate: float | None) -> Camera:
 
 def _open_workcell(rest: str) -> Camera:
     try:
-        workcell = import_module("comotion_sources.workcell")
-        camera: Camera = workcell.open_camera(rest)
+        # By name: MuJoCo is an extra that a real camera does not need.
+        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
     except ModuleNotFoundError as error:
         raise CameraError(f"{error.name} is not installed: pip install 'comotion[sim3d]'") from None
     return camera

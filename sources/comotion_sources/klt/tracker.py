@@ -105,6 +105,11 @@ class Tracker:
         self._frames = 0
         self._next_id = 0
 
+    @property
+    def count(self) -> int:
+        """Features there have ever been."""
+        return self._next_id
+
     def step(self, frame: Frame) -> Tracks:
         """Track all features into the next frame.
 

@@ -1,0 +1,114 @@
+"""When the frames of a recording are due, which are left out, and what stamps they get."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+Stamps = Literal["now", "original"]
+
+LATE_NS = 200_000_000
+"""A frame of a recording later than this is left out: fresh ones are worth more than old ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pacing:
+    """How a stream of frames becomes a stream of observations.
+
+    Attributes
+    ----------
+    realtime
+        Play recordings at their own pace; False: as fast as they can be tracked, leaving none out.
+    stamps
+        Of recordings: ``now``, as if taken while played, or ``original``, the file's own (media time
+        from 0 where it has none).
+    rate
+        Track at most so many frames a second; None: all.
+    offset_ns
+        Added to every stamp, for a device whose clock is known to be off.
+    """
+
+    realtime: bool = True
+    stamps: Stamps = "now"
+    rate: float | None = None
+    offset_ns: int = 0
+
+
+@dataclass
+class Pacer:
+    """Decides about one frame after the other.
+
+    Parameters
+    ----------
+    pacing
+        What the user wants.
+    live
+        A device: its frames are due when they come, and its stamps are true.
+    wait
+        Waits for a number of seconds.
+    wall, monotonic
+        Clocks, in nanoseconds.
+    """
+
+    pacing: Pacing
+    live: bool
+    wait: Callable[[float], object]
+    wall: Callable[[], int] = time.time_ns
+    monotonic: Callable[[], int] = time.monotonic_ns
+    counters: dict[str, int] = field(
+        default_factory=lambda: {"late": 0, "duplicates": 0, "thinned": 0, "overruns": 0}
+    )
+    _last_ns: int | None = None
+    _next_ns: int | None = None
+    _first_ns: int | None = None
+    _pass_first_ns: int | None = None
+    _elapsed_ns: int = 0
+    _start_wall_ns: int = 0
+    _start_ns: int = 0
+
+    def admit(self, stamp_ns: int) -> int | None:
+        """Wait until a frame is due; its published stamp, or None when it is left out.
+
+        A frame that is not newer than the one before is late or comes twice: it cannot be tracked.
+        """
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            self.counters["duplicates" if stamp_ns == self._last_ns else "late"] += 1
+            return None
+        self._last_ns = stamp_ns
+        if self._thinned(stamp_ns):
+            self.counters["thinned"] += 1
+            return None
+        published = stamp_ns if self.live else self._recorded(stamp_ns)
+        return None if published is None else published + self.pacing.offset_ns
+
+    def rewind(self, period_ns: int) -> None:
+        """Go on with a new pass of the recording, a period after the last frame of this one."""
+        if self._last_ns is not None and self._pass_first_ns is not None:
+            self._elapsed_ns += self._last_ns - self._pass_first_ns + period_ns
+        self._last_ns = self._next_ns = self._pass_first_ns = None
+
+    def _recorded(self, stamp_ns: int) -> int | None:
+        if self._first_ns is None:
+            self._first_ns, self._start_wall_ns, self._start_ns = stamp_ns, self.wall(), self.monotonic()
+        if self._pass_first_ns is None:
+            self._pass_first_ns = stamp_ns
+        played = stamp_ns - self._pass_first_ns + self._elapsed_ns
+        if self.pacing.realtime:
+            early = self._start_ns + played - self.monotonic()
+            if early < -LATE_NS:
+                self.counters["overruns"] += 1
+                return None
+            if early > 0:
+                self.wait(early / 1e9)
+        return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
+
+    def _thinned(self, stamp_ns: int) -> bool:
+        if self.pacing.rate is None:
+            return False
+        period = 1e9 / self.pacing.rate
+        # A tenth of jitter must not cost a frame that is as good as due.
+        if self._next_ns is not None and stamp_ns < self._next_ns - period / 10:
+            return True
+        due = stamp_ns if self._next_ns is None else self._next_ns
+        self._next_ns = round(max(due + period, stamp_ns + period / 2))
+        return False

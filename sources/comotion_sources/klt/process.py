@@ -1,0 +1,348 @@
+"""The process of a camera source: a camera, a tracker and a place on the wire."""
+
+import logging
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.transport import SessionSettings
+
+from ..calibration.files import Calibration, CalibrationError
+from ..calibration.model import Extrinsics, Intrinsics
+from ..cameras.opening import open_frames
+from ..cameras.types import Camera, CameraError, Frame, SceneCamera
+from ..markers.detector import MarkerDetector, MarkerOptions
+from .config import TrackerConfig
+from .feed import HypothesisFeed
+from .observer import CameraSpace, Observer, choose_space
+from .pacing import Pacer, Pacing
+from .preview import DelayedPreview, PreviewFile
+from .publisher import CameraPublisher, PreviewStream
+from .tracker import Tracker, Tracks
+
+_RETRY_S = 1.0
+_FLUSH_S = 2.0
+_DEFAULT_RATE = 30.0
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """What a user says about a camera source.
+
+    Attributes
+    ----------
+    name
+        Name of the source; markers are a source of their own, ``<name>-markers``.
+    tracker
+        Parameters of the tracker.
+    pacing
+        How frames become observations.
+    calibration
+        Wins over what the camera knows about itself.
+    use_depth
+        False: publish pixels even if there is depth.
+    space
+        Name of the space; None: see :func:`choose_space`.
+    fixed
+        The camera must know where it is: refuse to publish metres without extrinsics.
+    loop
+        Start a recording again at its end.
+    reconnect
+        Open a device again when it is lost.
+    preview
+        Annotated video or folder of PNGs to write.
+    markers
+        Fiducial markers to look for; None: none.
+    """
+
+    name: str = "klt"
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    pacing: Pacing = field(default_factory=Pacing)
+    calibration: Calibration = field(default_factory=Calibration)
+    use_depth: bool = True
+    space: str | None = None
+    fixed: bool = False
+    loop: bool = False
+    reconnect: bool = True
+    preview: Path | None = None
+    markers: MarkerOptions | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wire:
+    """Where a source publishes, and whom it tells that it does."""
+
+    scene: str = DEFAULT_SCENE
+    settings: SessionSettings | None = None
+    ready_file: Path | None = None
+
+
+def run(what: str, options: CameraOptions, wire: Wire) -> None:
+    """Publish what a camera sees until it ends or a signal comes.
+
+    Raises
+    ------
+    CameraError
+        If the camera cannot be opened, a recording cannot be read, or the calibration does not fit.
+    ValueError
+        If a name is no valid chunk of a key.
+    """
+    cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
+    CameraProcess(what, open_frames(what, options.pacing.rate), options, wire).run()
+
+
+class CameraProcess:
+    """One camera source from start to end; see :func:`run`."""
+
+    def __init__(self, what: str, camera: Camera, options: CameraOptions, wire: Wire) -> None:
+        self._what, self._camera, self._options, self._wire = what, camera, options, wire
+        given = options.calibration
+        self._intrinsics = given.intrinsics or camera.intrinsics
+        self._extrinsics = given.extrinsics or camera.extrinsics
+        self._space = _space(camera, options, self._intrinsics, self._extrinsics)
+        self._tracker = Tracker(options.tracker, self._space.intrinsics)
+        self._pacer = Pacer(options.pacing, camera.live, self._wait)
+        self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
+        self._size: tuple[int, ...] | None = None
+        self._stamp_ns: int | None = None
+        self._markers: _MarkerOutput | None = None
+        self._preview: DelayedPreview | None = None
+        self._feed: HypothesisFeed | None = None
+
+    def run(self) -> None:
+        """Publish until the camera ends or the process is told to stop."""
+        with ExitStack() as stack:
+            stack.callback(self._close_camera)
+            self._connect(stack)
+            self._publisher.ready()
+            self._play()
+            self._flush_preview()
+            self._end_features()
+        told = {name: count for name, count in self._counters().items() if count}
+        _log.info("%s: ended; %s", self._what, ", ".join(f"{n} {count}" for n, count in told.items()))
+
+    def _connect(self, stack: ExitStack) -> None:
+        options, wire = self._options, self._wire
+        rate = options.pacing.rate or self._camera.rate or _DEFAULT_RATE
+        if options.markers is not None:
+            self._markers = _MarkerOutput(options, self._intrinsics, self._extrinsics, wire, rate)
+            stack.enter_context(self._markers.publisher)
+        # The source entered last is the one that signals reach.
+        self._publisher = stack.enter_context(
+            CameraPublisher(
+                options.name,
+                self._counters,
+                space=self._space.name,
+                unit=self._space.unit,
+                dim=self._space.dim,
+                scene=wire.scene,
+                settings=wire.settings,
+                ready_file=wire.ready_file,
+                rate=rate,
+                message=f"{self._what} in {self._space.name}",
+            )
+        )
+        self._observer = Observer(self._space, self._publisher.builder, self._camera.objects)
+        component = self._publisher.component
+        identity = (options.name, component.session_id)
+        self._stream = PreviewStream(
+            component.session, component.keys.stream("preview", options.name), *identity
+        )
+        stack.callback(self._stream.close)
+        if options.preview is not None:
+            self._feed = HypothesisFeed(component.session, component.keys, *identity)
+            stack.callback(self._feed.close)
+            feed = self._feed
+            file = PreviewFile(options.preview, rate)
+            self._preview = DelayedPreview(file, feed.hypothesis, lambda: feed.stamp_ns)
+            stack.callback(self._preview.close)
+        self._attach()
+        # A camera that waits for a frame is released by closing it.
+        threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
+
+    def _attach(self) -> None:
+        if isinstance(self._camera, SceneCamera):
+            component = self._publisher.component
+            self._camera.attach(component.session, component.keys)
+            self._pacer.live = self._camera.live
+
+    def _close_camera(self) -> None:
+        self._camera.close()  # the one there is now: a lost one has been replaced
+
+    def _close_on_stop(self) -> None:
+        self._publisher.stop.wait()
+        self._close_camera()
+
+    def _wait(self, seconds: float) -> None:
+        self._publisher.stop.wait(seconds)
+
+    def _counters(self) -> dict[str, int]:
+        camera = dict(getattr(self._camera, "counters", {}))
+        camera.pop("depth_missing", None)  # counted here, for every kind of camera
+        return {"tracks": self._tracker.count} | camera | self._pacer.counters | self._events
+
+    def _play(self) -> None:
+        stop = self._publisher.stop
+        while not stop.is_set():
+            try:
+                for frame in self._camera:
+                    self._take(frame)
+                    if stop.is_set():
+                        return
+            except CameraError as error:
+                if not (self._camera.live and self._options.reconnect):
+                    raise
+                self._recover(error)
+                continue
+            if self._camera.live or not self._options.loop:
+                return
+            self._end_features()
+            self._pacer.rewind(round(1e9 / (self._camera.rate or _DEFAULT_RATE)))
+
+    def _take(self, frame: Frame) -> None:
+        stamp = self._pacer.admit(frame.stamp_ns)
+        if stamp is None or self._publisher.stop.is_set():
+            return
+        self._check_size(frame)
+        self._note_depth(frame)
+        self._events["frames"] += 1
+        self._stamp_ns = stamp
+        depth = frame.depth if self._space.dim == 3 else None
+        seen = Frame(stamp, frame.image, depth, frame.objects)
+        tracks = self._tracker.step(seen)
+        for message in self._observer.messages(tracks, seen):
+            self._publisher.put(message)
+        if self._markers is not None:
+            self._markers.publish(seen)
+        self._show(frame, tracks)
+
+    def _check_size(self, frame: Frame) -> None:
+        size = frame.image.shape[:2]
+        if size == self._size:
+            return
+        if self._size is not None:
+            _log.warning("%s: the image size has changed; all features start anew", self._what)
+            self._events["resets"] += 1
+            self._end_features()
+        self._size = size
+        needed = self._space.intrinsics or (self._intrinsics if self._markers else None)
+        if needed is not None and (needed.height, needed.width) != size:
+            raise CalibrationError(
+                f"{self._what}: images of {size[1]} x {size[0]}, "
+                f"but the calibration is for {needed.width} x {needed.height}"
+            )
+
+    def _note_depth(self, frame: Frame) -> None:
+        if self._space.dim == 2:
+            return
+        missing = frame.depth is None or not (frame.depth > 0).any()
+        self._events["depth_missing"] += missing
+        if missing != bool(self._publisher.trouble):
+            self._publisher.trouble = f"{self._what}: frames come without depth" if missing else ""
+            _log.warning("%s: %s", self._what, "no depth" if missing else "depth is back")
+
+    def _show(self, frame: Frame, tracks: Tracks) -> None:
+        self._stream.offer(frame.image, tracks)
+        if self._preview is not None and self._feed is not None:
+            self._feed.poll()
+            self._preview.add(frame.image, tracks)
+
+    def _flush_preview(self) -> None:
+        """Wait for what the service says about the last frames, unless a signal ends the process."""
+        end = time.monotonic() + _FLUSH_S
+        while self._preview is not None and self._feed is not None and time.monotonic() < end:
+            self._feed.poll()
+            if not self._preview.waiting or self._publisher.stop.wait(0.02):
+                return
+
+    def _end_features(self) -> None:
+        ended = self._tracker.reset()
+        if self._stamp_ns is not None and len(ended):
+            self._publisher.put(self._observer.ending(ended, self._stamp_ns))
+
+    def _recover(self, error: CameraError) -> None:
+        """Wait for a lost device to come back, or for the end of the process."""
+        _log.warning("%s; trying again every %g s", error, _RETRY_S)
+        self._publisher.trouble = f"lost: {error}"
+        self._end_features()
+        self._camera.close()
+        while not self._publisher.stop.wait(_RETRY_S):
+            try:
+                self._camera = open_frames(self._what, self._options.pacing.rate)
+            except CameraError:
+                continue
+            self._attach()
+            self._publisher.trouble = ""
+            self._events["reconnects"] += 1
+            _log.warning("%s: is back", self._what)
+            break
+        if self._publisher.stop.is_set():
+            self._camera.close()
+
+
+def _space(
+    camera: Camera, options: CameraOptions, intrinsics: Intrinsics | None, extrinsics: Extrinsics | None
+) -> CameraSpace:
+    has_depth = camera.has_depth and options.use_depth
+    if options.fixed and extrinsics is None and (has_depth or options.markers is not None):
+        raise CalibrationError(
+            "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"
+        )
+    return choose_space(
+        options.name,
+        has_depth=has_depth,
+        intrinsics=intrinsics,
+        extrinsics=extrinsics,
+        name=options.space,
+    )
+
+
+class _MarkerOutput:
+    """The markers a camera sees, as a source of their own: they are metric where its features may not be."""
+
+    def __init__(
+        self,
+        options: CameraOptions,
+        intrinsics: Intrinsics | None,
+        extrinsics: Extrinsics | None,
+        wire: Wire,
+        rate: float,
+    ) -> None:
+        if options.markers is None or intrinsics is None:
+            raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
+        self._detector = MarkerDetector(options.markers, intrinsics)
+        self._extrinsics = extrinsics or Extrinsics(frame=f"{options.name}/optical")
+        self._counters = {"refused": 0}
+        name = f"{options.name}-markers"
+        self.publisher = CameraPublisher(
+            name,
+            lambda: self._counters,
+            space=self._extrinsics.frame,
+            unit="m",
+            dim=3,
+            scene=wire.scene,
+            settings=wire.settings,
+            rate=rate,
+            message=f"{options.markers.dictionary} markers of {options.markers.size:g} m",
+        )
+
+    def publish(self, frame: Frame) -> None:
+        """Publish the poses of the markers in a frame; a frame without any says that time goes on."""
+        markers = self._detector.detect(frame.image)
+        self._counters["refused"] += markers.refused
+        poses = [self._extrinsics.after(pose) for pose in markers.poses]
+        count = len(poses)
+        self.publisher.observe(
+            stamp_ns=frame.stamp_ns,
+            ids=markers.numbers,
+            positions=np.array([pose.translation for pose in poses]).reshape(count, 3),
+            quaternions=np.array([pose.quaternion for pose in poses]).reshape(count, 4) if count else None,
+            sigma=markers.sigma if count else None,
+        )

@@ -1,0 +1,5 @@
+"""Fiducial markers: ArUco and AprilTag as 6-DoF features."""
+
+from .detector import MarkerDetector, MarkerOptions, Markers, dictionary_names, find_dictionary
+
+__all__ = ["MarkerDetector", "MarkerOptions", "Markers", "dictionary_names", "find_dictionary"]
