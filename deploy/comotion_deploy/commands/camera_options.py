@@ -1,0 +1,195 @@
+"""Options that the camera sources share, and what they mean to them."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import UserError, one_line
+
+if TYPE_CHECKING:
+    from comotion_sources.calibration import Calibration
+    from comotion_sources.klt import TrackerConfig
+
+
+class StampChoice(StrEnum):
+    """Which stamps the frames of a recording get."""
+
+    NOW = "now"
+    ORIGINAL = "original"
+
+
+What = Annotated[
+    str,
+    typer.Argument(
+        metavar="WHAT",
+        help="A number or /dev/videoN (webcam), a video file, a URL (RTSP, HTTP), a folder of images or of "
+        "TUM RGB-D (rgb.txt), realsense[:SERIAL], or workcell:SCENE/CAMERA.",
+        show_default=False,
+    ),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate",
+        envvar="COMOTION_RATE",
+        min=0.1,
+        max=1000,
+        metavar="HZ",
+        help="Track at most so many frames a second; also asked of devices and assumed for image folders.",
+    ),
+]
+MaxFeatures = Annotated[
+    int, typer.Option("--max-features", envvar="COMOTION_MAX_FEATURES", min=1, help="Features in the image.")
+]
+RespawnEvery = Annotated[
+    int,
+    typer.Option(
+        "--respawn-every",
+        envvar="COMOTION_RESPAWN_EVERY",
+        min=1,
+        metavar="FRAMES",
+        help="Frames between two looks for new corners.",
+    ),
+]
+Tracker = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tracker",
+        envvar="COMOTION_TRACKER",
+        metavar="NAME=VALUE",
+        help="Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
+        "An unknown one lists them all.",
+    ),
+]
+CalibrationFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration",
+        "--intrinsics",
+        envvar="COMOTION_CALIBRATION",
+        metavar="FILE",
+        help="Intrinsics (and extrinsics): our TOML, OpenCV's YAML or ROS camera_info YAML.",
+    ),
+]
+ExtrinsicsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--extrinsics",
+        envvar="COMOTION_EXTRINSICS",
+        metavar="FILE.toml",
+        help="Where the camera is, as 'comotion calibrate' writes it.",
+    ),
+]
+Space = Annotated[
+    str | None,
+    typer.Option(
+        "--space",
+        envvar="COMOTION_SPACE",
+        help="Coordinate space. Default: NAME/pixels without depth, 'world' (what the extrinsics say) "
+        "with depth and extrinsics, else NAME/optical.",
+    ),
+]
+Depth = Annotated[
+    bool, typer.Option("--depth/--no-depth", envvar="COMOTION_DEPTH", help="Use depth where there is any.")
+]
+PreviewPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--preview",
+        envvar="COMOTION_PREVIEW",
+        metavar="FILE.mp4|DIR",
+        help="Write an annotated video, or PNGs into a folder; features in the colour of their hypothesis.",
+    ),
+]
+Realtime = Annotated[
+    bool,
+    typer.Option(
+        "--realtime/--no-realtime",
+        envvar="COMOTION_REALTIME",
+        help="Play recordings at their own pace, or as fast as they can be tracked (for a service with "
+        "--clock event).",
+    ),
+]
+Loop = Annotated[
+    bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Start a recording again at its end.")
+]
+Stamps = Annotated[
+    StampChoice,
+    typer.Option(
+        "--stamps",
+        envvar="COMOTION_STAMPS",
+        help="Stamps of recordings: as if taken now, or the file's own (media time from 0 without any).",
+    ),
+]
+Reconnect = Annotated[
+    bool,
+    typer.Option(
+        "--reconnect/--no-reconnect",
+        envvar="COMOTION_RECONNECT",
+        help="Wait for a lost device to come back, or end.",
+    ),
+]
+ClockOffset = Annotated[
+    float,
+    typer.Option(
+        "--clock-offset",
+        envvar="COMOTION_CLOCK_OFFSET",
+        metavar="SECONDS",
+        help="Added to every stamp, for a camera whose clock is known to be off.",
+    ),
+]
+
+
+def tracker_config(
+    max_features: int, respawn_every: int, assignments: list[str] | None = None
+) -> "TrackerConfig":
+    """Build the tracker's parameters.
+
+    Raises
+    ------
+    UserError
+        For an unknown parameter or a value out of bounds.
+    """
+    from pydantic import ValidationError
+
+    from comotion_sources.klt import TrackerConfig
+
+    values: dict[str, Any] = {"max_features": max_features, "respawn_every": respawn_every}
+    for text in assignments or ():
+        name, separator, value = text.partition("=")
+        if not separator:
+            raise UserError(f"--tracker {text}: expected NAME=VALUE")
+        values[name.strip().replace("-", "_")] = None if value.strip() == "null" else value
+    try:
+        return TrackerConfig(**values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = ".".join(str(part) for part in first["loc"][:1])
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(sorted(TrackerConfig.model_fields))
+            raise UserError(f"unknown tracker parameter {name!r}; one of {known}") from None
+        raise UserError(f"tracker parameter {name}: {one_line(first['msg'])}") from None
+
+
+def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Calibration":
+    """Read both files; the extrinsics of the second one win.
+
+    Raises
+    ------
+    CalibrationError
+        If a file is wrong.
+    UserError
+        If the second one holds no extrinsics.
+    """
+    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration import read_calibration as read
+
+    first = Calibration() if calibration is None else read(calibration)
+    if extrinsics is None:
+        return first
+    second = read(extrinsics)
+    if second.extrinsics is None:
+        raise UserError(f"{extrinsics}: has no [extrinsics]")
+    return Calibration(first.intrinsics or second.intrinsics, second.extrinsics)

@@ -1,0 +1,83 @@
+"""``comotion source external-camera``: a second, fixed viewpoint, with markers as 6-DoF features."""
+
+from typing import Annotated
+
+import typer
+
+from .. import options
+from . import camera_options as camera
+
+EPILOG = """
+Examples:
+
+  comotion calibrate 0 1 --target chessboard:9x6:0.025 --calibration-a a.toml --calibration-b b.yaml -o x.toml
+
+  comotion source external-camera 1 --calibration b.yaml --extrinsics x.toml --marker-size 0.05
+
+  comotion source external-camera workcell:truck/b --name camera-b --rate 15
+"""
+
+
+def external_camera(
+    what: camera.What,
+    name: Annotated[
+        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
+    ] = "external",
+    rate: camera.Rate = None,
+    marker_size: Annotated[
+        float | None,
+        typer.Option(
+            "--marker-size",
+            envvar="COMOTION_MARKER_SIZE",
+            metavar="METRES",
+            help="Edge of the markers' black square: look for markers, published as NAME-markers.",
+        ),
+    ] = None,
+    dictionary: Annotated[
+        str,
+        typer.Option(
+            "--dictionary",
+            envvar="COMOTION_DICTIONARY",
+            help="Marker dictionary, e.g. 4x4_50 or apriltag_36h11; an unknown one lists them all.",
+        ),
+    ] = "4x4_50",
+    max_features: camera.MaxFeatures = 400,
+    respawn_every: camera.RespawnEvery = 15,
+    tracker: camera.Tracker = None,
+    calibration: camera.CalibrationFile = None,
+    extrinsics: camera.ExtrinsicsFile = None,
+    space: camera.Space = None,
+    depth: camera.Depth = True,
+    preview: camera.PreviewPath = None,
+    realtime: camera.Realtime = True,
+    loop: camera.Loop = False,
+    stamps: camera.Stamps = camera.StampChoice.NOW,
+    reconnect: camera.Reconnect = True,
+    clock_offset: camera.ClockOffset = 0.0,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Publish what a second, fixed camera sees: features, and fiducial markers with their orientation."""
+    from comotion_sources.klt.pacing import Pacing
+    from comotion_sources.klt.process import CameraOptions, Wire, run
+    from comotion_sources.markers import MarkerOptions
+
+    settings = CameraOptions(
+        name=name,
+        tracker=camera.tracker_config(max_features, respawn_every, tracker),
+        pacing=Pacing(realtime=realtime, stamps=stamps.value, rate=rate, offset_ns=round(clock_offset * 1e9)),
+        calibration=camera.read_calibration(calibration, extrinsics),
+        use_depth=depth,
+        space=space,
+        fixed=True,
+        loop=loop,
+        reconnect=reconnect,
+        preview=preview,
+        markers=None if marker_size is None else MarkerOptions(marker_size, dictionary),
+    )
+    wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)
+    run(what, settings, wire)

@@ -1,0 +1,67 @@
+"""``comotion source klt``: features of a camera by Lucas-Kanade."""
+
+from typing import Annotated
+
+import typer
+
+from .. import options
+from . import camera_options as camera
+
+EPILOG = """
+Examples:
+
+  comotion source klt 0   # a webcam, in the space klt/pixels
+
+  comotion source klt drawer.mp4 --preview tracked.mp4
+
+  comotion source klt rtsp://camera/stream --name door --max-features 300
+
+  comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --extrinsics a.toml
+
+  comotion source klt workcell:truck/a --name camera-a
+"""
+
+
+def klt(
+    what: camera.What,
+    name: Annotated[
+        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
+    ] = "klt",
+    rate: camera.Rate = None,
+    max_features: camera.MaxFeatures = 400,
+    respawn_every: camera.RespawnEvery = 15,
+    tracker: camera.Tracker = None,
+    calibration: camera.CalibrationFile = None,
+    extrinsics: camera.ExtrinsicsFile = None,
+    space: camera.Space = None,
+    depth: camera.Depth = True,
+    preview: camera.PreviewPath = None,
+    realtime: camera.Realtime = True,
+    loop: camera.Loop = False,
+    stamps: camera.Stamps = camera.StampChoice.NOW,
+    reconnect: camera.Reconnect = True,
+    clock_offset: camera.ClockOffset = 0.0,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Track the features of a camera, video or RGB-D recording and publish them."""
+    from comotion_sources.klt.pacing import Pacing
+    from comotion_sources.klt.process import CameraOptions, Wire, run
+
+    settings = CameraOptions(
+        name=name,
+        tracker=camera.tracker_config(max_features, respawn_every, tracker),
+        pacing=Pacing(realtime=realtime, stamps=stamps.value, rate=rate, offset_ns=round(clock_offset * 1e9)),
+        calibration=camera.read_calibration(calibration, extrinsics),
+        use_depth=depth,
+        space=space,
+        loop=loop,
+        reconnect=reconnect,
+        preview=preview,
+    )
+    wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)
+    run(what, settings, wire)
