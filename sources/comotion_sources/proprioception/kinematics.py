@@ -116,6 +116,21 @@ class Kinematics:
         turned = Rotation.from_matrix(self._base.rotation) * rotations
         return LinkPoses(self._base.apply(places), turned.as_quat(canonical=True), self._sigma())
 
+    def encoded(self, sample: JointSample) -> JointSample:
+        """Round a reading to whole counts of the encoders, as a real robot's are.
+
+        Joints that move none of the links are left as they are.
+        """
+        counts = {
+            joint: step
+            for joint, index in zip(self.joints, self._needed, strict=True)
+            if (step := self._resolutions()[self._model.jnt_dofadr[index]]) > 0
+        }
+        steps = np.array([counts.get(name, 0.0) for name in sample.names])
+        safe = np.where(steps > 0, steps, 1.0)
+        rounded = np.where(steps > 0, np.rint(sample.positions / safe) * safe, sample.positions)
+        return JointSample(sample.stamp_ns, sample.names, rounded)
+
     def _place(self, sample: JointSample) -> None:
         given: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
         for index, joint in zip(self._needed, self.joints, strict=True):

@@ -1,0 +1,159 @@
+"""Renders and tracks a scene once, and keeps the messages of its sources for the next time."""
+
+import hashlib
+import importlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import msgpack
+import numpy as np
+
+from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt.observer import CameraSpace, Observer
+from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.proprioception.packer import Packer, Packing
+from comotion_sources.workcell import Cover, Scene, Viewpoint
+from comotion_sources.workcell.atlas import Atlas, build_atlas
+from comotion_sources.workcell.scene import scene_folder
+
+from .setup import CAMERA_A, CAMERA_B, ROBOT, Setup
+
+Message: TypeAlias = TruthBatch | ObservationBatch
+_SESSION = "0" * 16
+_COVERED = ".covered"
+_MAKERS = (
+    *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "tracker")),
+    *(f"proprioception.{name}" for name in ("kinematics", "packer")),
+    *(f"workcell.{name}" for name in ("atlas", "render", "scene", "sensor", "textures", "viewpoint")),
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The messages of every source of one seed of one scene, in time order.
+
+    `sources` has one entry per source; camera A occurs twice, as it is and covered.
+    """
+
+    sources: Mapping[str, list[Message]]
+
+    def of(self, source: str, *, covered: bool) -> list[Message]:
+        """Messages of a source; camera A's own depend on whether it is covered."""
+        return self.sources[source + _COVERED if covered and source == CAMERA_A else source]
+
+
+def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> Recording:
+    """Render and track a scene, or read it from the cache.
+
+    Parameters
+    ----------
+    scene, seed
+        Of the workcell.
+    setup
+        Cameras, rates and cover.
+    cache
+        Folder to keep messages in; what was made by other code or another set-up is not used.
+    """
+    path = None if cache is None else cache / f"{scene}-{seed}-{_fingerprint(setup)}.msgpack"
+    if path is not None and path.is_file():
+        packed = msgpack.unpackb(path.read_bytes())
+        return Recording({name: [_read(raw) for raw in raws] for name, raws in packed.items()})
+    recording = Recording(_make(scene, seed, setup))
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        packed = {name: [encode(m) for m in messages] for name, messages in recording.sources.items()}
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(msgpack.packb(packed))
+        partial.replace(path)
+    return recording
+
+
+def _read(raw: bytes) -> Message:
+    message = decode(raw)
+    if not isinstance(message, TruthBatch | ObservationBatch):
+        raise ValueError(f"{type(message).__name__} in the cache")
+    return message
+
+
+def _fingerprint(setup: Setup) -> str:
+    """Digest of the set-up and of all code and scenes that have a part in the messages."""
+    digest = hashlib.sha256(repr(setup).encode())
+    for name in _MAKERS:
+        module = importlib.import_module(f"comotion_sources.{name}")
+        assert module.__file__ is not None  # noqa: S101 - none of them is a namespace package
+        digest.update(Path(module.__file__).read_bytes())
+    for path in sorted(scene_folder().glob("*.xml")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _make(name: str, seed: int, setup: Setup) -> dict[str, list[Message]]:
+    scene = Scene.named(name, seed)
+    atlas = build_atlas(scene.model, seed)
+    seconds = setup.duration or scene.period
+    cover = Cover(*setup.cover)
+    sources: dict[str, list[Message]] = {CAMERA_A: [], CAMERA_A + _COVERED: [], CAMERA_B: []}
+    for open_, covered in _track(scene, atlas, "a", CAMERA_A, setup.rate_a, seconds, setup, cover):
+        sources[CAMERA_A] += open_
+        sources[CAMERA_A + _COVERED] += covered
+    for open_, _ in _track(scene, atlas, "b", CAMERA_B, setup.rate_b, seconds, setup, None):
+        sources[CAMERA_B] += open_
+    sources[ROBOT] = list(robot_messages(scene, setup.rate_robot, seconds))
+    return sources
+
+
+def _track(
+    scene: Scene,
+    atlas: Atlas,
+    camera: str,
+    source: str,
+    rate: float,
+    seconds: float,
+    setup: Setup,
+    cover: Cover | None,
+) -> Iterator[tuple[list[Message], list[Message]]]:
+    """Messages of each frame, twice: as it is, and with the lens covered for a while."""
+    view = Viewpoint(scene, camera, setup.size, atlas=atlas)
+    config = TrackerConfig(max_features=setup.features)
+    trackers = [Tracker(config, view.intrinsics) for _ in range(1 if cover is None else 2)]
+    space = CameraSpace("world", "m", 3, view.intrinsics, view.extrinsics)
+    observers = [Observer(space, _builder(source), scene.objects) for _ in trackers]
+    for index in range(round(seconds * rate)):
+        stamp = round(index * 1e9 / rate)
+        frame = view.frame(scene.configuration(index / rate), stamp)
+        seen = [frame]
+        if cover is not None:
+            seen.append(view.covered(stamp) if cover.hides(index / rate) else frame)
+        told = [
+            list(observer.messages(tracker.step(one), one))
+            for one, tracker, observer in zip(seen, trackers, observers, strict=True)
+        ]
+        yield told[0], told[-1] if cover is not None else []
+
+
+def robot_messages(scene: Scene, rate: float, seconds: float) -> Iterator[Message]:
+    """Poses of the robot's links, with joint positions rounded to encoder counts as a robot's are."""
+    kinematics = Kinematics(scene.model, scene.robot)
+    packer, builder = Packer(kinematics, Packing(rate=rate)), _builder(ROBOT)
+    numbers = [scene.object_of(link) for link in kinematics.links]
+    yield builder.truth(ids=np.arange(len(numbers), dtype=np.uint64), objects=numbers, names=scene.objects)
+    for index in range(round(seconds * rate)):
+        reading = JointSample(round(index * 1e9 / rate), scene.joints, scene.configuration(index / rate))
+        pack = packer.add(kinematics.encoded(reading))
+        if pack is not None:
+            yield builder.observation(
+                stamp_ns=pack.stamp_ns,
+                ids=pack.ids,
+                positions=pack.positions,
+                sigma=pack.sigma,
+                quaternions=pack.quaternions,
+                stamps_ns=pack.stamps_ns,
+            )
+
+
+def _builder(source: str) -> MessageBuilder:
+    return MessageBuilder(source=source, session=_SESSION, space="world", unit="m", dim=3)
