@@ -8,27 +8,28 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from .processes import ProcessSpec
 
 FIRST_DELAY_S = 0.5
 LONGEST_DELAY_S = 10.0
 STABLE_S = 10.0
-READY = "ready"
+READY_VARIABLE = "COMOTION_READY_FILE"
 
 
 class Child:
     """Runs a :class:`ProcessSpec`; must be started from a thread that outlives it (the main one).
 
-    `write` takes each line it prints. `ready` says that it serves, `was_ready` that it once did.
+    `folder` is for its ready file; `write` takes each line it prints. `was_ready`: it has served.
     """
 
-    def __init__(self, spec: ProcessSpec, write: Callable[[str], None]) -> None:
+    def __init__(self, spec: ProcessSpec, folder: Path, write: Callable[[str], None]) -> None:
         self.spec = spec
-        self.ready = False
         self.was_ready = False
         self.last_line = ""
         self.due_s: float | None = None
+        self._ready_file = folder / f"{spec.name}.ready"
         self._write = write
         self._popen: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
@@ -43,6 +44,7 @@ class Child:
     def start(self) -> None:
         """Start the process."""
         spec = self.spec
+        self._ready_file.unlink(missing_ok=True)
         self._popen = subprocess.Popen(
             [sys.executable, "-m", "comotion_deploy.tether", str(os.getpid()), *spec.command],
             stdin=None if spec.foreground else subprocess.DEVNULL,
@@ -50,19 +52,20 @@ class Child:
             stderr=None if spec.foreground else subprocess.STDOUT,
             text=True,
             errors="replace",
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **spec.env},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", READY_VARIABLE: str(self._ready_file), **spec.env},
             # A session of its own: Ctrl-C reaches the launcher alone, which stops all in order.
             start_new_session=not spec.foreground,
         )
         self._started_s = time.monotonic()
         self.due_s = None
-        self._set_ready(spec.foreground or not spec.says_ready)
         if not spec.foreground:
             self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
             self._reader.start()
 
     def poll(self) -> int | None:
         """Exit status of a process that has just ended, else None; sets when a restart is due."""
+        if self._popen is not None:
+            self.was_ready |= not self.spec.says_ready or self._ready_file.exists()
         status = None if self._popen is None else self._popen.poll()
         if self._popen is None or status is None:
             return None
@@ -75,13 +78,13 @@ class Child:
         self.due_s = None
         self._signal(signal.SIGTERM)
 
-    def wait(self, deadline_s: float) -> bool:
-        """Wait until it has ended; False, and it is killed, when that takes too long."""
+    def wait(self, since_s: float) -> bool:
+        """Wait until it has ended; False, and it is killed, when that takes longer than it may."""
         if self._popen is None:
             return True
         in_time = True
         try:
-            self._popen.wait(max(0.0, deadline_s - time.monotonic()))
+            self._popen.wait(max(0.0, since_s + self.spec.stop_s - time.monotonic()))
         except subprocess.TimeoutExpired:
             in_time = False
             self._signal(signal.SIGKILL)
@@ -96,7 +99,7 @@ class Child:
             self._reader.join()
         if self._popen is not None and self._popen.stdout is not None:
             self._popen.stdout.close()
-        self._popen, self._reader, self.ready = None, None, False
+        self._popen, self._reader = None, None
 
     def _signal(self, number: signal.Signals) -> None:
         if self._popen is None:
@@ -119,13 +122,5 @@ class Child:
     def _read(self, popen: subprocess.Popen[str]) -> None:
         assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
         for line in popen.stdout:
-            text = line.rstrip("\n")
-            if text == READY:
-                self._set_ready(True)
-            else:
-                self.last_line = text
-                self._write(text)
-
-    def _set_ready(self, ready: bool) -> None:
-        self.ready = ready
-        self.was_ready |= ready
+            self.last_line = line.rstrip("\n")
+            self._write(self.last_line)

@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import config, evaluate, router, serve, source, up, watch
+from .commands import calibrate, config, demo, evaluate, router, serve, source, up, watch
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -35,12 +35,14 @@ def _root(
     pass
 
 
+app.command("demo", epilog=demo.EPILOG)(demo.demo)
 app.command("up", epilog=up.EPILOG)(up.up)
 app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
+app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 

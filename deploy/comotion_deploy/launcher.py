@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from comotion_schemas.component import stop_on_signals
 
@@ -15,7 +16,6 @@ from .processes import ProcessSpec
 
 OWN_NAME = "launcher"
 READY_S = 60.0
-STOP_S = 8.0
 _POLL_S = 0.05
 
 
@@ -33,17 +33,23 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
         If a process refuses to start (exit status 2 before it was ever ready).
     """
     stop = threading.Event()
-    with LogLines([OWN_NAME, *(spec.name for spec in specs)], log) as lines, stop_on_signals(stop):
-        Launcher(specs, lines, stop).run(duration_s)
+    with (
+        TemporaryDirectory(prefix="comotion-") as folder,
+        LogLines([OWN_NAME, *(spec.name for spec in specs)], log) as lines,
+        stop_on_signals(stop),
+    ):
+        Launcher(specs, Path(folder), lines, stop).run(duration_s)
 
 
 class Launcher:
     """Children of one system, watched from one thread."""
 
-    def __init__(self, specs: Sequence[ProcessSpec], lines: LogLines, stop: threading.Event) -> None:
+    def __init__(
+        self, specs: Sequence[ProcessSpec], folder: Path, lines: LogLines, stop: threading.Event
+    ) -> None:
         self._lines = lines
         self._stop = stop
-        self.children = [Child(spec, _writer(lines, spec.name)) for spec in specs]
+        self.children = [Child(spec, folder, _writer(lines, spec.name)) for spec in specs]
 
     def run(self, duration_s: float | None = None) -> None:
         """Start everything, keep it running, stop everything."""
@@ -112,9 +118,9 @@ class Launcher:
             members = [child for child in self.children if child.spec.is_router is stage]
             for child in members:
                 child.terminate()
-            deadline = time.monotonic() + STOP_S
+            since = time.monotonic()
             for child in members:
-                if not child.wait(deadline):
+                if not child.wait(since):
                     self._say(f"{child.spec.name} did not stop in time and was killed")
 
     def _say(self, text: str) -> None:

@@ -12,7 +12,7 @@ from comotion_schemas.types import is_name
 from .errors import UserError
 
 Restart = Literal["always", "on-failure", "never"]
-COMOTION = (sys.executable, "-m", "comotion_deploy")
+PYTHON = (sys.executable, "-m")
 _KEYS = frozenset({"run", "command", "restart", "foreground", "env"})
 
 
@@ -25,13 +25,16 @@ class ProcessSpec:
     command
         Program and arguments.
     says_ready
-        It prints the line ``ready`` once it serves; else it counts as ready when started.
+        It writes the file named by ``COMOTION_READY_FILE`` once it serves, as our commands do; else
+        it counts as ready when started.
     is_router
         Started before, and stopped after, everything else.
     restart
         ``on-failure``: unless it ended with status 0.
     foreground
         Owns the terminal; when it ends with status 0, everything is stopped.
+    stop_s
+        Seconds it may take to stop before it is killed.
     """
 
     name: str
@@ -40,13 +43,16 @@ class ProcessSpec:
     says_ready: bool = True
     is_router: bool = False
     foreground: bool = False
+    stop_s: float = 5.0
     env: Mapping[str, str] = field(default_factory=dict)
 
 
 def comotion(name: str, *arguments: object, **options: Any) -> ProcessSpec:
     """Build the spec of one of our own commands."""
     words = tuple(map(str, arguments))
-    return ProcessSpec(name=name, command=COMOTION + words, is_router=words[0] == "router", **options)
+    return ProcessSpec(
+        name=name, command=(*PYTHON, "comotion_deploy", *words), is_router=words[0] == "router", **options
+    )
 
 
 def read_processes(content: Mapping[str, Any]) -> list[ProcessSpec]:

@@ -10,7 +10,7 @@ from .. import options
 EPILOG = """
 Examples:
 
-  comotion up deploy/scenes/fig4.4.toml
+  comotion up deploy/scenes/fig4_4.toml
 
   comotion up workcell.toml --log workcell.log
 

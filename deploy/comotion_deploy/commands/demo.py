@@ -1,0 +1,56 @@
+"""``comotion demo``: the whole path in one command."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options
+
+EPILOG = """
+Examples:
+
+  comotion demo
+
+  comotion demo --duration 60 --out /tmp/demo
+
+  comotion demo 3d_async --set sigma_switch=0.02
+"""
+
+_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
+"""What the thesis uses for its figure 4.4: equal weights and a switch at 0.01."""
+
+
+def demo(
+    simulated: Annotated[
+        str,
+        typer.Argument(
+            metavar="[SCENE]", help="A scene of the simulator; see 'comotion source simulator --list'."
+        ),
+    ] = "fig4_4",
+    duration: Annotated[float, typer.Option("--duration", min=1, help="s to run.")] = 30.0,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", file_okay=False, help="Where results and log go.")
+    ] = Path("out"),
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulator.")] = 0,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """Run router, three simulated sources, the service and watch; end with a summary and a plot."""
+    from ..demo import DemoOptions, demo_processes, free_endpoint, show_summary
+    from ..launcher import launch
+
+    settings = assignments or (_FIG_4_4 if simulated == "fig4_4" else ())
+    fusion = [word for setting in settings for word in ("--set", setting)]
+    fusion += ["--method", method] if method else []
+    how = DemoOptions(simulated=simulated, seed=seed, fusion=fusion, out=out)
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
+        (out / name).unlink(missing_ok=True)
+    on_terminal = sys.stdout.isatty()
+    processes = demo_processes(how, free_endpoint(), on_terminal=on_terminal)
+    print(f"{simulated} for {duration:g} s; Ctrl-C ends it earlier; results go to {out}", flush=True)
+    launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=duration)
+    show_summary(out)

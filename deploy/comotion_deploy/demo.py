@@ -1,0 +1,135 @@
+"""The processes of ``comotion demo``, and what one of them reports at the end."""
+
+import json
+import math
+import os
+import socket
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .processes import PYTHON, ProcessSpec, comotion
+
+RATES = (15, 30, 100)
+SUMMARY = "summary.txt"
+_BARS = " ▁▂▃▄▅▆▇█"
+_LEAD_S = 4.0
+_REPORT_S = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """What the demo shows: `simulated` is a scene of the simulator, `fusion` options of serve."""
+
+    simulated: str = "fig4_4"
+    seed: int = 0
+    fusion: Sequence[str] = field(default_factory=tuple)
+    out: Path = Path("out")
+
+
+def free_endpoint() -> str:
+    """An endpoint on this machine that nobody listens at."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def demo_processes(options: DemoOptions, endpoint: str, *, on_terminal: bool) -> list[ProcessSpec]:
+    """Router, service, three sources of different rates, a reporter and watch."""
+    at = ("--connect", endpoint, "--scene", "demo")
+    # All parts of the scene must agree on when it starts; by then everything is up.
+    start = ("--start-at", f"{time.time() + _LEAD_S:.3f}", "--loop", "--seed", options.seed)
+    sources = [
+        comotion(
+            f"{rate}hz", "source", "simulator", options.simulated,
+            "--rate", rate, "--part", f"{k}/{len(RATES)}", "--name", f"{rate}hz", *start, *at,
+        )
+        for k, rate in enumerate(RATES, 1)
+    ]  # fmt: skip
+    report = (*PYTHON, "comotion_deploy.demo", endpoint, options.simulated, str(options.out))
+    return [
+        comotion("router", "router", "--listen", endpoint),
+        comotion("serve", "serve", "--state", options.out / "demo.state", *options.fusion, *at),
+        ProcessSpec(name="report", command=report, restart="never", stop_s=_REPORT_S),
+        *sources,
+        comotion("watch", "watch", *at, foreground=on_terminal),
+    ]
+
+
+def sparkline(values: Sequence[float]) -> str:
+    """One bar per value of 0..1; a dot for none."""
+    return "".join("." if math.isnan(v) else _BARS[1 + min(7, int(v * 8))] for v in values)
+
+
+def nmi_per_second(stamps_ns: Sequence[int], nmi: Sequence[float]) -> list[float]:
+    """Mean NMI in every second of the run; NaN where nothing was scored."""
+    groups: dict[int, list[float]] = {}
+    for stamp, value in zip(stamps_ns, nmi, strict=True):
+        if not math.isnan(value):
+            groups.setdefault((stamp - stamps_ns[0]) // 10**9, []).append(value)
+    last = max(groups, default=-1)
+    return [sum(groups[k]) / len(groups[k]) if k in groups else math.nan for k in range(last + 1)]
+
+
+def _curve(values: Sequence[float]) -> list[str]:
+    return [
+        "NMI over time, one bar a second, the full height is 1:",
+        f"  {sparkline(values)}",
+        *(
+            "  " + "  ".join(f"{k:>3} s {v:.2f}" for k, v in list(enumerate(values))[row : row + 8])
+            for row in range(0, len(values), 8)
+        ),
+    ]
+
+
+def report(endpoint: str, simulated: str, out: Path) -> None:
+    """Evaluate the running demo until stopped; then write summary, values and plot.
+
+    Raises
+    ------
+    ValueError
+        If nothing could be scored.
+    """
+    from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+    from comotion_experiments.plot import Trace, save_plot
+    from comotion_schemas.transport import SessionSettings
+
+    from .child import READY_VARIABLE
+
+    trace = Trace()
+    how = EvaluateOptions(quiet=True, on_update=trace.add, ready_file=Path(os.environ[READY_VARIABLE]))
+    run = evaluate("demo", SessionSettings(connect=(endpoint,)), how)
+    rates = ", ".join(str(rate) for rate in RATES[:-1])
+    lines = [f"scene {simulated}, three sources at {rates} and {RATES[-1]} Hz"]
+    lines += summary_lines(run)
+    lines += _curve(nmi_per_second([s.stamp_ns for s in run.scores], [s.nmi for s in run.scores]))
+    (out / "demo.json").write_text(json.dumps(as_json(run), indent=2))
+    files = [str(out / "demo.json")]
+    try:
+        save_plot(
+            out / "demo.png", title=f"{simulated}, live from three sources", updates=trace.updates,
+            scores=run.scores, truth=run.truth, spaces=run.spaces,
+        )  # fmt: skip
+        files.insert(0, str(out / "demo.png"))
+    except ModuleNotFoundError:
+        lines.append("no plot: pip install 'comotion[plot]'")
+    lines.append(f"written: {', '.join(files)}")
+    (out / SUMMARY).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def show_summary(out: Path) -> None:
+    """Print what the reporter has written."""
+    try:
+        print((out / SUMMARY).read_text(encoding="utf-8"), end="")
+    except FileNotFoundError:
+        print("stopped before anything could be scored")
+
+
+if __name__ == "__main__":
+    try:
+        report(sys.argv[1], sys.argv[2], Path(sys.argv[3]))
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
