@@ -11,6 +11,7 @@ import msgpack
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from .columns import WIRE
 from .hypotheses import HypothesisUpdate
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .types import MAX_BYTES
@@ -23,7 +24,9 @@ _BY_SCHEMA: dict[str, TypeAdapter[Message]] = {
     f"comotion.{kind.__name__}/1": TypeAdapter(kind) for kind in MESSAGE_TYPES
 }
 _REASONS: frozenset[str] = frozenset(get_args(RejectionReason))
+# One container and all of them together: 16 MiB of empty maps would take a gigabyte of memory.
 _MAX_ITEMS = 100_000
+_MAX_TOTAL = 500_000
 
 # pydantic's own error types that mean something more precise than "schema".
 _PYDANTIC_REASONS: dict[str, RejectionReason] = {
@@ -34,6 +37,10 @@ _PYDANTIC_REASONS: dict[str, RejectionReason] = {
     "greater_than_equal": "range",
     "less_than": "range",
     "less_than_equal": "range",
+    "too_short": "length",
+    "too_long": "length",
+    "string_too_short": "length",
+    "string_too_long": "length",
 }
 
 
@@ -76,7 +83,7 @@ def decode(payload: bytes) -> Message:
     if adapter is None:
         raise DecodeError("schema", "unknown or missing schema")
     try:
-        return adapter.validate_python(content)
+        return adapter.validate_python(content, context=WIRE)
     except ValidationError as error:
         raise _decode_error(error) from None
 
@@ -96,12 +103,14 @@ def decode_as(kind: type[M], payload: bytes) -> M:
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:
+    containers = _Containers()
     try:
         content = msgpack.unpackb(
             payload,
             raw=False,
             strict_map_key=True,
-            object_pairs_hook=_unique_map,
+            object_pairs_hook=containers.map,
+            list_hook=containers.list,
             max_array_len=_MAX_ITEMS,
             max_map_len=_MAX_ITEMS,
             max_ext_len=0,
@@ -115,20 +124,44 @@ def _unpack(payload: bytes) -> dict[str, Any]:
     return content
 
 
-def _unique_map(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        raise DecodeError("malformed", "a map repeats a key")
-    if not all(isinstance(key, str) for key in content):
-        raise DecodeError("malformed", "a map key is not a string")
-    return content
+class _Containers:
+    """Checks the maps and lists of one payload while they are unpacked."""
+
+    def __init__(self) -> None:
+        self._total = 0
+
+    def map(self, pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
+        self._count(len(pairs))
+        content = dict(pairs)
+        if len(content) != len(pairs):
+            raise DecodeError("malformed", "a map repeats a key")
+        for key, value in pairs:
+            if not isinstance(key, str):
+                raise DecodeError("malformed", "a map key is not a string")
+            if value is None:  # an optional field that is not set is absent
+                raise DecodeError("schema", f"{_printable(key)}: nil")
+        return content
+
+    def list(self, items: list[Any]) -> list[Any]:
+        self._count(len(items))
+        return items
+
+    def _count(self, items: int) -> None:
+        self._total += items + 1
+        if self._total > _MAX_TOTAL:
+            raise DecodeError("limit", f"more than {_MAX_TOTAL} items")
+
+
+def _printable(text: str) -> str:
+    """Hostile text must not forge lines or colours where the error is shown."""
+    return "".join(char if char.isprintable() else "?" for char in text[:200])
 
 
 def _decode_error(error: ValidationError) -> DecodeError:
     first = error.errors(include_url=False, include_input=False)[0]
     kind = first["type"]
     reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
-    where = ".".join(str(part) for part in first["loc"])[:200]
+    where = _printable(".".join(str(part) for part in first["loc"]))
     detail = f"{where}: {first['msg']}" if where else first["msg"]
     return DecodeError(cast("RejectionReason", reason), detail[:500])
 

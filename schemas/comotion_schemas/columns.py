@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 Array = NDArray[Any]
+
+WIRE = {"from": "wire"}
+"""Validation context of a decoded payload: there a column is ``bin`` and nothing else."""
 
 
 def reject(reason: str, detail: str) -> PydanticCustomError:
@@ -38,6 +41,12 @@ class Column:
     dtype: str
     width: int | str | None = None
     finite: bool = True
+
+    def validate(self, value: object, info: ValidationInfo) -> Array:
+        """Validate a field: array-likes are for Python, not for the wire."""
+        if info.context is WIRE and not isinstance(value, bytes):
+            raise reject("schema", f"a column is bin, not {type(value).__name__}")
+        return self.coerce(value)
 
     def coerce(self, value: object) -> Array:
         """Turn an array-like, or the bytes of the wire, into a read-only array of the stated dtype.
@@ -68,7 +77,7 @@ class Column:
     def _from_array(self, value: object) -> Array:
         try:
             given = np.asarray(value)
-            self._check_integers(given)
+            self._check_kind(given)
             # An overflow to infinity is reported by the finite check, not by a warning.
             with np.errstate(over="ignore"):
                 array = np.array(given, dtype=self.dtype, order="C")
@@ -87,9 +96,14 @@ class Column:
         if isinstance(self.width, int) and array.shape[-1] != self.width:
             raise reject("length", f"expected rows of {self.width}, got {array.shape[-1]}")
 
-    def _check_integers(self, given: Array) -> None:
+    def _check_kind(self, given: Array) -> None:
+        """Only numbers convert, and only integers to integers."""
         target = np.dtype(self.dtype)
-        if target.kind not in "iu" or not given.size:
+        if not given.size:
+            return
+        if given.dtype.kind not in "iuf":
+            raise reject("schema", f"expected numbers, got {given.dtype}")
+        if target.kind == "f":
             return
         if given.dtype.kind not in "iu":
             raise reject("schema", f"expected integers, got {given.dtype}")
@@ -98,8 +112,8 @@ class Column:
             raise reject("range", f"an integer does not fit in {target.name}")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Validate through :meth:`coerce`."""
-        return core_schema.no_info_plain_validator_function(self.coerce)
+        """Validate through :meth:`validate`."""
+        return core_schema.with_info_plain_validator_function(self.validate)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

@@ -1,5 +1,6 @@
 """What the service publishes: which features move together (``comotion.HypothesisUpdate/1``)."""
 
+import math
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -10,6 +11,7 @@ from .columns import reject, require_rows
 from .types import (
     MESSAGE_CONFIG,
     UNDETERMINED,
+    UNIT_NORM_TOLERANCE,
     Count,
     F4Column,
     Finite,
@@ -51,6 +53,12 @@ class Pose(Record):
     translation: Vector
     rotation: Quaternion | Finite
 
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if isinstance(self.rotation, list) and abs(math.hypot(*self.rotation) - 1) > UNIT_NORM_TOLERANCE:
+            raise reject("range", "rotation is not of unit norm")
+        return self
+
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
 class Twist(Record):
@@ -78,6 +86,20 @@ class Hypothesis(Record):
     twist: Twist | None = None
     noise: Annotated[Finite, Field(ge=0)] | None = None
     linked: list[HypothesisId] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.pose is not None:
+            self._check("pose", self.pose.translation, self.pose.rotation)
+        if self.twist is not None:
+            self._check("twist", self.twist.linear, self.twist.angular)
+        return self
+
+    def _check(self, what: str, shift: list[float], turn: list[float] | float) -> None:
+        """In 2-D a turn is a number, in 3-D it is not."""
+        dim = len(self.centroid)
+        if len(shift) != dim or isinstance(turn, list) != (dim == 3):
+            raise reject("length", f"{what} does not go with {dim} dimensions")
 
 
 _OTHERS = {"born": (0, 0), "ended": (0, 0), "split": (1, 1), "merged": (1, None)}
@@ -148,6 +170,8 @@ class HypothesisUpdate:
         for name in ("track_source", "track_hypothesis", "track_confidence", "track_position"):
             require_rows(name, getattr(self, name), count)
         self._check_tracks(count)
+        if len({(source.name, source.session) for source in self.sources}) != len(self.sources):
+            raise reject("duplicate-id", "a source is listed twice")
         ids = [h.id for h in self.hypotheses]
         if len(set(ids)) != len(ids):
             raise reject("duplicate-id", "a hypothesis is listed twice")

@@ -9,12 +9,20 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StringConstraints,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic.dataclasses import dataclass
 
 from .columns import Array, Column, has_duplicates, reject, require_rows
 from .types import (
     MESSAGE_CONFIG,
+    UNIT_NORM_TOLERANCE,
     Count,
     F8Column,
     Finite,
@@ -32,11 +40,10 @@ from .types import (
     Unit,
 )
 
-_UNIT_NORM_TOLERANCE = 1e-3
 _SIGMA = Column("<f4")
 
 
-def _sigma(value: object) -> float | Array:
+def _sigma(value: object, info: ValidationInfo) -> float | Array:
     """One number for all rows, or one per row; always above zero and finite."""
     if isinstance(value, bool | str):
         raise reject("schema", "sigma is a number or a column")
@@ -47,7 +54,7 @@ def _sigma(value: object) -> float | Array:
         if number <= 0:
             raise reject("range", "sigma must be above zero")
         return number
-    column = _SIGMA.coerce(value)
+    column = _SIGMA.validate(value, info)
     if (column <= 0).any():
         raise reject("range", "sigma must be above zero")
     return column
@@ -163,7 +170,7 @@ class ObservationBatch:
         poses = self.quaternions[~point].astype(np.float64)
         if not np.isfinite(poses).all():
             raise reject("non-finite", "a quaternion is partly NaN or infinite")
-        if (np.abs(np.sqrt((poses**2).sum(axis=1)) - 1.0) > _UNIT_NORM_TOLERANCE).any():
+        if (np.abs(np.sqrt((poses**2).sum(axis=1)) - 1.0) > UNIT_NORM_TOLERANCE).any():
             raise reject("range", "a quaternion is not of unit norm")
 
 

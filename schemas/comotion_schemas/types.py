@@ -17,6 +17,9 @@ MAX_BYTES = 16 * 1024 * 1024
 UNDETERMINED = 0xFFFF_FFFF
 """``track_hypothesis`` of a trajectory that belongs to no hypothesis."""
 
+UNIT_NORM_TOLERANCE = 1e-3
+"""How far the norm of a quaternion may be from 1."""
+
 MESSAGE_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 # [0-9a-z_-] with an explicit end: `$` would also match before a trailing newline.
@@ -33,7 +36,7 @@ Int64 = Annotated[int, Field(strict=True, ge=-(2**63), le=2**63 - 1), _PLAIN]
 UInt64 = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1), _PLAIN]
 UInt32 = Annotated[int, Field(strict=True, ge=0, le=2**32 - 1), _PLAIN]
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False), _PLAIN]
-Count = Annotated[int, Field(strict=True, ge=0), _PLAIN]
+Count = UInt64
 
 Name = Annotated[str, StringConstraints(strict=True, pattern=rf"^{_NAME}\z")]
 SessionId = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{16}\z")]
