@@ -160,18 +160,13 @@ def test_a_killed_launcher_takes_everything_with_it(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "no processes"),
-        ("[process.router]\nrun = 'router'\nrestart = 'sometimes'", "restart is one of"),
-        ("[process.router]\nrum = 'router'", "has no key 'rum'"),
-        ("[process.router]", "needs either run"),
-        ("[process.'Two Words']\nrun = 'router'", "a name is"),
-        ("[process.a]\ncommand = 'no-such-program'", "there is no program 'no-such-program'"),
         ("[serve]\nmethd = 'thesis'\n[process.serve]\nrun = 'serve'", "has no option 'methd'"),
         ("[process.router]\nrun = 'router --listen tcp/nowhere'", "router cannot start: cannot listen"),
-        ("[process", "up.toml: Expected ']'"),
     ],
 )
-def test_a_file_that_makes_no_sense_is_one_line(start, tmp_path: Path, content, words) -> None:
+def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(
+    start, tmp_path: Path, content, words
+) -> None:
     (tmp_path / "up.toml").write_text(content)
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 2

@@ -1,0 +1,257 @@
+"""The command line: precedence of values, errors in one line, the processes of a file."""
+
+import json
+import math
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from comotion_deploy.cli import run
+from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline
+from comotion_deploy.errors import UserError
+from comotion_deploy.processes import read_processes
+from comotion_deploy.router import zenoh_overrides
+
+SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
+
+
+def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+    assert run(["config", "--json", *arguments]) == 0
+    values: dict[str, object] = json.loads(capsys.readouterr().out)
+    return values
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert run(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_help_does_not_import_what_is_heavy() -> None:
+    heavy = ("numpy", "zenoh", "sklearn", "scipy", "pydantic.dataclasses", "comotion", "comotion_schemas")
+    script = (
+        "import sys; from comotion_deploy.cli import run; run(['--help']);"
+        f"print(sorted(set(sys.modules) & set({heavy!r})))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert effective(capsys)["window"] == 10.0
+    file = tmp_path / "c.toml"
+    file.write_text("[fusion]\nwindow = 5\nstop_affinity = 0.3")
+    assert effective(capsys, "--config", str(file))["window"] == 5.0
+    monkeypatch.setenv("COMOTION_CONFIG", str(file))
+    assert effective(capsys)["window"] == 5.0
+    monkeypatch.setenv("COMOTION_SET", "window=4 period=0.2")
+    values = effective(capsys)
+    assert (values["window"], values["period"], values["stop_affinity"]) == (4.0, 0.2, 0.3)
+    values = effective(capsys, "--set", "window=3")
+    assert (values["window"], values["stop_affinity"]) == (3.0, 0.3)
+
+
+def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from comotion.runtime import server
+
+    seen: list[server.ServeOptions] = []
+    monkeypatch.setattr(server, "serve", seen.append)
+    file = tmp_path / "c.toml"
+    file.write_text(
+        'scene = "cell"\nconnect = ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]\nlog-level = "error"\n'
+        '[serve]\nstate-interval = 2.5\nclock = "event"\n[router]\nlisten = ["tcp/127.0.0.1:3"]'
+    )
+    assert run(["serve", "--config", str(file)]) == 0
+    monkeypatch.setenv("COMOTION_SCENE", "env")
+    assert run(["serve", "--config", str(file), "--connect", "tcp/127.0.0.1:9"]) == 0
+    first, second = seen
+    assert (first.scene, first.state_interval, first.clock) == ("cell", 2.5, "event")
+    assert list(first.settings.connect) == ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]
+    assert (second.scene, list(second.settings.connect)) == ("env", ["tcp/127.0.0.1:9"])
+
+
+def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    arguments = ("--set", "v_move=null", "--set", "clustering=eigengap", "--set", "sigma_switch=1e-3")
+    expected = effective(capsys, *arguments)
+    assert expected["v_move"] is None
+    assert run(["config", *arguments]) == 0
+    (tmp_path / "c.toml").write_text(capsys.readouterr().out)
+    assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["confg"], "No such command 'confg'"),
+        (["config", "--sett", "a=1"], "No such option: --sett"),
+        (["config", "--set", "window"], "expected NAME=VALUE"),
+        (["config", "--set", "windw=3"], "unknown fusion parameter 'windw'"),
+        (["config", "--set", "window=-3"], "fusion parameter window: Input should be greater than 0"),
+        (["config", "--set", "window=soon"], "fusion parameter window"),
+        (["config", "--method", "magic"], "fusion parameter method"),
+        (["config", "--config", "/no/such/file.toml"], "/no/such/file.toml: No such file"),
+        (["serve", "--clock", "sundial"], "--clock"),
+        (["serve", "--scene", "Two Words"], "scene 'Two Words' is not"),
+        (["serve", "--connect", "nonsense"], "cannot open a session at nonsense"),
+        (["up", "/no/such/file.toml"], "No such file"),
+    ],
+)
+def test_a_known_error_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert words in refused(capsys, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("windw = 3", "unknown common option 'windw'"),
+        ("[serv]\nname = 'x'", "unknown table 'serv'"),
+        ("[config]\ncolour = 3", "[config] has no option 'colour'"),
+        ("[fusion]\nwindw = 3", "unknown fusion parameter 'windw'"),
+        ("config = 3", "unknown common option 'config'"),
+        ("[fusion", "Expected ']'"),
+        ("\x00", "c.toml"),
+    ],
+)
+def test_a_misspelt_file_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: str, words: str
+) -> None:
+    (tmp_path / "c.toml").write_text(content)
+    assert words in refused(capsys, "config", "--config", str(tmp_path / "c.toml"))
+
+
+def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([]) == 2
+    captured = capsys.readouterr()
+    assert "demo" in captured.out
+    assert "error" not in captured.err
+
+
+def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    from comotion_deploy import options
+
+    def defect(*_: object) -> None:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(options, "fusion_config", defect)
+    with pytest.raises(RuntimeError, match="a defect"):
+        run(["config"])
+
+
+def test_an_interrupt_is_no_error(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from comotion_deploy import options
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(options, "fusion_config", interrupt)
+    assert run(["config"]) == 130
+    assert capsys.readouterr().err.strip() == ""
+
+
+class TestRouter:
+    def test_limit_and_tables_become_settings_of_zenoh(self) -> None:
+        assert zenoh_overrides({}, None) == {}
+        table = {"access_control": {"enabled": True}}
+        overrides = zenoh_overrides(table, 4096)
+        assert overrides["access_control"] == {"enabled": True}
+        assert overrides["low_pass_filter"][0]["size_limit"] == 4096
+
+    @pytest.mark.parametrize(
+        ("table", "limit", "words"),
+        [
+            ({"plugins": {}}, None, "no table 'plugins'"),
+            ({"low_pass_filter": []}, 4096, "exclude each other"),
+        ],
+    )
+    def test_what_cannot_be_is_refused(self, table: dict[str, object], limit: int | None, words: str) -> None:
+        with pytest.raises(UserError, match=words):
+            zenoh_overrides(table, limit)
+
+
+class TestProcesses:
+    @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+    def test_the_examples_are_valid(self, path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        specs = read_processes(tomllib.loads(path.read_text()))
+        assert sum(spec.is_router for spec in specs) == 1
+        # Every table and option in them is one that a command knows.
+        effective(capsys, "--config", str(path))
+        for spec in specs:
+            command = spec.command[spec.command.index("comotion_deploy") + 1 :]
+            assert run([*command[: 2 if command[0] == "source" else 1], "--config", str(path), "--help"]) == 0
+
+    def test_a_process_is_a_command_of_ours_or_any_program(self) -> None:
+        ours, other = read_processes(
+            tomllib.loads(
+                "[process.router]\nrun = 'router --listen tcp/[::1]:1'\n"
+                "[process.mine]\ncommand = ['sh', '-c', 'a b']\nrestart = 'always'\nenv = {A = '1'}"
+            )
+        )
+        assert ours.command[-4:] == ("comotion_deploy", "router", "--listen", "tcp/[::1]:1")
+        assert (ours.is_router, ours.says_ready, ours.restart) == (True, True, "on-failure")
+        assert other.command == ("sh", "-c", "a b")
+        assert (other.is_router, other.says_ready, other.restart, other.env) == (
+            False,
+            False,
+            "always",
+            {"A": "1"},
+        )
+
+    @pytest.mark.parametrize(
+        ("content", "words"),
+        [
+            ("", "no processes"),
+            ("process = 3", "no processes"),
+            ("process.a = 3", "must be a table"),
+            ("[process.a]\nrun = 'router'\nrestart = 'sometimes'", "restart is one of"),
+            ("[process.a]\nrun = 'router'\nforeground = 'yes'", "foreground is true or false"),
+            ("[process.a]\nrun = 'router'\nenv = {A = 1}", "env is a table of strings"),
+            ("[process.a]\nrum = 'router'", "has no key 'rum'"),
+            ("[process.a]", "needs either run"),
+            ("[process.a]\nrun = 'router'\ncommand = 'true'", "needs either run"),
+            ("[process.a]\nrun = ''", "the command is empty"),
+            ('[process.a]\nrun = "router \'x"', "No closing quotation"),
+            ("[process.a]\ncommand = 'no-such-program'", "no program 'no-such-program'"),
+            ("[process.'Two Words']\nrun = 'router'", "a name is"),
+            (
+                "[process.a]\nrun = 'watch'\nforeground = true\n"
+                "[process.b]\nrun = 'watch'\nforeground = true",
+                "more than one",
+            ),
+        ],
+    )
+    def test_what_makes_no_sense_is_refused(self, content: str, words: str) -> None:
+        with pytest.raises(UserError, match=words):
+            read_processes(tomllib.loads(content))
+
+
+class TestDemo:
+    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str]) -> None:
+        specs = demo_processes(
+            DemoOptions(fusion=["--set", "sigma_switch=0.01"]), "tcp/127.0.0.1:1", on_terminal=True
+        )
+        assert [spec.name for spec in specs if spec.foreground] == ["watch"]
+        for spec in specs:
+            if spec.says_ready and "comotion_deploy" in spec.command:
+                assert run([*spec.command[spec.command.index("comotion_deploy") + 1 :], "--help"]) == 0
+
+    def test_nmi_per_second(self) -> None:
+        stamps = [0, 10**9 // 2, 10**9, 3 * 10**9]
+        per_second = nmi_per_second(stamps, [0.2, 0.4, math.nan, 1.0])
+        assert per_second[0] == pytest.approx(0.3)
+        assert [math.isnan(v) for v in per_second] == [False, True, True, False]
+        assert sparkline(per_second) == "▃..█"
+        assert nmi_per_second([], []) == []

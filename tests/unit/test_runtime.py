@@ -1,0 +1,236 @@
+"""The service's own parts: deadlines, clocks, health, state files. No process, no network."""
+
+import os
+import stat
+import threading
+from pathlib import Path
+
+import pytest
+
+from comotion import Fusion, FusionConfig, SourceHealth
+from comotion.runtime.clocks import EventClock, WallClock, make_clock
+from comotion.runtime.health import Health
+from comotion.runtime.intake import Rejection
+from comotion.runtime.state_file import StateSchedule, StateWriter, load_fusion, write_atomically
+from comotion.runtime.ticker import HeadStart, Ticker
+from comotion.stats import Stats
+from comotion_schemas import DecodeError
+
+SECOND = 10**9
+SESSION = "00000000000000aa"
+
+
+class TestTicker:
+    def test_deadlines_do_not_drift_with_late_service(self) -> None:
+        ticker = Ticker(100, start_ns=1000)
+        for due in range(1100, 5100, 100):
+            assert ticker.remaining_ns(due) == 0
+            assert ticker.advance(due + 37) == 0
+
+    @pytest.mark.parametrize(("late", "skipped"), [(0, 0), (99, 0), (100, 1), (250, 2), (1000, 10)])
+    def test_missed_deadlines_are_skipped_and_counted(self, late: int, skipped: int) -> None:
+        ticker = Ticker(100, start_ns=0)
+        assert ticker.advance(100 + late) == skipped
+        # The next is ahead and on the grid: nothing is bunched.
+        assert 0 < ticker.remaining_ns(100 + late) <= 100
+        assert (100 + late + ticker.remaining_ns(100 + late)) % 100 == 0
+
+
+class TestHeadStart:
+    def test_is_the_longest_recent_duration(self) -> None:
+        head_start = HeadStart(1000)
+        assert head_start.ns == 0
+        for duration in (30, 80, 50):
+            head_start.note(duration)
+        assert head_start.ns == 80
+        for _ in range(20):
+            head_start.note(40)
+        assert head_start.ns == 40
+
+    def test_never_exceeds_half_a_period(self) -> None:
+        head_start = HeadStart(1000)
+        head_start.note(900)
+        assert head_start.ns == 500
+
+
+class TestEventClock:
+    def test_follows_the_newest_stamp(self) -> None:
+        clock = EventClock()
+        assert clock.now_ns() == 0
+        for stamp in (5 * SECOND, 4 * SECOND, 6 * SECOND):
+            clock.observe(stamp, 0)
+        assert clock.now_ns() == 6 * SECOND
+
+    def test_a_stamp_far_ahead_moves_nothing_while_others_keep_the_time(self) -> None:
+        clock = EventClock()
+        for k in range(30):
+            clock.observe(k * SECOND // 10, k * SECOND // 10)
+            clock.observe(10**6 * SECOND, k * SECOND // 10)
+        assert clock.now_ns() == 29 * SECOND // 10
+
+    def test_a_gap_that_all_share_is_crossed(self) -> None:
+        clock = EventClock()
+        clock.observe(SECOND, 0)
+        clock.observe(60 * SECOND, SECOND)
+        assert clock.now_ns() == SECOND
+        clock.observe(60 * SECOND, SECOND + 1)
+        assert clock.now_ns() == 60 * SECOND
+
+    def test_the_wall_clock_follows_nobody(self) -> None:
+        clock = make_clock("wall")
+        assert isinstance(clock, WallClock)
+        clock.observe(10**18 * 5, 0)
+        assert clock.now_ns() < 10**18 * 5
+
+
+def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
+    return SourceHealth(name, SESSION, int(age_s * SECOND), SECOND // 10, live)
+
+
+class TestHealth:
+    def report(self, health: Health, at_s: float, stats: Stats, **changes):
+        fields = {
+            "received": {},
+            "present": set(),
+            "sources": [],
+            "stats": stats,
+            "rejection": None,
+            "notes": [],
+        }
+        return health.report(int(at_s * SECOND), **(fields | changes))
+
+    def test_rates_are_those_of_the_last_seconds(self) -> None:
+        health, stats = Health(), Stats()
+        for k in range(11):
+            fields = self.report(health, k / 2, stats, received={"a": k * k})
+        # 81 - 36 batches came in the 1.5 s before, 100 - 36 in the 2 s before.
+        assert fields.rates == {"a": pytest.approx((100 - 36) / 2)}
+
+    def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self) -> None:
+        sources = [source("a", 0.1, live=True), source("b", 7.0, live=False)]
+        fields = self.report(Health(), 1, Stats(), present={"a", "b", "c"}, sources=sources)
+        assert fields.state == "degraded"
+        assert fields.message == "no data from b (7.0 s), c"
+        assert fields.ages == {"a": 0.1, "b": 7.0}
+        fields = self.report(Health(), 1, Stats(), present={"b"}, sources=sources[1:])
+        assert fields.state == "stalled"
+
+    def test_sources_that_have_gone_are_no_trouble_and_are_forgotten(self) -> None:
+        gone = [source("a", 7.0, live=False), source("old", 61.0, live=False)]
+        fields = self.report(Health(), 1, Stats(), sources=gone)
+        assert (fields.state, fields.ages) == ("ok", {"a": 7.0})
+
+    @pytest.mark.parametrize("counter", ["lost", "late", "overruns"])
+    def test_trouble_degrades_for_some_seconds(self, counter: str) -> None:
+        health, stats = Health(), Stats()
+        self.report(health, 0, stats)
+        setattr(stats, counter, 3)
+        assert self.report(health, 1, stats).state == "degraded"
+        assert f"3 {counter}" in self.report(health, 2, stats).message
+        for k in range(3, 8):
+            fields = self.report(health, k, stats)
+        assert fields.state == "ok"
+        assert fields.counters[counter] == 3
+
+    def test_rejections_are_told_with_source_and_reason(self) -> None:
+        health, stats = Health(), Stats()
+        self.report(health, 0, stats)
+        stats.reject("length", 2)
+        rejection = Rejection(SECOND, "klt", DecodeError("length", "ids has 3 rows"))
+        fields = self.report(health, 1, stats, rejection=rejection)
+        assert fields.state == "degraded"
+        assert fields.rejected == {"length": 2}
+        assert fields.message == "2 rejected, last on obs/klt: length: ids has 3 rows"
+
+    def test_a_report_does_not_change_when_the_counters_go_on(self) -> None:
+        stats = Stats()
+        fields = self.report(Health(), 0, stats)
+        stats.reject("length")
+        stats.lost += 1
+        assert fields.rejected == {}
+        assert fields.counters["lost"] == 0
+
+
+class TestStateSchedule:
+    def test_at_an_interval_and_when_the_hypotheses_change(self) -> None:
+        schedule = StateSchedule(100)
+        one, two = frozenset({1}), frozenset({1, 2})
+        assert schedule.is_due(0, one)
+        schedule.taken(0, 0, one)
+        assert not schedule.is_due(99, one)
+        assert schedule.is_due(100, one)
+        assert schedule.is_due(1, two)
+
+    def test_what_is_expensive_is_done_for_a_twentieth_of_the_time_at_most(self) -> None:
+        schedule = StateSchedule(100)
+        schedule.taken(0, 50, frozenset())
+        assert not schedule.is_due(999, frozenset({7}))
+        assert schedule.is_due(1000, frozenset({7}))
+
+
+class TestStateFile:
+    def load(self, path: Path, scene: str = "default", now_ns: int | None = None) -> Fusion:
+        return load_fusion(path, FusionConfig(), scene, SESSION, now_ns)
+
+    def test_no_file_is_a_fresh_start(self, tmp_path: Path) -> None:
+        fusion = self.load(tmp_path / "none")
+        assert (fusion.scene, fusion.session) == ("default", SESSION)
+        assert list(tmp_path.iterdir()) == []
+
+    def test_what_was_written_is_taken_up_under_a_new_session(self, tmp_path: Path) -> None:
+        fusion = Fusion(FusionConfig(), scene="cell", session="f" * 16)
+        fusion.ids.following = 42
+        write_atomically(tmp_path / "state", fusion.snapshot(clean=True))
+        again = self.load(tmp_path / "state", "cell")
+        assert (again.ids.following, again.session) == (42, SESSION)
+        assert [p.name for p in tmp_path.iterdir()] == ["state"]
+
+    @pytest.mark.parametrize("data", [b"", b"\xff" * 100, b"\x80"])
+    def test_what_is_no_state_is_kept_aside(self, tmp_path: Path, data: bytes, caplog) -> None:
+        (tmp_path / "state").write_bytes(data)
+        assert self.load(tmp_path / "state").ids.following == 1
+        assert (tmp_path / "state.rejected").read_bytes() == data
+        assert "starting afresh" in caplog.text
+
+    def test_a_state_of_another_scene_is_refused(self, tmp_path: Path, caplog) -> None:
+        write_atomically(tmp_path / "state", Fusion(scene="one").snapshot())
+        assert self.load(tmp_path / "state", "two").scene == "two"
+        assert "'one', not 'two'" in caplog.text
+
+    def test_a_state_from_the_future_is_refused(self, tmp_path: Path, caplog) -> None:
+        fusion = Fusion()
+        fusion.timeline.watermark_ns = 100 * SECOND
+        write_atomically(tmp_path / "state", fusion.snapshot())
+        assert self.load(tmp_path / "state", now_ns=90 * SECOND).timeline.watermark_ns is None
+        assert "10.0 s in the future" in caplog.text
+
+
+class TestStateWriter:
+    def test_the_last_state_is_written_before_close_returns(self, tmp_path: Path) -> None:
+        writer = StateWriter(tmp_path / "state")
+        for k in range(50):
+            writer.put(bytes([k]))
+        writer.close()
+        assert (tmp_path / "state").read_bytes() == bytes([49])
+        assert not any(thread.name == "state" for thread in threading.enumerate())
+
+    def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path: Path, caplog) -> None:
+        blocked = tmp_path / "blocked"
+        blocked.write_text("a file, not a folder")
+        writer = StateWriter(blocked / "state")
+        writer.put(b"1")
+        writer.close()
+        assert "state not written" in writer.error
+        assert caplog.text.count("cannot write the state") == 1
+
+    def test_a_state_is_replaced_in_one_step(self, tmp_path: Path, monkeypatch) -> None:
+        write_atomically(tmp_path / "state", b"old")
+
+        def fail(descriptor: int) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(os, "fsync", fail)
+        with pytest.raises(OSError, match="No space"):
+            write_atomically(tmp_path / "state", b"new")
+        assert (tmp_path / "state").read_bytes() == b"old"
+        assert stat.S_ISREG((tmp_path / "state").stat().st_mode)
