@@ -6,10 +6,11 @@ the window adds or takes away is computed, never the whole again.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
+from scipy.spatial.distance import cdist, pdist
 
 from .engine import Rows
 from .states import Insertions, States, instants, locate, states_at
@@ -32,6 +33,23 @@ def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
     return -np.expm1(math.log(0.1) * ((speed / v_move) ** 2 + _REST))
 
 
+@lru_cache(maxsize=4)
+def _each_pair(n: int) -> tuple[Slots, Slots]:
+    """Indices i < j of all pairs of n, in the order of pdist."""
+    i, j = np.triu_indices(n, 1)
+    return i, j
+
+
+def _cover(pairs: Bools) -> list[int]:
+    """Few rows of a symmetric bool [n, n] that have a part in every pair marked."""
+    left, found = pairs.copy(), []
+    while left.any():
+        worst = int(left.sum(axis=0).argmax())
+        left[worst] = left[:, worst] = False
+        found.append(worst)
+    return found
+
+
 class PairSums:
     """Weighted sums of the distances of all pairs of trajectories over their common samples.
 
@@ -46,7 +64,8 @@ class PairSums:
     Attributes
     ----------
     samples
-        int32 [capacity, capacity], by slot, like all that follow: common samples of a pair.
+        int32 [capacity, capacity], common samples of a pair; this and all that follow at
+        [smaller slot, larger slot].
     weight, first, second
         float64: sums of w, w·d' and w·d'² over the samples, with d' = d − `shift`.
     shift
@@ -120,12 +139,25 @@ class PairSums:
             bool [n, n]; whether a pair has the two samples that a variance takes.
         """
         self._fit(window.capacity)
-        self._restore_digits(window, slots)
-        block = np.ix_(slots, slots)
-        comparable = self.samples[block] >= _MIN_SAMPLES
-        weight = np.where(comparable, self.weight[block], 1.0)
-        variance = (self.second[block] - self.first[block] ** 2 / weight) / weight
-        return np.where(comparable, np.maximum(variance, 0.0), 0.0), comparable
+        variance, comparable, drowned = self._read(slots)
+        if drowned.any():
+            self.rebuild(window, slots[_cover(drowned)])
+            variance, comparable, _ = self._read(slots)
+        return variance, comparable
+
+    def _read(self, slots: Slots) -> tuple[Floats, Bools, Bools]:
+        """Variances, which are comparable, and which have drowned in rounding.
+
+        One wild observation that comes and leaves would otherwise spoil its pairs for good.
+        """
+        pairs = self._at(slots[:, None], slots)
+        comparable = self.samples.reshape(-1)[pairs] >= _MIN_SAMPLES
+        weight = np.where(comparable, self.weight.reshape(-1)[pairs], 1.0)
+        first, second = self.first.reshape(-1)[pairs], self.second.reshape(-1)[pairs]
+        squares = second - first**2 / weight
+        most = np.maximum(self.peak.reshape(-1)[pairs], second)
+        variance = np.where(comparable, np.maximum(squares, 0.0) / weight, 0.0)
+        return variance, comparable, comparable & (squares < _SOUND * most)
 
     def _fit(self, capacity: int) -> None:
         extra = capacity - len(self.samples)
@@ -174,43 +206,36 @@ class PairSums:
         rest = states.held & ~changing
         around = np.concatenate([filled, np.flatnonzero(rest)])
         witnesses = np.flatnonzero(rest & states.observed)
-        for these, those in ((seen, seen), (seen, around), (filled, witnesses)):
+        # One exponential per state: w is monotonic in v, so the faster of two has the larger.
+        if len(seen) > 1:
+            i, j = _each_pair(len(seen))
+            w = np.maximum(weight[seen[i]], weight[seen[j]])
+            self._add(self._at(slots[seen[i]], slots[seen[j]]), pdist(states.position[seen]), w, sign)
+        for these, those in ((seen, around), (filled, witnesses)):
             if len(these) and len(those):
-                # One exponential per state: w is monotonic in v, so the faster of two has the larger.
                 w = np.maximum.outer(weight[these], weight[those])
                 d = cdist(states.position[these], states.position[those])
-                self._add(slots[these], slots[those], d, w, sign)
-                if those is not seen:
-                    self._add(slots[those], slots[these], d.T, w.T, sign)
+                self._add(self._at(slots[these, None], slots[those]), d, w, sign)
 
-    def _add(self, these: Slots, those: Slots, distance: Floats, weight: Floats, sign: int) -> None:
-        block = np.ix_(these, those)
-        samples = self.samples[block]
+    def _add(self, pairs: Slots, distance: Floats, weight: Floats, sign: int) -> None:
+        samples = self.samples.reshape(-1)[pairs]
         fresh = samples == 0
         if fresh.any():
-            self.shift[block] = np.where(fresh, distance, self.shift[block])
-            for sums in (self.weight, self.first, self.second, self.peak):
-                sums[block] = np.where(fresh, 0.0, sums[block])
-        distance = distance - self.shift[block]
+            self._begin(pairs[fresh], distance[fresh])
+        distance = distance - self.shift.reshape(-1)[pairs]
         weight = sign * weight
-        self.samples[block] = samples + sign
-        self.weight[block] += weight
-        self.first[block] += weight * distance
-        self.second[block] += weight * distance**2
+        self.samples.reshape(-1)[pairs] = samples + sign
+        self.weight.reshape(-1)[pairs] += weight
+        weight = weight * distance
+        self.first.reshape(-1)[pairs] += weight
+        self.second.reshape(-1)[pairs] += weight * distance
 
-    def _restore_digits(self, window: Window, slots: Slots) -> None:
-        """Rebuild pairs whose variance has drowned in the rounding of larger terms that came or left.
+    def _begin(self, pairs: Slots, distance: Floats) -> None:
+        """The first sample of pairs, or the first after all have gone."""
+        self.shift.reshape(-1)[pairs] = distance
+        for sums in (self.weight, self.first, self.second, self.peak):
+            sums.reshape(-1)[pairs] = 0.0
 
-        One wild observation is enough for that, and would spoil its pairs for good.
-        """
-        block = np.ix_(slots, slots)
-        weight = np.where(self.samples[block] >= _MIN_SAMPLES, self.weight[block], np.inf)
-        second = self.second[block]
-        drowned = second - self.first[block] ** 2 / weight < _SOUND * np.maximum(self.peak[block], second)
-        drowned &= np.isfinite(weight)
-        found: list[int] = []
-        while drowned.any():
-            worst = int(drowned.sum(axis=0).argmax())
-            drowned[worst] = drowned[:, worst] = False
-            found.append(int(slots[worst]))
-        self.rebuild(window, np.array(found, np.intp))
+    def _at(self, these: Slots, those: Slots) -> Slots:
+        """Where pairs of slots are in the flattened matrices, which are faster to index than by two."""
+        return np.minimum(these, those) * len(self.samples) + np.maximum(these, those)

@@ -6,6 +6,8 @@ import numpy as np
 
 from .window import Bools, Floats, Slots, Stamps, Window
 
+_STEPS_BACK = 3
+
 
 @dataclass
 class States:
@@ -31,9 +33,19 @@ class States:
 
 def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
     """Index of the newest observation at or before a time in each slot; ``start - 1`` where none is."""
-    low, high = window.start[slots], window.stop[slots]
+    start, index = window.start[slots], window.stop[slots] - 1
+    # Most questions are about the newest observations: a few steps back come before the bisection.
+    for _ in range(_STEPS_BACK):
+        later = (index >= start) & (window.times[slots, index] > stamp_ns)
+        if not later.any():
+            return index
+        index -= later
+    return _bisect(window, slots, stamp_ns, start, index + 1)
+
+
+def _bisect(window: Window, slots: Slots, stamp_ns: int | Stamps, low: Slots, high: Slots) -> Slots:
+    """Bisection of all slots at once: times[low - 1] <= stamp < times[high]."""
     last = window.times.shape[1] - 1
-    # Bisection of all slots at once: times[low - 1] <= stamp < times[high].
     while (low < high).any():
         middle = (low + high) // 2
         before = window.times[slots, np.minimum(middle, last)] <= stamp_ns

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from ..config import Clustering
 from ..window import Floats
-from .divisive_kmeans import divisive_kmeans
-from .eigengap import eigengap
-from .gmm_bic import gmm_bic
+from .divisive_kmeans import divide
+from .eigengap import cut_spectrum
+from .gmm_bic import best_mixture
 
 Labels = NDArray[np.intp]
 ClusterFunction = Callable[[Floats], Labels]
@@ -23,10 +23,10 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     labels, intp [N]: 0, 1, 2... in the order in which clusters first appear.
     """
     known: dict[Clustering, ClusterFunction] = {
-        "divisive-kmeans": partial(divisive_kmeans, stop_affinity=stop_affinity),
-        "gmm-bic": gmm_bic,
-        "eigengap": partial(eigengap, normalized=False),
-        "eigengap-normalized": partial(eigengap, normalized=True),
+        "divisive-kmeans": partial(divide, stop_affinity=stop_affinity),
+        "gmm-bic": best_mixture,
+        "eigengap": partial(cut_spectrum, normalized=False),
+        "eigengap-normalized": partial(cut_spectrum, normalized=True),
     }
     choice = known[name]
     return lambda affinity: by_appearance(choice(affinity))

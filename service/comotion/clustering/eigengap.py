@@ -15,7 +15,7 @@ _MOST_EIGENVALUES = 10
 _ZERO = 1e-9
 
 
-def eigengap(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
+def cut_spectrum(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
     """Labels intp [N] by k-means on the first K eigenvectors of the graph Laplacian.
 
     K is where the gap λ_K+1 − λ_K is largest, and no fewer than the eigenvalues that are 0: so many

@@ -11,9 +11,12 @@ from ..window import Floats
 
 _COVARIANCES = ("full", "diag", "spherical")
 _MOST_COMPONENTS = 10
+# Floor of a variance, as scikit-learn had it when the thesis was written. With the 1e-6 of today a
+# component of a single row is as good as certain, and the largest number of components wins.
+_VARIANCE_FLOOR = 1e-3
 
 
-def gmm_bic(affinity: Floats) -> NDArray[np.intp]:
+def best_mixture(affinity: Floats) -> NDArray[np.intp]:
     """Labels intp [N] of the mixture with the smallest Bayesian information criterion.
 
     1 to 10 components, full, diagonal and spherical covariances, as in fig. 3.4. The thesis finds it
@@ -30,7 +33,7 @@ def gmm_bic(affinity: Floats) -> NDArray[np.intp]:
 
 
 def _fit(rows: Floats, components: int, covariance: str) -> tuple[float, NDArray[np.intp]]:
-    model = GaussianMixture(components, covariance_type=covariance, random_state=0)
+    model = GaussianMixture(components, covariance_type=covariance, reg_covar=_VARIANCE_FLOOR, random_state=0)
     with warnings.catch_warnings():
         # Fewer distinct rows than components: such a model loses by its BIC.
         warnings.simplefilter("ignore", ConvergenceWarning)

@@ -1,0 +1,98 @@
+"""A window with its sums, and the same trajectories as plain lists, driven together."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from comotion.engine import Rows
+from comotion.pairs import PairSums
+from comotion.window import Window
+
+from . import thesis as literal
+
+MS = 1_000_000
+T0 = 1_700_000_000_000 * MS
+
+Point = tuple[float, ...]
+
+
+@dataclass
+class SideBySide:
+    """Feed it observations and move the window on; `check` compares."""
+
+    dim: int
+    v_move: float | None
+    span: int = 1000 * MS
+    gap: int = 500 * MS
+    window: Window = field(init=False)
+    sums: PairSums = field(init=False)
+    slots: dict[int, int] = field(default_factory=dict)
+    lists: dict[int, literal.Trajectory] = field(default_factory=dict)
+    oldest: int = -(2**63)
+
+    def __post_init__(self) -> None:
+        self.window = Window(self.dim, self.span, self.gap)
+        self.sums = PairSums(self.v_move)
+
+    def observe(self, stamp: int, points: dict[int, Point]) -> None:
+        """One instant: {track: position}; new tracks are opened."""
+        points = {track: x for track, x in points.items() if self._can_take(track, stamp)}
+        if not points:
+            return
+        for track, x in points.items():
+            if track not in self.slots:
+                self.slots[track] = int(self.window.open(1, 0)[0])
+                self.lists[track] = literal.Trajectory()
+            self.lists[track].history.setdefault(stamp, x)
+        slots = self.slots_of(points)
+        positions = np.array(list(points.values()), float)
+        stored = self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
+        self.sums.observed(self.window, Rows(stamp, slots[stored], in_order=True))
+
+    def slots_of(self, tracks: object) -> np.ndarray:
+        return np.array([self.slots[track] for track in tracks], np.intp)  # type: ignore[attr-defined]
+
+    def _can_take(self, track: int, stamp: int) -> bool:
+        """Not older than the window, nor than what is left of a trajectory whose past has gone."""
+        if stamp < self.oldest:
+            return False
+        if track not in self.lists:
+            return True
+        known = self.lists[track]
+        return len(known.times()) == len(known.history) or stamp > known.times()[0]
+
+    def evict(self, oldest: int) -> None:
+        """Drop what is older; forget what is left too short."""
+        self.oldest = max(oldest, self.oldest)
+        slots, counts = self.window.evictable(self.oldest)
+        if len(slots):
+            self.sums.evicting(self.window, slots, counts)
+            self.window.evict(slots, counts)
+        for track, known in list(self.lists.items()):
+            known.oldest = self.oldest
+            if len(known.times()) < 2:
+                self.forget(track)
+
+    def forget(self, track: int) -> None:
+        del self.lists[track]
+        slot = np.array([self.slots.pop(track)])
+        self.sums.forget(slot)
+        self.window.close(slot)
+
+    def check(self) -> None:
+        """Assert that samples are the same ones in number, and variances equal to 1e-6."""
+        tracks = sorted(self.slots)
+        slots = self.slots_of(tracks)
+        variance, comparable = self.sums.variance(self.window, slots)
+        np.testing.assert_array_equal(variance, variance.T)
+        for a, i in enumerate(tracks):
+            for b, j in enumerate(tracks[:a]):
+                pair = self.lists[i], self.lists[j]
+                expected = literal.variance(*pair, self.gap, self.v_move)
+                assert comparable[a, b] == (expected is not None), (i, j)
+                if expected is None:
+                    continue
+                low, high = sorted((slots[a], slots[b]))
+                assert self.sums.samples[low, high] == len(literal.samples(*pair, self.gap)), (i, j)
+                assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)

@@ -1,0 +1,152 @@
+"""Cases of the pair sums that chance seldom makes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from comotion.affinity import affinity_matrix, mean_to_members
+from comotion.pairs import velocity_weight
+
+from ..reference import thesis as literal
+from ..reference.side_by_side import MS, T0, SideBySide
+
+
+def at(ms: float) -> int:
+    return T0 + round(ms * MS)
+
+
+def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
+    w = velocity_weight(np.array([0.0, 0.1, 1.0]), 0.1)
+    assert w[0] == pytest.approx(0.0023, rel=0.01)
+    assert w[1] == pytest.approx(0.9, abs=1e-3)
+    assert w[2] == pytest.approx(1.0)
+    assert velocity_weight(np.array([0.0, 3.0]), None).tolist() == [1.0, 1.0]
+
+
+def test_affinity_is_a_half_at_sigma_switch_and_for_what_cannot_be_compared():
+    variance = np.array([[0.0, 0.02**2, 0.0], [0.02**2, 0.0, 9.0], [0.0, 9.0, 0.0]])
+    comparable = np.array([[False, True, False], [True, False, True], [False, True, False]])
+    a = affinity_matrix(variance, comparable, sigma_switch=0.02)
+    np.testing.assert_allclose(a, [[1, 0.5, 0.5], [0.5, 1, 0], [0.5, 0, 1]], atol=1e-12)
+
+
+def test_confidence_is_the_mean_affinity_to_the_other_members():
+    a = np.array([[1, 0.8, 0.6, 0.1], [0.8, 1, 0.9, 0.1], [0.6, 0.9, 1, 0.1], [0.1, 0.1, 0.1, 1]])
+    np.testing.assert_allclose(mean_to_members(a, np.array([5, 5, 5, 9])), [0.7, 0.85, 0.75, 0.5])
+
+
+def test_the_variance_of_a_steady_departure_is_that_of_its_distances():
+    both = SideBySide(2, None)
+    for k in range(5):
+        both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0 + 0.1 * k, 0.0)})
+    variance, comparable = both.sums.variance(both.window, both.slots_of([0, 1]))
+    assert comparable[0, 1]
+    assert variance[0, 1] == pytest.approx(np.var([1.0, 1.1, 1.2, 1.3, 1.4]))
+
+
+def test_an_instant_at_which_both_are_observed_is_one_sample():
+    both = SideBySide(2, None)
+    for k in range(4):
+        both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0, 0.0)})
+    assert both.sums.samples[0, 1] == 4
+    # The same instants, told one trajectory at a time.
+    apart = SideBySide(2, None)
+    for k in range(4):
+        apart.observe(at(100 * k), {0: (0.0, 0.0)})
+        apart.observe(at(100 * k), {1: (1.0, 0.0)})
+    assert apart.sums.samples[0, 1] == 4
+
+
+def test_a_late_second_observation_changes_the_speed_of_the_first():
+    both = SideBySide(2, 0.1)
+    for k in range(6):
+        both.observe(at(100 * k), {0: (0.0, 0.03 * k)})
+    for ms in (100, 300, 400, 500):
+        both.observe(at(ms), {1: (1.0 + 1e-3 * ms, 0.0)})
+    both.observe(at(200), {1: (3.0, 0.0)})
+    both.check()
+
+
+def test_a_late_observation_before_all_others_becomes_the_first():
+    both = SideBySide(2, 0.1)
+    for ms in (0, 100, 200, 300):
+        both.observe(at(ms), {0: (0.0, 1e-3 * ms)})
+    for ms in (150, 250):
+        both.observe(at(ms), {1: (1.0, 0.0)})
+    both.observe(at(50), {1: (1.4, 0.0)})
+    both.check()
+    assert both.sums.samples[0, 1] == 5
+
+
+def test_eviction_takes_the_samples_before_the_new_common_interval():
+    both = SideBySide(2, None)
+    for ms in range(0, 500, 10):
+        both.observe(at(ms), {0: (0.0, math.sin(ms))})
+    for ms in (0, 100, 200, 300, 400):
+        both.observe(at(ms), {1: (1.0, 0.0)})
+    assert both.sums.samples[0, 1] == 41
+    # The slow one now starts at 100 ms: what the fast one saw at 10 to 90 ms is common no more.
+    both.evict(at(10))
+    assert both.sums.samples[0, 1] == 31
+    both.check()
+
+
+def test_nothing_is_interpolated_across_a_gap():
+    both = SideBySide(2, None, span=10_000 * MS)
+    for ms in range(0, 3000, 100):
+        points = {0: (0.0, 0.0)}
+        if not 500 < ms < 2000:
+            points[1] = (1.0, 0.001 * ms)
+        both.observe(at(ms), points)
+    both.check()
+    assert both.sums.samples[0, 1] == 6 + 10
+
+
+def test_one_wild_observation_leaves_no_trace_after_it_has_gone():
+    both = SideBySide(2, 0.1)
+    rng = np.random.default_rng(0)
+    for ms in range(0, 3000, 50):
+        points = {k: np.array([k, 0.0]) + rng.normal(0, 1e-3, 2) for k in range(4)}
+        if ms in (0, 1000):
+            points[2] = np.array([3e30, -1e30])
+        both.observe(at(ms), {k: tuple(x) for k, x in points.items()})
+        both.evict(at(ms) - both.span)
+        if ms in (1950, 2000, 2050, 2500):
+            both.check()
+
+
+def test_a_reused_slot_starts_empty():
+    both = SideBySide(2, None)
+    for ms in range(0, 1000, 100):
+        both.observe(at(ms), {0: (0.0, 0.0), 1: (0.01 * ms, 0.0)})
+    slot = both.slots[1]
+    both.forget(1)
+    both.observe(at(1000), {0: (0.0, 0.0), 2: (5.0, 0.0)})
+    assert both.slots[2] == slot
+    _, comparable = both.sums.variance(both.window, both.slots_of([0, 2]))
+    assert not comparable[0, 1]
+    both.observe(at(1100), {0: (0.0, 0.0), 2: (5.5, 0.0)})
+    both.check()
+
+
+def test_the_matrices_grow_with_the_window():
+    both = SideBySide(3, 0.1)
+    rng = np.random.default_rng(1)
+    centres = rng.normal(0, 1, (70, 3))
+    for k in range(4):
+        count = 50 if k < 2 else 70
+        points = centres[:count] + rng.normal(0, 0.01, (count, 3))
+        both.observe(at(66 * k), {i: tuple(x) for i, x in enumerate(points)})
+    both.check()
+
+
+def test_the_reference_interpolates_and_weighs_as_the_thesis_says():
+    """The reference itself, against numbers worked out by hand."""
+    i = literal.Trajectory({at(0): (0.0, 0.0), at(1000): (1.0, 0.0)})
+    j = literal.Trajectory({at(0): (0.0, 2.0), at(250): (0.0, 2.0), at(1000): (0.0, 2.0)})
+    found = literal.samples(i, j, 2000 * MS)
+    assert [d for d, _ in found] == pytest.approx([2.0, math.hypot(0.25, 2.0), math.hypot(1.0, 2.0)])
+    assert [v for _, v in found] == pytest.approx([1.0, 1.0, 1.0])
+    assert len(literal.samples(i, j, 500 * MS)) == 2
+    assert literal.weight(0.01, 0.1) == pytest.approx(1 - 0.1 * math.exp(math.log(0.1) * 1e-3))

@@ -1,0 +1,97 @@
+"""Hypotheses keep their ids from one partition to the next (section 3.3 of the thesis)."""
+
+from itertools import count
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comotion.engine import NO_HYPOTHESIS
+from comotion.propagation import follow, propagate
+
+
+def match(before, clusters, first=100):
+    return propagate(np.array(before), np.array(clusters, np.intp), count(first).__next__).tolist()
+
+
+def test_newborn_clusters_are_new_hypotheses():
+    assert match([-1, -1, -1], [0, 1, 0]) == [100, 101, 100]
+
+
+def test_the_same_clusters_keep_their_ids_whatever_their_numbers():
+    assert match([5, 5, 7, 7], [1, 1, 0, 0]) == [5, 5, 7, 7]
+
+
+def test_newborns_join_the_hypothesis_of_their_cluster():
+    assert match([5, 5, -1, 7], [0, 0, 0, 1]) == [5, 5, 5, 7]
+
+
+def test_the_larger_part_of_a_split_keeps_the_id():
+    assert match([5] * 5, [0, 0, 1, 1, 1]) == [100, 100, 5, 5, 5]
+
+
+def test_the_larger_part_of_a_merger_gives_the_id():
+    assert match([5, 5, 7, 7, 7], [0] * 5) == [7] * 5
+
+
+def test_the_largest_overlap_is_matched_first():
+    # 5 overlaps most with cluster 0 (3), which leaves 7 (2 there, 1 in cluster 1) with cluster 1.
+    assert match([5, 5, 5, 7, 7, 7], [0, 0, 0, 0, 0, 1]) == [5, 5, 5, 5, 5, 7]
+
+
+def test_more_clusters_than_hypotheses_and_fewer():
+    assert match([5, 5, 5], [0, 1, 2]) == [5, 100, 101]
+    assert match([5, 6, 7], [0, 0, 0]) == [5, 5, 5]
+
+
+def test_no_match_without_a_shared_trajectory():
+    assert match([5, 5, -1, -1], [0, 0, 1, 1]) == [5, 5, 100, 100]
+
+
+labels = st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30)
+
+
+@given(rows=labels)
+def test_ids_are_one_to_one_with_clusters_and_matches_are_shared(rows):
+    before = np.array([b for b, _ in rows], np.int64)
+    # Cluster numbers without gaps.
+    clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
+    now = propagate(before, clusters, count(100).__next__)
+    assert len(set(zip(now.tolist(), clusters.tolist(), strict=True))) == len(set(now.tolist()))
+    assert len(set(now.tolist())) == len(set(clusters.tolist()))
+    for label in set(now.tolist()):
+        if label < 100:
+            assert ((before == label) & (now == label)).any()
+        else:
+            # A new hypothesis: all its members' old ones have found another cluster.
+            old = set(before[now == label].tolist()) - {NO_HYPOTHESIS}
+            assert old <= set(now.tolist())
+
+
+@given(rows=labels)
+def test_propagation_is_stable(rows):
+    """The same partition again changes no label."""
+    before = np.array([b for b, _ in rows], np.int64)
+    clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
+    once = propagate(before, clusters, count(100).__next__)
+    np.testing.assert_array_equal(propagate(once, clusters, count(200).__next__), once)
+
+
+def test_outdated_trajectories_wait_for_their_return():
+    waiting = follow(np.array([5, 5]), np.array([5, 5]), np.array([7, 7, 5]))
+    assert waiting.tolist() == [7, 7, 5]
+
+
+def test_a_hypothesis_mostly_hidden_is_not_carried_away_by_the_few_in_sight():
+    # One member of 7 is still seen and falls to 5; three wait.
+    assert follow(np.array([5, 7]), np.array([5, 5]), np.array([7, 7, 7])).tolist() == [7, 7, 7]
+
+
+def test_the_hidden_few_follow_the_many_in_sight():
+    # 9 was known before, has nobody in sight and nobody who left it: it waits.
+    before, now = np.array([5, 7, 7, 7]), np.array([5, 5, 5, 5])
+    assert follow(before, now, np.array([7, 7, 9])).tolist() == [5, 5, 9]
+
+
+def test_nobody_hidden():
+    assert follow(np.array([5]), np.array([5]), np.zeros(0, np.int64)).tolist() == []
