@@ -3,7 +3,7 @@
 import logging
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import cv2
@@ -81,15 +81,17 @@ class VideoFile:
             _log.warning("%s: ended after %d of %d frames", self._path, count, int(expected))
 
 
-class ImageFolder:
-    """The images of a folder in natural order of their names, at a fixed rate.
+class ImageFiles:
+    """Images in natural order of their names, at a fixed rate.
 
     Names that are times in seconds (``1305031102.175304.png``) give the stamps.
 
-    Raises
-    ------
-    CameraError
-        If the folder holds no image.
+    Parameters
+    ----------
+    files
+        At least one.
+    rate
+        Frames per second; None: 30, or what the names say.
     """
 
     live = False
@@ -98,10 +100,8 @@ class ImageFolder:
     extrinsics: Extrinsics | None = None
     objects: Mapping[int, str] = {}
 
-    def __init__(self, folder: Path, rate: float | None = None) -> None:
-        self._files = sorted(image_files(folder), key=_natural)
-        if not self._files:
-            raise CameraError(f"{folder}: no images in this folder")
+    def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:
+        self._files = sorted(files, key=_natural)
         self.rate: float | None = rate or DEFAULT_RATE
         self.counters = {"unreadable": 0}
         self._closed = False

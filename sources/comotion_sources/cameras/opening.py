@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from .files import ImageFolder, VideoFile, image_files
+from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
 from .live import open_stream, open_webcam
 from .tum import TumFolder, is_tum_folder
 from .types import Camera, CameraError
@@ -24,7 +24,7 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
     what
         ``0`` or ``/dev/video0``: webcam; ``rtsp://...``, ``http://...``: stream; ``realsense`` or
         ``realsense:SERIAL``; ``workcell:CAMERA``: a camera of the simulated workcell; a folder with
-        ``rgb.txt``: TUM RGB-D; another folder: its images; any other file: video.
+        ``rgb.txt``: TUM RGB-D; another folder: its images; an image; any other file: video.
     rate
         Frames per second: asked of a device, assumed for a folder of images. None: theirs.
 
@@ -61,9 +61,11 @@ def _open_path(what: str, rate: float | None) -> Camera:
     if path.is_dir():
         if is_tum_folder(path):
             return TumFolder(path)
-        if not image_files(path):
+        if not (images := image_files(path)):
             raise CameraError(f"{path}: neither images nor rgb.txt in this folder")
-        return ImageFolder(path, rate)
+        return ImageFiles(images, rate)
+    if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
+        return ImageFiles([path], rate)
     if path.is_file():
         return VideoFile(path)
     raise CameraError(f"{what}: no such file or folder; name {FORMS}")

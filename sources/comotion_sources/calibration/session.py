@@ -1,0 +1,126 @@
+"""Calibrating a pair of cameras: collect views of a target, solve, and say how good it is."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cameras.files import ImageFiles
+from ..cameras.types import Camera, Frame
+from .files import CalibrationError
+from .model import Extrinsics, Intrinsics
+from .solve import PairedView, RelativePose, relative_pose
+from .targets import Target
+
+_LEAST_COMMON = 4
+_SPACING_NS = 300_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PairCalibration:
+    """Extrinsics of B, how well they fit, and how many views they rest on."""
+
+    extrinsics: Extrinsics
+    fit: RelativePose
+    views: int
+
+
+def calibrate_pair(
+    frames: Iterator[tuple[Frame, Frame]],
+    target: Target,
+    camera_a: Intrinsics,
+    camera_b: Intrinsics,
+    extrinsics_a: Extrinsics | None = None,
+    most_views: int = 30,
+) -> PairCalibration:
+    """Find where camera B is, from frames of both.
+
+    Parameters
+    ----------
+    frames
+        Pairs taken at the same time, or of a target that stands still.
+    target
+        What both see.
+    camera_a, camera_b
+        Their intrinsics.
+    extrinsics_a
+        Where A is; None: A is the origin of ``world``.
+    most_views
+        Stop after so many views of the target by both.
+
+    Raises
+    ------
+    CalibrationError
+        If the target is never seen by both, or the images do not fit the intrinsics.
+    """
+    views: list[PairedView] = []
+    for frame_a, frame_b in frames:
+        _check_size("A", frame_a, camera_a)
+        _check_size("B", frame_b, camera_b)
+        views.extend(paired_views(target, frame_a, frame_b))
+        if len(views) >= most_views:
+            break
+    fit = relative_pose(camera_a, camera_b, views)
+    origin = extrinsics_a or Extrinsics()
+    return PairCalibration(origin.after(fit.b_to_a), fit, len(views))
+
+
+def paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> list[PairedView]:
+    """Find the target in both frames; the points that both see."""
+    found_a, found_b = target.find(frame_a.image), target.find(frame_b.image)
+    views = []
+    for name in sorted(found_a.keys() & found_b.keys()):
+        a, b = found_a[name], found_b[name]
+        common = sorted(a.keys() & b.keys())
+        if len(common) >= _LEAST_COMMON:
+            views.append(
+                PairedView(
+                    np.array([a[i][0] for i in common]),
+                    np.array([a[i][1] for i in common]),
+                    np.array([b[i][1] for i in common]),
+                )
+            )
+    return views
+
+
+def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
+    """Pair the frames of two cameras: files one by one, devices as they come, some a second.
+
+    Raises
+    ------
+    CameraError
+        If a camera fails.
+    """
+    deadline = time.monotonic() + timeout
+    spaced = not (isinstance(camera_a, ImageFiles) and isinstance(camera_b, ImageFiles))
+    last: int | None = None
+    for frame_a, frame_b in zip(camera_a, camera_b, strict=False):
+        if (camera_a.live or camera_b.live) and time.monotonic() > deadline:
+            return
+        if spaced and last is not None and frame_a.stamp_ns - last < _SPACING_NS:
+            continue
+        last = frame_a.stamp_ns
+        yield frame_a, frame_b
+
+
+def _check_size(name: str, frame: Frame, camera: Intrinsics) -> None:
+    height, width = frame.image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise CalibrationError(
+            f"camera {name}: images of {width} x {height}, calibration for {camera.width} x {camera.height}"
+        )
+
+
+def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:
+    """Return the intrinsics of a camera: the user's, or its own.
+
+    Raises
+    ------
+    CalibrationError
+        If there are none.
+    """
+    found = given or camera.intrinsics
+    if found is None:
+        raise CalibrationError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
+    return found

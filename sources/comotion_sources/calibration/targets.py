@@ -1,0 +1,154 @@
+"""Calibration targets: chessboard, ChArUco board and single markers, found in an image."""
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.types import Image
+from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detector
+from .files import CalibrationError
+
+Floats = NDArray[np.float64]
+Sightings = dict[str, dict[int, tuple[Floats, Floats]]]
+"""By name of the rigid target: number of the point -> (point [3] in the target's frame in m, pixel [2])."""
+
+_SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
+_LEAST_CORNERS = 6
+FORMS = (
+    "chessboard:9x6:0.025 (inner corners), charuco:7x5:0.03:0.022[:DICTIONARY] (squares), "
+    "marker:0.05[:DICTIONARY]"
+)
+
+
+class Target(Protocol):
+    """A target that can be found in an image."""
+
+    def find(self, image: Image) -> Sightings:
+        """Find what is seen of the target; empty if nothing."""
+
+
+def parse_target(text: str) -> Target:
+    """Read a target: its kind, size in squares or corners, and lengths in metres.
+
+    Raises
+    ------
+    CalibrationError
+        If it is not well formed.
+    """
+    kind, *values = text.split(":")
+    try:
+        if kind == "chessboard" and len(values) == 2:
+            return Chessboard(*_grid(values[0]), _length(values[1]))
+        if kind == "charuco" and len(values) in {3, 4}:
+            return Charuco(*_grid(values[0]), _length(values[1]), _length(values[2]), *values[3:])
+        if kind == "marker" and len(values) in {1, 2}:
+            return SingleMarkers(_length(values[0]), *values[1:])
+    except CalibrationError:
+        raise
+    except ValueError as error:
+        raise CalibrationError(f"target {text!r}: {error}") from None
+    raise CalibrationError(f"target {text!r} is none of {FORMS}")
+
+
+def _grid(text: str) -> tuple[int, int]:
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 100 and 2 <= int(rows) <= 100):
+        raise ValueError(f"{text!r} is not COLUMNSxROWS")
+    return int(columns), int(rows)
+
+
+def _length(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 100:
+        raise ValueError(f"{text} is no length in metres")
+    return value
+
+
+class Chessboard:
+    """A chessboard with one even and one odd number of inner corners.
+
+    A board with both even or both odd looks the same upside down: two cameras could disagree about
+    which corner is the first, and nothing in the result would tell.
+    """
+
+    def __init__(self, columns: int, rows: int, square: float) -> None:
+        if (columns + rows) % 2 == 0:
+            raise CalibrationError(
+                f"a chessboard of {columns} x {rows} inner corners looks the same upside down; "
+                "use one even and one odd number, or a ChArUco board"
+            )
+        if min(columns, rows) < 3:
+            raise CalibrationError("a chessboard needs at least 3 inner corners each way")
+        self._size = (columns, rows)
+        y, x = np.mgrid[:rows, :columns]
+        self._points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * square
+
+    def find(self, image: Image) -> Sightings:
+        """Find all inner corners, or nothing."""
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        found, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
+        if not found:
+            return {}
+        fine = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _SUBPIX)
+        pixels = self._upright(np.asarray(grey, np.uint8), fine.reshape(-1, 2).astype(np.float64))
+        return {"board": {i: (self._points[i], pixels[i]) for i in range(len(pixels))}}
+
+    def _upright(self, grey: Image, pixels: Floats) -> Floats:
+        """Order the corners so that the square beside the first one is dark; it is light at the last."""
+        columns, rows = self._size
+        grid = pixels.reshape(rows, columns, 2)
+        first = grid[:2, :2].mean(axis=(0, 1))
+        last = grid[-2:, -2:].mean(axis=(0, 1))
+        swap = _brightness(grey, first) > _brightness(grey, last)
+        return pixels[::-1].copy() if swap else pixels
+
+
+def _brightness(grey: Image, place: Floats) -> float:
+    patch = cv2.getRectSubPix(grey, (3, 3), (float(place[0]), float(place[1])))
+    return float(np.mean(patch))
+
+
+class Charuco:
+    """A ChArUco board; parts of it are enough."""
+
+    def __init__(
+        self, columns: int, rows: int, square: float, marker: float, dictionary: str = DEFAULT_DICTIONARY
+    ) -> None:
+        if marker >= square:
+            raise CalibrationError(f"markers of {marker} m do not fit in squares of {square} m")
+        board = cv2.aruco.CharucoBoard((columns, rows), square, marker, find_dictionary(dictionary))
+        self._points = np.asarray(board.getChessboardCorners(), np.float64)
+        self._detector = cv2.aruco.CharucoDetector(board)
+
+    def find(self, image: Image) -> Sightings:
+        """Find the corners whose markers are seen."""
+        corners, numbers, _, _ = self._detector.detectBoard(image)
+        if numbers is None or len(numbers) < _LEAST_CORNERS:
+            return {}
+        pixels = np.asarray(corners, np.float64).reshape(-1, 2)
+        flat = [int(n) for n in np.ravel(numbers)]
+        return {"board": {n: (self._points[n], pixel) for n, pixel in zip(flat, pixels, strict=True)}}
+
+
+class SingleMarkers:
+    """Markers of one size; each is a target of its own."""
+
+    def __init__(self, size: float, dictionary: str = DEFAULT_DICTIONARY) -> None:
+        half = size / 2
+        self._points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+        self._detector: Any = make_detector(find_dictionary(dictionary))
+
+    def find(self, image: Image) -> Sightings:
+        """Find the markers that are seen once."""
+        found, numbers, _ = self._detector.detectMarkers(image)
+        flat = [] if numbers is None else [int(n) for n in np.ravel(numbers)]
+        return {
+            f"marker {number}": dict(
+                enumerate(zip(self._points, np.asarray(corners, np.float64).reshape(4, 2), strict=True))
+            )
+            for number, corners in zip(flat, found, strict=True)
+            if flat.count(number) == 1
+        }

@@ -1,0 +1,338 @@
+"""Camera models, calibration files, targets and the pose between two cameras."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comotion_sources.calibration import (
+    Calibration,
+    CalibrationError,
+    Extrinsics,
+    Intrinsics,
+    format_calibration,
+    read_calibration,
+)
+from comotion_sources.calibration.session import calibrate_pair
+from comotion_sources.calibration.targets import parse_target
+from comotion_sources.cameras import Frame
+from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
+
+CAMERA_A = Intrinsics(640, 480, 560.0, 555.0, 322.0, 238.5)
+CAMERA_B = Intrinsics(800, 600, 700.0, 700.0, 405.0, 295.0, np.array([-0.12, 0.05, 0.001, -0.002, 0.0]))
+
+ROS = """
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [438.78, 0., 305.59, 0., 437.3, 243.73, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]
+"""
+ROS_MESSAGE = """
+header: {seq: 0, frame_id: cam}
+height: 480
+width: 640
+distortion_model: "plumb_bob"
+D: [-0.36, 0.11, 0.001, 0.0005, 0.0]
+K:
+- 438.78
+- 0.0
+- 305.59
+- 0.0
+- 437.3
+- 243.73
+- 0.0
+- 0.0
+- 1.0
+"""
+
+
+def pose(rotation: tuple[float, ...], translation: tuple[float, ...]) -> Extrinsics:
+    return Extrinsics(Rotation.from_rotvec(rotation).as_matrix(), np.array(translation))
+
+
+@dataclass
+class Sheet:
+    """A printed target: its image, and where its pixels are on the plane z = 0, in m."""
+
+    image: np.ndarray
+    metres_per_pixel: float
+    origin: tuple[float, float]  # the pixel that is the origin of the target
+    y_up: bool = False
+
+    def seen(self, camera: Intrinsics, to_camera: Extrinsics) -> np.ndarray:
+        """The view of the sheet, distortion included, at two times the resolution and averaged."""
+        scale = 2
+        y, x = np.mgrid[: camera.height * scale, : camera.width * scale]
+        pixels = (np.column_stack([x.ravel(), y.ravel()]) + 0.5) / scale - 0.5
+        rays = camera.rays(pixels) @ to_camera.rotation
+        centre = -to_camera.rotation.T @ to_camera.translation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            hit = centre + rays * (-centre[2] / rays[:, 2])[:, None]
+        u = hit[:, 0] / self.metres_per_pixel + self.origin[0]
+        v = (-1 if self.y_up else 1) * hit[:, 1] / self.metres_per_pixel + self.origin[1]
+        shape = (camera.height * scale, camera.width * scale)
+        maps = [np.asarray(m, np.float32).reshape(shape) for m in (u, v)]
+        big = cv2.remap(self.image, *maps, cv2.INTER_LINEAR, borderValue=150)
+        small = cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        return cv2.GaussianBlur(small, (3, 3), 0.6)
+
+
+def chessboard(columns: int, rows: int, square: float) -> Sheet:
+    pixels = 40
+    y, x = np.mgrid[: (rows + 1) * pixels, : (columns + 1) * pixels]
+    dark = (x // pixels + y // pixels) % 2 == 0
+    image = np.pad(np.where(dark, 20, 235).astype(np.uint8), pixels, constant_values=235)
+    return Sheet(image, square / pixels, (2 * pixels - 0.5, 2 * pixels - 0.5))
+
+
+def charuco(columns: int, rows: int, square: float, marker: float) -> Sheet:
+    pixels = 60
+    board = cv2.aruco.CharucoBoard((columns, rows), square, marker, find_dictionary("4x4_50"))
+    image = board.generateImage((columns * pixels, rows * pixels), marginSize=0)
+    return Sheet(np.pad(image, pixels, constant_values=255), square / pixels, (pixels - 0.5, pixels - 0.5))
+
+
+def marker(number: int, size: float, dictionary: str) -> Sheet:
+    pixels = 160
+    image = cv2.aruco.generateImageMarker(find_dictionary(dictionary), number, pixels)
+    middle = pixels / 2 + 60 - 0.5
+    return Sheet(np.pad(image, 60, constant_values=255), size / pixels, (middle, middle), y_up=True)
+
+
+TARGETS = {
+    "chessboard:8x5:0.03": (chessboard(8, 5, 0.03), (-0.1, -0.06, 0.0)),
+    "charuco:7x5:0.04:0.03": (charuco(7, 5, 0.04, 0.03), (-0.14, -0.1, 0.0)),
+    "marker:0.16:apriltag_36h11": (marker(5, 0.16, "apriltag_36h11"), (0.0, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_target_seen_by_both_places_the_second_camera(target: str) -> None:
+    sheet, middle = TARGETS[target]
+    a_in_world = pose((0.3, -0.1, 0.05), (1.0, 2.0, 0.5))
+    b_in_a = pose((0.05, 0.45, -0.1), (-0.35, 0.05, 0.1))
+    facing = Rotation.from_euler("x", 180 if sheet.y_up else 0, degrees=True).as_rotvec()
+    frames = []
+    for i, (rx, ry) in enumerate([(0.3, 0.2), (-0.35, 0.1), (0.1, -0.4), (0.25, 0.4)]):
+        turn = Rotation.from_euler("xyz", [rx, ry, 0.3 * i]) * Rotation.from_rotvec(facing)
+        to_a = Extrinsics(turn.as_matrix(), np.array([0.05 * i - 0.02, 0.03, 0.75]))
+        to_a = to_a.after(pose((0, 0, 0), middle))
+        views = [sheet.seen(CAMERA_A, to_a), sheet.seen(CAMERA_B, b_in_a.inverse().after(to_a))]
+        frames.append(tuple(Frame(i, view) for view in views))
+
+    result = calibrate_pair(iter(frames), parse_target(target), CAMERA_A, CAMERA_B, a_in_world)
+
+    assert result.views == len(frames)
+    assert result.fit.error_a < 0.3
+    assert result.fit.error_b < 0.3
+    expected = a_in_world.after(b_in_a)
+    np.testing.assert_allclose(result.extrinsics.translation, expected.translation, atol=4e-3)
+    turned = Rotation.from_matrix(result.extrinsics.rotation.T @ expected.rotation).magnitude()
+    assert turned < np.deg2rad(0.4)
+    assert result.extrinsics.frame == "world"
+
+
+def test_one_upside_down_view_of_a_chessboard_does_not_fool_it() -> None:
+    sheet, middle = TARGETS["chessboard:8x5:0.03"]
+    upright = pose((0.2, 0.3, 0.0), (0.0, 0.0, 0.7)).after(pose((0, 0, 0), middle))
+    b_in_a = pose((0.0, 0.0, np.pi - 0.1), (0.1, 0.05, 0.0))  # B hangs upside down
+    frames = [
+        (
+            Frame(0, sheet.seen(CAMERA_A, upright)),
+            Frame(0, sheet.seen(CAMERA_B, b_in_a.inverse().after(upright))),
+        )
+    ]
+
+    result = calibrate_pair(iter(frames), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
+
+    np.testing.assert_allclose(result.extrinsics.translation, b_in_a.translation, atol=5e-3)
+    np.testing.assert_allclose(result.extrinsics.rotation, b_in_a.rotation, atol=1e-2)
+
+
+def test_a_target_that_is_not_seen_is_told() -> None:
+    blank = Frame(0, np.full((480, 640), 128, np.uint8)), Frame(0, np.full((600, 800), 128, np.uint8))
+    with pytest.raises(CalibrationError, match="never seen by both"):
+        calibrate_pair(iter([blank]), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
+    with pytest.raises(CalibrationError, match="images of 640 x 480, calibration for 800 x 600"):
+        calibrate_pair(iter([blank[:1] * 2]), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("chessboard:9x7:0.02", "upside down"),
+        ("chessboard:9x6", "none of"),
+        ("chessboard:9:0.02", "COLUMNSxROWS"),
+        ("chessboard:9x6:-1", "no length"),
+        ("charuco:7x5:0.03:0.04", "do not fit"),
+        ("marker:x", "marker"),
+        ("globe:1", "none of"),
+    ],
+)
+def test_wrong_targets_are_told(text: str, told: str) -> None:
+    with pytest.raises(CalibrationError, match=told):
+        parse_target(text)
+
+
+def test_markers_are_found_with_their_pose() -> None:
+    sheet = marker(7, 0.1, "4x4_50")
+    facing = Rotation.from_euler("x", 180, degrees=True)
+    true = Extrinsics(
+        (Rotation.from_euler("xy", [0.5, -0.4]) * facing).as_matrix(), np.array([0.05, -0.02, 0.6])
+    )
+    found = MarkerDetector(MarkerOptions(0.1), CAMERA_B).detect(sheet.seen(CAMERA_B, true))
+
+    assert found.numbers.tolist() == [7]
+    error = np.linalg.norm(found.poses[0].translation - true.translation)
+    assert error < 4 * found.sigma[0]
+    assert 1e-4 < found.sigma[0] < 5e-3
+    assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(1.5)
+
+
+def test_a_marker_seen_twice_is_refused() -> None:
+    sheet = marker(7, 0.1, "4x4_50")
+    facing = Rotation.from_euler("x", 180, degrees=True).as_matrix()
+    left, right = (sheet.seen(CAMERA_A, Extrinsics(facing, np.array([x, 0.0, 0.8]))) for x in (-0.15, 0.15))
+    both = np.hstack([left[:, :320], right[:, 320:]])
+    found = MarkerDetector(MarkerOptions(0.1), CAMERA_A).detect(both)
+    assert found.numbers.size == 0
+    assert found.refused == 1
+
+
+def test_an_ambiguous_marker_keeps_its_last_orientation() -> None:
+    sheet = marker(3, 0.1, "4x4_50")
+    facing = Rotation.from_euler("x", 180, degrees=True)
+    detector = MarkerDetector(MarkerOptions(0.1), CAMERA_A)
+    turned = [
+        Extrinsics((Rotation.from_euler("y", 0.5) * facing).as_matrix(), np.array([0.0, 0.0, z]))
+        for z in (0.5, 0.8, 1.2, 1.6, 2.0)
+    ]
+    for true in turned:
+        found = detector.detect(sheet.seen(CAMERA_A, true))
+        assert found.numbers.tolist() == [3]
+        # The mirrored pose is about 57 degrees away.
+        assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(20)
+
+
+def test_projection_inverts_lifting() -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform((60, 60), (740, 540), (200, 2))
+    depth = rng.uniform(0.3, 4.0, 200)
+    np.testing.assert_allclose(CAMERA_B.project(CAMERA_B.lift(pixels, depth)), pixels, atol=1e-3)
+
+
+def test_extrinsics_compose_and_invert() -> None:
+    first, second = pose((0.1, 0.2, 0.3), (1, 2, 3)), pose((-0.5, 0.1, 0.9), (0.1, -1, 0))
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    np.testing.assert_allclose(second.after(first).apply(points), second.apply(first.apply(points)))
+    np.testing.assert_allclose(first.inverse().apply(first.apply(points)), points, atol=1e-12)
+    again = Extrinsics.from_quaternion(first.quaternion, first.translation)
+    np.testing.assert_allclose(again.rotation, first.rotation, atol=1e-12)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("text", [ROS, ROS_MESSAGE])
+def test_ros_camera_info(tmp_path: Path, text: str) -> None:
+    camera = read_calibration(write(tmp_path / "camera.yaml", text)).intrinsics
+    assert camera is not None
+    assert (camera.width, camera.height, camera.fx, camera.cy) == (640, 480, 438.78, 243.73)
+    np.testing.assert_allclose(camera.distortion, [-0.36, 0.11, 0.001, 0.0005, 0.0])
+
+
+def test_opencv_yaml_as_opencv_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", CAMERA_B.width)
+    storage.write("image_height", CAMERA_B.height)
+    storage.write("camera_matrix", CAMERA_B.matrix)
+    storage.write("distortion_coefficients", CAMERA_B.distortion[None])
+    storage.release()
+    camera = read_calibration(path).intrinsics
+    assert camera is not None
+    np.testing.assert_allclose(camera.matrix, CAMERA_B.matrix)
+    np.testing.assert_allclose(camera.distortion, CAMERA_B.distortion)
+
+
+def test_our_toml_round_trips(tmp_path: Path) -> None:
+    where = Extrinsics(pose((0.4, -0.2, 1.0), (0, 0, 0)).rotation, np.array([0.1, 0.2, 1 / 3]), 'cell "3"')
+    back = read_calibration(write(tmp_path / "c.toml", format_calibration(CAMERA_B, where)))
+    assert back.intrinsics is not None
+    assert back.extrinsics is not None
+    np.testing.assert_array_equal(back.intrinsics.matrix, CAMERA_B.matrix)
+    np.testing.assert_array_equal(back.intrinsics.distortion, CAMERA_B.distortion)
+    np.testing.assert_allclose(back.extrinsics.rotation, where.rotation, atol=1e-15)
+    np.testing.assert_array_equal(back.extrinsics.translation, where.translation)
+    assert back.extrinsics.frame == 'cell "3"'
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.yaml", b"", "no calibration"),
+        ("a.yaml", b"hello: [1, 2\n  x: {", "no YAML"),
+        ("a.yaml", bytes(range(256)), "no text file"),
+        ("a.yaml", ROS.replace("plumb_bob", "equidistant").encode(), "distortion model 'equidistant'"),
+        ("a.yaml", ROS.replace("438.78,", "").encode(), "8 numbers instead of 9"),
+        ("a.yaml", ROS.replace("438.78", "-1").encode(), "not above zero"),
+        ("a.yaml", ROS.replace("438.78", ".nan").encode(), "finite"),
+        ("a.yaml", ROS.replace("image_width: 640", "").encode(), "no image width"),
+        ("a.yaml", ROS.replace("image_width: 640", "image_width: wide").encode(), "no whole number"),
+        ("a.toml", b"[intrinsics]\nwidth = 3", "lacks 'height'"),
+        ("a.toml", b"x = 1", "neither"),
+        ("a.toml", b"[extrinsics]\ntranslation = [0, 0]\nquaternion = [0, 0, 0, 1]", "translation"),
+        ("a.toml", b"[extrinsics]\ntranslation = [0, 0, 0]\nquaternion = [0, 0, 0, 0]", "quaternion"),
+        ("a.toml", b"[extrinsics]\ntranslation = [0,0,0]\nquaternion = [0,0,0,1]\nscale = 2", "'scale'"),
+    ],
+)
+def test_wrong_files_are_told_in_one_line(tmp_path: Path, name: str, content: bytes, told: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(CalibrationError, match=told) as caught:
+        read_calibration(path)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_missing_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match="No such file"):
+        read_calibration(tmp_path / "none.yaml")
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    base=st.sampled_from([ROS, ROS_MESSAGE, format_calibration(CAMERA_B, Extrinsics())]),
+    edits=st.lists(
+        st.tuples(st.floats(0, 1), st.integers(0, 20), st.text("[]{}:,-! \n\t0a.&*#|>%\"'", max_size=3)),
+        max_size=6,
+    ),
+    suffix=st.sampled_from([".yaml", ".toml"]),
+)
+def test_mangled_files_give_a_calibration_or_the_error(
+    tmp_path_factory: pytest.TempPathFactory, base: str, edits: list[tuple[float, int, str]], suffix: str
+) -> None:
+    text = base
+    for place, removed, added in edits:
+        at = int(place * len(text))
+        text = text[:at] + added + text[at + removed :]
+    path = write(tmp_path_factory.getbasetemp() / f"mangled{suffix}", text)
+    try:
+        assert isinstance(read_calibration(path), Calibration)
+    except CalibrationError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
