@@ -78,8 +78,8 @@ ExtrinsicsFile = Annotated[
     typer.Option(
         "--extrinsics",
         envvar="COMOTION_EXTRINSICS",
-        metavar="FILE.toml",
-        help="Where the camera is, as 'comotion calibrate' writes it.",
+        metavar="FILE.toml|identity",
+        help="Where the camera is, as 'comotion calibrate' writes it; 'identity': it is the origin of world.",
     ),
 ]
 Space = Annotated[
@@ -183,12 +183,14 @@ def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Cali
     UserError
         If the second one holds no extrinsics.
     """
-    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration import Calibration, Extrinsics
     from comotion_sources.calibration import read_calibration as read
 
     first = Calibration() if calibration is None else read(calibration)
     if extrinsics is None:
         return first
+    if str(extrinsics) == "identity":
+        return Calibration(first.intrinsics, Extrinsics())
     second = read(extrinsics)
     if second.extrinsics is None:
         raise UserError(f"{extrinsics}: has no [extrinsics]")
