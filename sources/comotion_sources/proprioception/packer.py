@@ -83,7 +83,7 @@ class Packer:
         self._waiting.append((sample.stamp_ns, self._kinematics.poses(sample)))
         self._newest = sample.stamp_ns
         self._due = max(self._due + self._period_ns, sample.stamp_ns + self._period_ns // 2)
-        full = sample.stamp_ns - self._waiting[0][0] + 3 * self._period_ns // 4 >= self._span_ns
+        full = sample.stamp_ns - self._waiting[0][0] + 5 * self._period_ns // 4 >= self._span_ns
         return self.flush() if full else None
 
     def flush(self) -> Pack | None:

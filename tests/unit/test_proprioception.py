@@ -1,0 +1,241 @@
+"""Proprioception: kinematics against MuJoCo and by hand, readings from every input, batches."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comotion_sources.calibration.model import Extrinsics
+from comotion_sources.errors import SceneError
+from comotion_sources.proprioception.readers import read_csv
+from comotion_sources.proprioception.samples import JointSample, SampleError, joint_sample
+
+mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
+
+from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
+from comotion_sources.proprioception.packer import Packer, Packing  # noqa: E402
+from comotion_sources.workcell import Scene, scene_names  # noqa: E402
+
+URDF = """<?xml version="1.0"?>
+<robot name="two">
+  <link name="base"><visual><geometry><mesh filename="package://lost/base.stl"/></geometry></visual></link>
+  <link name="upper"><inertial><mass value="0"/>
+    <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="slider"/>
+  <link name="tool0"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0.1 0 0.3" rpy="0 0.2 0"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>
+  <joint name="lift" type="prismatic">
+    <parent link="upper"/><child link="slider"/><origin xyz="0 0.2 0" rpy="0.3 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+  <joint name="flange" type="fixed">
+    <parent link="slider"/><child link="tool0"/><origin xyz="0 0 0.15" rpy="0 0 1.2"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    path = tmp_path / "two.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def reading(names: tuple[str, ...], positions: np.ndarray, stamp_ns: int = 0) -> JointSample:
+    return joint_sample(stamp_ns, names, positions)
+
+
+@pytest.mark.parametrize("name", [n for n in scene_names() if "clutter" not in n])
+def test_kinematics_agree_with_mujocos_own_body_poses(name: str) -> None:
+    scene = Scene.named(name)
+    rng = np.random.default_rng(4)
+    kinematics = Kinematics(scene.model, scene.robot)
+    for _ in range(20):
+        q = rng.uniform(-1, 1, scene.model.nq)
+        data = mujoco.MjData(scene.model)
+        data.qpos[:] = q
+        mujoco.mj_forward(scene.model, data)
+        # Given in another order, with joints that are none of the robot's.
+        order = rng.permutation(len(q))
+        poses = kinematics.poses(reading(tuple(np.array(scene.joints)[order]), q[order]))
+        for row, link in enumerate(kinematics.links):
+            body = data.body(link)
+            assert poses.positions[row] == pytest.approx(body.xpos, abs=1e-9)
+            turned = Rotation.from_quat(poses.quaternions[row]).as_matrix()
+            assert turned == pytest.approx(body.xmat.reshape(3, 3), abs=1e-9)
+
+
+def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf: Path) -> None:
+    """By hand, link after link; meshes that are not there and links without mass do not matter."""
+    base = Extrinsics.from_quaternion([0.1, 0.2, 0.3, 0.9], [1.0, -2.0, 0.5])
+    kinematics = Kinematics(load_model(urdf), ["upper", "tool0"], base)
+    assert kinematics.joints == ("shoulder", "lift")
+
+    def frame(turn: Rotation, way: list[float]) -> np.ndarray:
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = turn.as_matrix(), way
+        return matrix
+
+    rng = np.random.default_rng(5)
+    for angle, way in rng.uniform(-0.9, 0.9, (20, 2)):
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = base.rotation, base.translation
+        upper = start @ frame(Rotation.from_euler("xyz", [0, 0.2, 0]), [0.1, 0, 0.3])
+        upper = upper @ frame(Rotation.from_rotvec([0, 0, angle]), [0, 0, 0])
+        tool = upper @ frame(Rotation.from_euler("xyz", [0.3, 0, 0]), [0, 0.2, 0])
+        tool = tool @ frame(Rotation.identity(), [way, 0, 0])
+        tool = tool @ frame(Rotation.from_euler("xyz", [0, 0, 1.2]), [0, 0, 0.15])
+        poses = kinematics.poses(reading(("shoulder", "lift"), np.array([angle, way])))
+        for row, expected in enumerate((upper, tool)):
+            assert poses.positions[row] == pytest.approx(expected[:3, 3], abs=1e-9)
+            turned = Rotation.from_quat(poses.quaternions[row]).as_matrix()
+            assert turned == pytest.approx(expected[:3, :3], abs=1e-9)
+
+
+def test_sigma_is_what_encoders_of_that_resolution_make(urdf: Path) -> None:
+    """Against the spread of poses under rounding errors drawn at random."""
+    coarse = Encoders(angular=0.02, linear=0.004, floor=1e-9)
+    kinematics = Kinematics(load_model(urdf), ["tool0"], encoders=coarse)
+    rng = np.random.default_rng(6)
+    q = np.array([0.3, 0.4])
+    errors = rng.uniform(-0.5, 0.5, (4000, 2)) * (0.02, 0.004)
+    places = np.array([kinematics.poses(reading(("shoulder", "lift"), q + e)).positions[0] for e in errors])
+    expected = np.sqrt(places.var(axis=0).sum() / 3)
+    assert kinematics.poses(reading(("shoulder", "lift"), q)).sigma[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_the_sigma_of_a_coupled_joint_follows_its_driver() -> None:
+    scene = Scene.named("truck")
+    kinematics = Kinematics(scene.model, ["truck", "wheel_fl"])
+    assert kinematics.joints == ("truck_x", "truck_y", "truck_yaw"), "a wheel's angle follows from the way"
+    poses = kinematics.poses(reading(scene.joints, scene.configuration(5.0)))
+    assert (poses.sigma >= Encoders().floor).all()
+
+
+def test_readings_are_rounded_to_encoder_counts() -> None:
+    scene = Scene.named("arm")
+    kinematics = Kinematics(scene.model, scene.robot, encoders=Encoders(angular=0.01))
+    encoded = kinematics.encoded(reading(scene.joints, scene.configuration(5.0)))
+    counts = encoded.positions / 0.01
+    assert counts == pytest.approx(np.rint(counts), abs=1e-9)
+    assert np.abs(encoded.positions - scene.configuration(5.0)).max() <= 0.005
+
+
+def test_a_wrong_model_or_link_is_one_clear_line(tmp_path: Path, urdf: Path) -> None:
+    floating = tmp_path / "floating.xml"
+    floating.write_text(
+        '<mujoco><worldbody><body name="b"><freejoint name="f"/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    cases: list[tuple[Callable[[], object], str]] = [
+        (lambda: load_model(tmp_path / "none.urdf"), "No such file"),
+        (lambda: load_model(Path(__file__)), "not well-formed"),
+        (
+            lambda: Kinematics(load_model(urdf), ["tool9"]),
+            "no link 'tool9'; one of base, upper, slider, tool0",
+        ),
+        (lambda: Kinematics(load_model(floating)), "neither a hinge nor a slide"),
+    ]
+    for attempt, complaint in cases:
+        with pytest.raises(SceneError) as error:
+            attempt()
+        assert complaint in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_a_reading_without_a_needed_joint_is_refused(urdf: Path) -> None:
+    kinematics = Kinematics(load_model(urdf), ["tool0"])
+    with pytest.raises(SampleError, match="no position of joint 'lift'"):
+        kinematics.poses(reading(("shoulder", "extra"), np.zeros(2)))
+
+
+@pytest.mark.parametrize(
+    ("stamp", "names", "positions"),
+    [
+        (0, ["a"], [1.0, 2.0]),
+        (0, ["a", "a"], [1, 2]),
+        (0, ["a"], [np.nan]),
+        (-1, ["a"], [1.0]),
+        (2**63, ["a"], [1.0]),
+    ],
+)
+def test_malformed_readings_are_refused(stamp: int, names: list[str], positions: list[float]) -> None:
+    with pytest.raises(SampleError):
+        joint_sample(stamp, names, positions)
+
+
+def packer(rate: float = 200.0, span: float = 0.02) -> tuple[Packer, Callable[[float], JointSample]]:
+    scene = Scene.named("arm")
+    made = Packer(Kinematics(scene.model, scene.robot), Packing(rate=rate, span=span))
+    return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
+
+
+def test_batches_hold_several_instants_of_every_link() -> None:
+    made, at = packer()
+    packs = [pack for k in range(200) if (pack := made.add(at(k / 200))) is not None]
+    assert len(packs) == 50
+    for pack in packs:
+        assert pack.ids.tolist() == [0, 1, 2, 3] * 4
+        assert pack.stamp_ns == pack.stamps_ns.max()
+        assert (np.diff(pack.stamps_ns[pack.ids == 2]) == 5_000_000).all()
+        assert np.linalg.norm(pack.quaternions, axis=1) == pytest.approx(1.0)
+    assert made.flush() is None
+
+
+@pytest.mark.parametrize(("given", "rate"), [(500, 200), (200, 200), (190, 200), (1000, 100), (100, 500)])
+def test_the_rate_is_a_limit_that_jitter_does_not_halve(given: int, rate: int) -> None:
+    made, at = packer(rate=rate, span=0.1)
+    rng = np.random.default_rng(7)
+    packs = [made.add(at(k / given + rng.uniform(0, 0.1) / given)) for k in range(2 * given)]
+    instants = sum(len(np.unique(p.stamps_ns)) for p in [*packs, made.flush()] if p is not None)
+    assert instants / 2 == pytest.approx(min(given, rate), rel=0.06)
+
+
+def test_readings_that_come_late_or_twice_are_counted_not_published() -> None:
+    made, at = packer(span=0.0)
+    assert made.add(at(1.0)) is not None
+    assert made.add(at(1.0)) is None
+    assert made.add(at(0.5)) is None
+    assert made.stale == 2
+    assert made.add(at(1.1)) is not None
+
+
+def test_csv_logs_are_read_with_either_kind_of_time(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "stamp_ns, shoulder, lift\n1795227314415000123,0.5,-0.25\n\n1795227314420000123,0.6,1e-3\n"
+    )
+    first, second = read_csv(path)
+    assert first.stamp_ns == 1795227314415000123
+    assert list(first.names) == ["shoulder", "lift"]
+    assert second.positions.tolist() == [0.6, 0.001]
+    path.write_text("time,lift\n12.5,1\n")
+    assert next(read_csv(path)).stamp_ns == 12_500_000_000
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("", "first column must be"),
+        ("lift,time\n1,2\n", "first column must be"),
+        ("time\n1\n", "no joint columns"),
+        ("time,lift\n1,2\n2,x\n", "line 3: could not convert"),
+        ("time,lift\n1,2,3\n", "line 2: 3 cells, expected 2"),
+        ("time,lift\nnan,2\n", "line 2: cannot convert"),
+        ("time,lift\n1,inf\n", "line 2: a joint position is not finite"),
+        ("time,lift\n1e200,1\n", "line 2: stamp"),
+        ("time,lift,lift\n1,1,1\n", "line 2: a joint is named twice"),
+    ],
+)
+def test_a_malformed_csv_log_is_one_clear_line(tmp_path: Path, content: str, complaint: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(content)
+    with pytest.raises(SampleError) as error:
+        list(read_csv(path))
+    assert complaint in str(error.value)
+    assert "\n" not in str(error.value)
