@@ -18,7 +18,7 @@ from comotion_schemas.transport import SessionSettings
 
 from .metrics import Score, Truth
 from .scoring import Observed, SpaceRef, Summary, Tally, finite_or_none
-from .subscribe import Subscription
+from .subscription import Subscription
 from .watch_view import number
 
 TICK_S = 0.1
@@ -199,8 +199,8 @@ def summary_lines(run: LiveRun) -> list[str]:
     lines = [
         f"mean NMI {number(s.mean_nmi, 3)}, final {number(s.final_nmi, 3)}, over {s.scored} updates",
         f"error {number(100 * s.mean_misclassification, 1)} %, "
-        f"{number(s.mean_hypotheses, 2)} hypotheses of {number(s.mean_objects, 2)} objects, "
-        f"{number(s.switches_per_100, 2)} label switches per 100 tracks",
+        f"{number(s.mean_hypotheses, 2)} hypotheses of {number(s.mean_objects, 2)} objects",
+        f"{number(s.switches_per_100, 2)} label switches per 100 tracks and update",
     ]
     if run.lost or run.invalid:
         lines.append(f"{run.lost} updates lost, {sum(run.invalid.values())} invalid")

@@ -5,92 +5,19 @@
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, ObservationBatch, Status
 
-SourceState = Literal["ok", "stalled", "gone"]
+from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
+
 RATE_SPAN_S = 3.0
 STALL_S = 1.0
 STALL_PERIODS = 3
 LOSS_SHOWN_S = 10.0
 GONE_SHOWN_S = 60.0
 EVENTS_KEPT = 100
-
-
-@dataclass(frozen=True)
-class SourceRow:
-    """One source: `rate` in batches/s, `age` s since its last batch, `lag` s from acquisition to arrival.
-
-    `losing`: batches were lost in the last 10 s. `tracks` counts those of the newest update.
-    """
-
-    name: str
-    state: SourceState
-    rate: float
-    age: float
-    lag: float
-    lost: int
-    losing: bool
-    tracks: int
-    space: str
-
-
-@dataclass(frozen=True)
-class HypothesisRow:
-    """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None."""
-
-    id: int
-    space: str
-    unit: str
-    state: str
-    size: int
-    age: float
-    confidence: float
-    speed: float | None
-
-
-@dataclass(frozen=True)
-class EventRow:
-    """One event, `ago` s before the newest update."""
-
-    stamp_ns: int
-    ago: float
-    kind: str
-    hypothesis: int
-    others: list[int]
-
-
-@dataclass(frozen=True)
-class ServiceRow:
-    """The service: `rate` of updates, `age` s since the last one, `lag` s from its W to its publication."""
-
-    state: Literal["absent", "silent", "ok", "degraded", "stalled"]
-    rate: float
-    age: float
-    lag: float
-    lost: int
-    losing: bool
-    seq: int
-    message: str
-    counters: dict[str, int]
-    rejected: dict[str, int]
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything `comotion watch` shows."""
-
-    scene: str
-    stamp_ns: int
-    service: ServiceRow
-    tracks: int
-    undetermined: int
-    sources: list[SourceRow]
-    hypotheses: list[HypothesisRow]
-    events: list[EventRow]
 
 
 @dataclass
@@ -246,7 +173,7 @@ class SceneModel:
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
         )
 
-    def _service_state(self, now: float) -> Literal["absent", "silent", "ok", "degraded", "stalled"]:
+    def _service_state(self, now: float) -> ServiceState:
         if self._service_gone or (self._update is None and self._service is None):
             return "absent"
         if self._update is None or self._updates.stalled(now):

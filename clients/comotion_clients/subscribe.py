@@ -10,221 +10,24 @@ In asyncio the same object serves ``async with`` and ``async for``.
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Any, Generic, Self, TypeAlias, TypeVar, overload
+from typing import Any, Generic, TypeAlias, overload
 
 import zenoh
 
-from comotion_schemas import (
-    DEFAULT_SCENE,
-    DecodeError,
-    HypothesisUpdate,
-    Keys,
-    ObservationBatch,
-    Status,
-    TruthBatch,
-    decode_as,
-)
-from comotion_schemas.keys import last_chunk
-from comotion_schemas.qos import Kind
-from comotion_schemas.transport import (
-    DEFAULT_ENDPOINT,
-    SessionSettings,
-    TlsFiles,
-    declare_subscriber,
-    open_session,
-)
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
+from comotion_schemas.transport import DEFAULT_ENDPOINT, SessionSettings, TlsFiles, open_session
 
-from .inbox import Closed, Inbox
+from .inbox import Closed
+from .subscription import Counters, M, Subscription
 
-M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status)
+__all__ = ["Closed", "Counters", "Subscribing", "Subscription", "connected", "subscribe"]
+
 Endpoints: TypeAlias = str | Sequence[str]
 
-_KINDS: dict[type, Kind] = {
-    HypothesisUpdate: "hypotheses",
-    ObservationBatch: "obs",
-    TruthBatch: "truth",
-    Status: "status",
-}
-# Truth comes as a burst of everything that publishers keep for late joiners; none of it may drop.
-_CAPACITIES: dict[type, int] = {HypothesisUpdate: 64, ObservationBatch: 1024, TruthBatch: 65536, Status: 256}
-_RING = 1024
 _CONNECT_TRY_MS = 500
-
-
-@dataclass
-class Counters:
-    """What a subscription has seen.
-
-    `received` valid messages; `lost` gaps in their sequence numbers; `stale` updates that were
-    repeated or overtaken, and skipped; `invalid` payloads by the protocol's rejection reason.
-    """
-
-    received: int = 0
-    lost: int = 0
-    stale: int = 0
-    invalid: dict[str, int] = field(default_factory=dict)
-
-
-class Subscription(Generic[M]):
-    """The messages of one kind in one scene, within an open session.
-
-    A thread takes them from a ring inside Zenoh, checks them, and leaves them in a bounded inbox:
-    a reader that is too slow loses the oldest (:attr:`dropped`) and delays nobody. Invalid payloads
-    are counted and skipped.
-
-    Parameters
-    ----------
-    session
-        An open Zenoh session.
-    message
-        Which messages: HypothesisUpdate, ObservationBatch, TruthBatch or Status.
-    scene
-        Name of the scene.
-    capacity
-        Messages kept for the reader; 1: only the newest is of interest. None: by kind.
-    timeout
-        Seconds that iteration waits for the next message before it raises TimeoutError; None: for ever.
-
-    Raises
-    ------
-    ValueError
-        If the scene is no valid name.
-    """
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        message: type[M],
-        scene: str = DEFAULT_SCENE,
-        *,
-        capacity: int | None = None,
-        timeout: float | None = None,
-    ) -> None:
-        kind, keys = _KINDS[message], Keys(scene)
-        self.counters = Counters()
-        self.timeout = timeout
-        self._message: type[M] = message
-        self._scene = scene
-        self._newest: dict[str, tuple[str, int]] = {}
-        self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
-        key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
-        size = max(_RING, _CAPACITIES[message])
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(size)
-        self._subscriber = declare_subscriber(session, key, kind, ring)
-        self._thread = threading.Thread(target=self._receive, name=f"subscribe-{kind}", daemon=True)
-        self._thread.start()
-
-    @property
-    def dropped(self) -> int:
-        """Messages that gave way to newer ones because the reader was too slow."""
-        return self._inbox.dropped
-
-    def get(self, timeout: float | None = None) -> M:
-        """Wait for the next message.
-
-        Raises
-        ------
-        TimeoutError
-            If none came within `timeout` seconds (None: waits for ever).
-        Closed
-            If the subscription was closed.
-        """
-        return self._inbox.get(timeout)[1]
-
-    def drain(self) -> list[tuple[float, M]]:
-        """Take what is there, without waiting: (time of arrival by ``time.monotonic()``, message)."""
-        found: list[tuple[float, M]] = []
-        while True:
-            try:
-                found.append(self._inbox.get(0.0))
-            except (TimeoutError, Closed):
-                return found
-
-    def __iter__(self) -> Iterator[M]:
-        return self
-
-    def __next__(self) -> M:
-        try:
-            return self._inbox.get(self.timeout)[1]
-        except Closed:
-            raise StopIteration from None
-
-    def __aiter__(self) -> AsyncIterator[M]:
-        return self
-
-    async def __anext__(self) -> M:
-        try:
-            return (await self._inbox.aget(self.timeout))[1]
-        except Closed:
-            raise StopAsyncIteration from None
-
-    def close(self) -> None:
-        """Stop receiving; iteration ends after what was received."""
-        if self._thread.is_alive():
-            self._subscriber.undeclare()
-            self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def _receive(self) -> None:
-        # The handler, not the subscriber: one that waits in its own recv cannot be undeclared.
-        samples = self._subscriber.handler
-        try:
-            while True:
-                try:
-                    sample = samples.recv()
-                except zenoh.ZError:  # undeclared, or the session is closed
-                    return
-                self._accept(str(sample.key_expr), sample.payload.to_bytes())
-        finally:
-            self._inbox.close()
-
-    def _accept(self, key: str, payload: bytes) -> None:
-        try:
-            message = decode_as(self._message, payload)
-            if _publisher(message) != (
-                self._scene if isinstance(message, HypothesisUpdate) else last_chunk(key)
-            ):
-                raise DecodeError("source-mismatch", f"published on {key}")
-        except DecodeError as error:
-            self.counters.invalid[error.reason] = self.counters.invalid.get(error.reason, 0) + 1
-            return
-        if self._is_new(message):
-            self.counters.received += 1
-            self._inbox.put((time.monotonic(), message))
-
-    def _is_new(self, message: M) -> bool:
-        """Follow the sequence numbers; an update that is repeated or overtaken says nothing new."""
-        if not isinstance(message, HypothesisUpdate | ObservationBatch):
-            return True
-        name = _publisher(message)
-        session, newest = self._newest.get(name, ("", 0))
-        if session == message.session:
-            if message.seq <= newest:
-                self.counters.stale += isinstance(message, HypothesisUpdate)
-                return isinstance(message, ObservationBatch)
-            self.counters.lost += message.seq - newest - 1
-        self._newest[name] = (message.session, message.seq)
-        return True
-
-
-def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status) -> str:
-    """Who says it published this, in the words of the key."""
-    match message:
-        case HypothesisUpdate():
-            return message.scene
-        case Status():
-            return message.component
-        case _:
-            return message.source
 
 
 class Subscribing(Generic[M]):

@@ -20,8 +20,10 @@ from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, Keys, Obser
 from comotion_schemas.component import Component, new_session_id
 from comotion_schemas.transport import SessionSettings
 
-from .scene_model import EventRow, SceneModel
-from .subscribe import Subscription, connected
+from .scene_model import SceneModel
+from .scene_rows import EventRow
+from .subscribe import connected
+from .subscription import Subscription
 from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
 
 REFRESH_S = 0.25

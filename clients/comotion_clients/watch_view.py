@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .colours import hex_colour
-from .scene_model import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
+from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
 
 Sort = Literal["size", "name", "age"]
 SORTS: tuple[Sort, ...] = get_args(Sort)

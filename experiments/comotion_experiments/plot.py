@@ -4,7 +4,6 @@ Needs the extra ``plot`` (matplotlib), which is imported only when a picture is 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,40 +16,14 @@ from comotion_clients.metrics import Score, Truth, contingency
 from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
+from .trace import Moment, Trace, main_space, moment_of
+
+__all__ = ["Trace", "save_plot"]
+
 PANELS = 3
 TRAIL_S = 1.0
-_TRACE_LIMIT = 600
 _LEGEND_LIMIT = 8
 _DPI = 100
-
-
-class Trace:
-    """The updates of a run, thinned out so that a long run stays small."""
-
-    def __init__(self) -> None:
-        self.updates: list[HypothesisUpdate] = []
-        self._stride = 1
-        self._count = 0
-
-    def add(self, update: HypothesisUpdate, score: Score | None = None) -> None:  # noqa: ARG002
-        """Take in an update; its score, if given, is not needed here."""
-        if self._count % self._stride == 0:
-            self.updates.append(update)
-        self._count += 1
-        if len(self.updates) > _TRACE_LIMIT:
-            del self.updates[1::2]
-            self._stride *= 2
-
-
-@dataclass(frozen=True)
-class _Moment:
-    """The tracks of one space in one update."""
-
-    stamp_ns: int
-    tracks: list[tuple[str, str, int]]
-    positions: NDArray[np.float32]
-    hypotheses: NDArray[np.int64]
-    objects: NDArray[np.int64]
 
 
 def save_plot(
@@ -91,10 +64,10 @@ def save_plot(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    space = _main_space(updates, spaces)
+    space = main_space(updates, spaces)
     if space is None:
         raise ValueError("there is nothing to plot: no update lists a track")
-    moments = [_moment(update, truth, spaces, space) for update in updates]
+    moments = [moment_of(update, truth, spaces, space) for update in updates]
     has_truth = any((moment.objects >= 0).any() for moment in moments)
     figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -104,51 +77,19 @@ def save_plot(
     figure.savefig(path)
 
 
-def _main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
-    counts: dict[SpaceRef, int] = {}
-    for update in updates:
-        for index, source in enumerate(update.sources):
-            if source.name in spaces:
-                space = spaces[source.name]
-                counts[space] = counts.get(space, 0) + int(np.count_nonzero(update.track_source == index))
-    return max(counts, key=lambda s: counts[s], default=None) if any(counts.values()) else None
-
-
-def _moment(
-    update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
-) -> _Moment:
-    picked, tracks, objects = [np.zeros(0, np.intp)], [], [np.zeros(0, np.int32)]
-    for index, source in enumerate(update.sources):
-        if spaces.get(source.name) == space:
-            rows = np.flatnonzero(update.track_source == index)
-            ids = update.track_id[rows]
-            picked.append(rows)
-            tracks += [(source.name, source.session, identity) for identity in ids.tolist()]
-            objects.append(truth.objects((source.name, source.session), ids))
-    chosen = np.concatenate(picked)
-    return _Moment(
-        stamp_ns=update.stamp_ns,
-        tracks=tracks,
-        positions=update.track_position[chosen, : space.dim],
-        hypotheses=update.track_hypothesis[chosen].astype(np.int64),
-        objects=np.concatenate(objects).astype(np.int64),
-    )
-
-
-def object_colours(moments: Sequence[_Moment]) -> dict[int, tuple[float, float, float]]:
-    """A colour per true object: that of the hypothesis it was most often found as, if one is free."""
-    labels = np.concatenate([m.hypotheses for m in moments])
-    objects = np.concatenate([m.objects for m in moments])
+def object_colours(moment: Moment) -> dict[int, tuple[float, float, float]]:
+    """A colour per true object: that of the hypothesis it matches best, so that errors stand out."""
+    labels, objects = moment.hypotheses, moment.objects
     scored = (objects >= 0) & (labels != UNDETERMINED)
     found: dict[int, tuple[int, int, int]] = {}
     if scored.any():
         counts = contingency(labels[scored], objects[scored])
         rows, columns = linear_sum_assignment(counts, maximize=True)
         ids, numbers = np.unique(labels[scored]), np.unique(objects[scored])
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            if colour(int(ids[row])) not in found.values():
-                found[int(numbers[column])] = colour(int(ids[row]))
-    free = [hue for hue in HUES if hue not in found.values()]
+        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        found = {int(numbers[column]): colour(int(ids[row])) for row, column in pairs}
+    used = {colour(label) for label in np.unique(labels).tolist()}
+    free = [hue for hue in HUES if hue not in used]
     for number in np.unique(objects[objects >= 0]).tolist():
         if number not in found:
             found[number] = free.pop(0) if free else colour(number)
@@ -164,15 +105,15 @@ class _Painter:
         self,
         figure: Any,
         space: SpaceRef,
-        moments: Sequence[_Moment],
+        moments: Sequence[Moment],
         scores: Sequence[Score],
         truth: Truth,
         has_truth: bool,
     ) -> None:
         self._figure, self._space, self._moments = figure, space, moments
         self._scores, self._truth, self._has_truth = scores, truth, has_truth
-        self._start_ns = next(m.stamp_ns for m in moments if m.tracks)
-        self._object_colours = object_colours(moments) if has_truth else {}
+        filled = [m.stamp_ns for m in moments if m.tracks]
+        self._start_ns = min([*filled, *(score.stamp_ns for score in scores if score.scored)])
         self._limits = _limits([m.positions for m in moments])
 
     def draw(self) -> None:
@@ -201,9 +142,12 @@ class _Painter:
         moment = self._moments[index]
         labels = moment.objects if truth else moment.hypotheses
         trails = self._trails(index)
+        objects = object_colours(moment) if truth else {}
         for label in np.unique(labels).tolist():
-            rgb, shape, name = self._style(label, int(np.count_nonzero(labels == label)), truth=truth)
             members = np.flatnonzero(labels == label)
+            rgb, shape, name = (
+                self._object_style(label, objects) if truth else _hypothesis_style(label, len(members))
+            )
             axes.plot(*_broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
             points = moment.positions[members].T
             axes.plot(*points, linestyle="", marker=shape, markersize=4.5, color=rgb, label=name)
@@ -211,12 +155,12 @@ class _Painter:
         self._frame(axes)
         self._legend(axes)
 
-    def _style(self, label: int, count: int, *, truth: bool) -> tuple[tuple[float, float, float], str, str]:
-        if truth:
-            name = self._truth.names.get(label, f"object {label}") if label >= 0 else "not scored"
-            return self._object_colours.get(label, _unit_rgb(GREY)), "o" if label >= 0 else "x", name
-        name = "undetermined" if label == UNDETERMINED else f"{label}"
-        return _unit_rgb(colour(label)), marker(label), f"{name} ({count})"
+    def _object_style(
+        self, number: int, colours: Mapping[int, tuple[float, float, float]]
+    ) -> tuple[tuple[float, float, float], str, str]:
+        if number < 0:
+            return _unit_rgb(GREY), "x", "not scored"
+        return colours[number], "o", self._truth.names.get(number, f"object {number}")
 
     def _trails(self, index: int) -> list[NDArray[np.float32]]:
         """The way each track of a moment has come in the last second: [steps, dim] each."""
@@ -280,6 +224,11 @@ class _Painter:
             )
         axes.set_xlabel("t [s]")
         axes.grid(visible=True, alpha=0.3)
+
+
+def _hypothesis_style(label: int, count: int) -> tuple[tuple[float, float, float], str, str]:
+    name = "undetermined" if label == UNDETERMINED else f"{label}"
+    return _unit_rgb(colour(label)), marker(label), f"{name} ({count})"
 
 
 def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from comotion import FusionConfig
+from comotion_deploy.cli import run
 from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
 
@@ -76,17 +77,17 @@ def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: 
         (["sim:fig4_4", "--duration", "0"], "--duration 0 is not above 0"),
     ],
 )
-def test_misuse_is_one_clear_line(start: Callable, arguments: list[str], complaint: str) -> None:
-    process = start("evaluate", *arguments, ready=False)
-    assert process.wait() == 2
-    (line,) = process.lines
+def test_misuse_is_one_clear_line(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["evaluate", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert complaint in line
 
 
-def test_a_table_of_a_scene(start: Callable, tmp_path: Path) -> None:
-    process = start("evaluate", "sim:fig4_1", "--duration", "1", "--seeds", "0-1", ready=False)
-    assert process.wait() == 0
-    header, row = process.lines
+def test_a_table_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["evaluate", "sim:fig4_1", "--duration", "1", "--seeds", "0-1"]) == 0
+    header, row = capsys.readouterr().out.splitlines()
     assert header.split()[:3] == ["file", "mean", "NMI"]
     assert row.startswith("sim:fig4_1")

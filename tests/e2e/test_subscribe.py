@@ -1,6 +1,7 @@
 """Subscriptions over real Zenoh on a loopback port."""
 
 import asyncio
+import secrets
 import socket
 import threading
 from collections.abc import Iterator
@@ -15,10 +16,9 @@ from comotion_schemas.transport import SessionSettings, declare_publisher, open_
 
 pytestmark = pytest.mark.e2e
 SESSION = "0123456789abcdef"
-KEYS = Keys("scene")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -27,13 +27,19 @@ def endpoint() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def session(endpoint: str) -> Iterator[zenoh.Session]:
     with open_session(SessionSettings(connect=(endpoint,))) as session:
         yield session
 
 
-def update(seq: int, *, scene: str = "scene", session: str = SESSION) -> HypothesisUpdate:
+@pytest.fixture
+def scene() -> str:
+    """A scene of its own for every test: they share a router."""
+    return f"scene-{secrets.token_hex(4)}"
+
+
+def update(scene: str, seq: int, *, session: str = SESSION) -> HypothesisUpdate:
     return HypothesisUpdate(
         scene=scene,
         session=session,
@@ -66,22 +72,26 @@ def batch(source: str, seq: int) -> ObservationBatch:
     )
 
 
-def test_the_last_update_comes_at_once_and_then_the_next(endpoint: str, session: zenoh.Session) -> None:
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+def test_the_last_update_comes_at_once_and_then_the_next(
+    session: zenoh.Session, endpoint: str, scene: str
+) -> None:
+    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     for seq in range(3):
-        publisher.put(encode(update(seq)))
-    with subscribe("scene", endpoint, timeout=20) as updates:
+        publisher.put(encode(update(scene, seq)))
+    with subscribe(scene, endpoint, timeout=20) as updates:
         assert next(updates).seq == 2
-        publisher.put(encode(update(3)))
+        publisher.put(encode(update(scene, 3)))
         assert next(updates).seq == 3
 
 
-def test_a_reader_that_is_too_slow_loses_the_oldest(endpoint: str, session: zenoh.Session) -> None:
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    other = Subscription(session, HypothesisUpdate, "scene", timeout=20)
-    with other, Subscription(session, HypothesisUpdate, "scene", capacity=2, timeout=20) as slow:
+def test_a_reader_that_is_too_slow_loses_the_oldest(
+    session: zenoh.Session, endpoint: str, scene: str
+) -> None:
+    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
+    other = Subscription(session, HypothesisUpdate, scene, timeout=20)
+    with other, Subscription(session, HypothesisUpdate, scene, capacity=2, timeout=20) as slow:
         for seq in range(10):
-            publisher.put(encode(update(seq)))
+            publisher.put(encode(update(scene, seq)))
         assert [next(other).seq for _ in range(10)] == list(range(10))
         while slow.counters.received < 10:
             pass
@@ -89,42 +99,44 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(endpoint: str, session: zeno
         assert [message.seq for _, message in slow.drain()] == [8, 9]
 
 
-def test_invalid_payloads_are_counted_by_reason_and_skipped(endpoint: str, session: zenoh.Session) -> None:
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, "scene", timeout=20) as updates:
+def test_invalid_payloads_are_counted_by_reason_and_skipped(
+    session: zenoh.Session, endpoint: str, scene: str
+) -> None:
+    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, scene, timeout=20) as updates:
         publisher.put(b"\xc1 not msgpack")
         publisher.put(encode(batch("a", 0)))
-        publisher.put(encode(update(0, scene="elsewhere")))
-        publisher.put(encode(update(1)))
+        publisher.put(encode(update("elsewhere", 0)))
+        publisher.put(encode(update(scene, 1)))
         assert next(updates).seq == 1
         assert updates.counters.invalid == {"malformed": 1, "schema": 1, "source-mismatch": 1}
 
 
-def test_gaps_repeats_and_restarts_are_told_apart(endpoint: str, session: zenoh.Session) -> None:
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, "scene", timeout=20) as updates:
+def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene: str) -> None:
+    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, scene, timeout=20) as updates:
         for seq in (5, 8, 8, 7):
-            publisher.put(encode(update(seq)))
-        publisher.put(encode(update(0, session="f" * 16)))
+            publisher.put(encode(update(scene, seq)))
+        publisher.put(encode(update(scene, 0, session="f" * 16)))
         assert [next(updates).seq for _ in range(3)] == [5, 8, 0]
         assert (updates.counters.lost, updates.counters.stale) == (2, 2)
 
 
-def test_observations_status_and_truth(endpoint: str, session: zenoh.Session) -> None:
-    truths = declare_publisher(session, KEYS.stream("truth", "cam"), "truth")
+def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, scene: str) -> None:
+    truths = declare_publisher(session, Keys(scene).stream("truth", "cam"), "truth")
     for feature in range(1500):
         truths.put(encode(TruthBatch(source="cam", session=SESSION, ids=[feature], objects=[1], names={})))
-    with subscribe("scene", endpoint, message=TruthBatch, timeout=20) as truth:
+    with subscribe(scene, endpoint, message=TruthBatch, timeout=20) as truth:
         assert [int(next(truth).ids[0]) for _ in range(1500)] == list(range(1500))
-    observations = declare_publisher(session, KEYS.stream("obs", "cam"), "obs")
-    with Subscription(session, ObservationBatch, "scene", timeout=20) as batches:
+    observations = declare_publisher(session, Keys(scene).stream("obs", "cam"), "obs")
+    with Subscription(session, ObservationBatch, scene, timeout=20) as batches:
         observations.put(encode(batch("spoof", 0)))
         observations.put(encode(batch("cam", 0)))
         assert next(batches).source == "cam"
         assert batches.counters.invalid == {"source-mismatch": 1}
-    status = declare_publisher(session, KEYS.stream("status", "cam"), "status")
+    status = declare_publisher(session, Keys(scene).stream("status", "cam"), "status")
     status.put(encode(_status("cam")))
-    with subscribe("scene", endpoint, message=Status, timeout=20) as statuses:
+    with subscribe(scene, endpoint, message=Status, timeout=20) as statuses:
         assert next(statuses).component == "cam"
 
 
@@ -143,25 +155,25 @@ def _status(name: str) -> Status:
     )
 
 
-def test_asyncio(endpoint: str, session: zenoh.Session) -> None:
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    publisher.put(encode(update(0)))
+def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:
+    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
+    publisher.put(encode(update(scene, 0)))
 
     async def read() -> list[int]:
         found = []
-        async with subscribe("scene", endpoint, timeout=20) as updates:
+        async with subscribe(scene, endpoint, timeout=20) as updates:
             async for message in updates:
                 found.append(message.seq)
                 if len(found) == 3:
                     return found
-                publisher.put(encode(update(len(found))))
+                publisher.put(encode(update(scene, len(found))))
         return found
 
     assert asyncio.run(read()) == [0, 1, 2]
 
 
-def test_closing_ends_a_loop_that_waits(endpoint: str, session: zenoh.Session) -> None:
-    updates = Subscription(session, HypothesisUpdate, "scene")
+def test_closing_ends_a_loop_that_waits(session: zenoh.Session, scene: str) -> None:
+    updates = Subscription(session, HypothesisUpdate, scene)
     closer = threading.Thread(target=updates.close)
     closer.start()
     assert list(updates) == []
@@ -169,8 +181,8 @@ def test_closing_ends_a_loop_that_waits(endpoint: str, session: zenoh.Session) -
     updates.close()
 
 
-def test_silence_is_a_timeout(endpoint: str) -> None:
-    with subscribe("scene", endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
+def test_silence_is_a_timeout(endpoint: str, scene: str) -> None:
+    with subscribe(scene, endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
         next(updates)
 
 

@@ -10,7 +10,8 @@ from comotion_clients.colours import colour
 from comotion_clients.metrics import Truth
 from comotion_clients.scoring import SpaceRef
 from comotion_experiments.offline import Run, run_offline
-from comotion_experiments.plot import Trace, _moment, object_colours, save_plot
+from comotion_experiments.plot import Trace, object_colours, save_plot
+from comotion_experiments.trace import moment_of
 from comotion_sources import simulator
 
 cv2 = pytest.importorskip("cv2")
@@ -50,9 +51,8 @@ def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
 def test_an_object_has_the_colour_of_its_hypothesis() -> None:
     done, trace = run("fig4_1", 4.0)
     space = SpaceRef("world", "m", 2)
-    moments = [_moment(update, done.truth, done.spaces, space) for update in trace.updates]
-    colours = object_colours(moments)
-    last = moments[-1]
+    last = moment_of(trace.updates[-1], done.truth, done.spaces, space)
+    colours = object_colours(last)
     for number in (0, 1):
         (hypothesis,) = np.unique(last.hypotheses[last.objects == number]).tolist()
         assert colours[number] == pytest.approx([value / 255 for value in colour(hypothesis)])

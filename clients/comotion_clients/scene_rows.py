@@ -1,0 +1,80 @@
+"""What `comotion watch` shows of a scene: plain values."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+SourceState = Literal["ok", "stalled", "gone"]
+ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
+
+
+@dataclass(frozen=True)
+class SourceRow:
+    """One source: `rate` in batches/s, `age` s since its last batch, `lag` s from acquisition to arrival.
+
+    `losing`: batches were lost in the last 10 s. `tracks` counts those of the newest update.
+    """
+
+    name: str
+    state: SourceState
+    rate: float
+    age: float
+    lag: float
+    lost: int
+    losing: bool
+    tracks: int
+    space: str
+
+
+@dataclass(frozen=True)
+class HypothesisRow:
+    """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None."""
+
+    id: int
+    space: str
+    unit: str
+    state: str
+    size: int
+    age: float
+    confidence: float
+    speed: float | None
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One event, `ago` s before the newest update."""
+
+    stamp_ns: int
+    ago: float
+    kind: str
+    hypothesis: int
+    others: list[int]
+
+
+@dataclass(frozen=True)
+class ServiceRow:
+    """The service: `rate` of updates, `age` s since the last one, `lag` s from its W to its publication."""
+
+    state: ServiceState
+    rate: float
+    age: float
+    lag: float
+    lost: int
+    losing: bool
+    seq: int
+    message: str
+    counters: dict[str, int]
+    rejected: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything `comotion watch` shows."""
+
+    scene: str
+    stamp_ns: int
+    service: ServiceRow
+    tracks: int
+    undetermined: int
+    sources: list[SourceRow]
+    hypotheses: list[HypothesisRow]
+    events: list[EventRow]

@@ -1,0 +1,75 @@
+"""What is kept of a run to draw it: its updates, and the tracks of one space at each moment."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_clients.metrics import Score, Truth
+from comotion_clients.scoring import SpaceRef
+from comotion_schemas import HypothesisUpdate
+
+_TRACE_LIMIT = 600
+
+
+class Trace:
+    """The updates of a run, thinned out so that a long run stays small."""
+
+    def __init__(self) -> None:
+        self.updates: list[HypothesisUpdate] = []
+        self._stride = 1
+        self._count = 0
+
+    def add(self, update: HypothesisUpdate, score: Score | None = None) -> None:  # noqa: ARG002
+        """Take in an update; its score, if given, is not needed here."""
+        if self._count % self._stride == 0:
+            self.updates.append(update)
+        self._count += 1
+        if len(self.updates) > _TRACE_LIMIT:
+            del self.updates[1::2]
+            self._stride *= 2
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The tracks of one space in one update: positions [N, dim], hypothesis ids and objects [N]."""
+
+    stamp_ns: int
+    tracks: list[tuple[str, str, int]]
+    positions: NDArray[np.float32]
+    hypotheses: NDArray[np.int64]
+    objects: NDArray[np.int64]
+
+
+def main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
+    """Find the space with most tracks; None where there is no track."""
+    counts: dict[SpaceRef, int] = {}
+    for update in updates:
+        for index, source in enumerate(update.sources):
+            if source.name in spaces:
+                space = spaces[source.name]
+                counts[space] = counts.get(space, 0) + int(np.count_nonzero(update.track_source == index))
+    return max(counts, key=lambda s: counts[s], default=None) if any(counts.values()) else None
+
+
+def moment_of(
+    update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
+) -> Moment:
+    """Pick the tracks of a space out of an update, with their true objects."""
+    picked, tracks, objects = [np.zeros(0, np.intp)], [], [np.zeros(0, np.int32)]
+    for index, source in enumerate(update.sources):
+        if spaces.get(source.name) == space:
+            rows = np.flatnonzero(update.track_source == index)
+            ids = update.track_id[rows]
+            picked.append(rows)
+            tracks += [(source.name, source.session, identity) for identity in ids.tolist()]
+            objects.append(truth.objects((source.name, source.session), ids))
+    chosen = np.concatenate(picked)
+    return Moment(
+        stamp_ns=update.stamp_ns,
+        tracks=tracks,
+        positions=update.track_position[chosen, : space.dim],
+        hypotheses=update.track_hypothesis[chosen].astype(np.int64),
+        objects=np.concatenate(objects).astype(np.int64),
+    )
