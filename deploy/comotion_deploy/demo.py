@@ -78,8 +78,8 @@ def _curve(values: Sequence[float]) -> list[str]:
         "NMI over time, one bar a second, the full height is 1:",
         f"  {sparkline(values)}",
         *(
-            "  " + "  ".join(f"{k:>3} s {v:.2f}" for k, v in list(enumerate(values))[row : row + 8])
-            for row in range(0, len(values), 8)
+            "  " + "  ".join(f"{k:>3} s {v:.2f}" for k, v in list(enumerate(values))[row : row + 6])
+            for row in range(0, len(values), 6)
         ),
     ]
 
