@@ -77,6 +77,8 @@ class Column:
     def _from_array(self, value: object) -> Array:
         try:
             given = np.asarray(value)
+            if given.dtype.kind == "f" and isinstance(value, list) and all(type(v) is int for v in value):
+                given = np.array(value, self.dtype)  # NumPy makes floats of a list that exceeds int64
             self._check_kind(given)
             # An overflow to infinity is reported by the finite check, not by a warning.
             with np.errstate(over="ignore"):
@@ -123,9 +125,14 @@ class Column:
         return {"type": "string", "contentEncoding": "binary", "x-dtype": self.dtype, "x-shape": shape}
 
 
+def increasing(ids: Array) -> bool:
+    """Whether every id exceeds the one before."""
+    return bool((ids[1:] > ids[:-1]).all())
+
+
 def has_duplicates(ids: Array) -> bool:
     """Whether an id occurs twice. The common sorted case needs no sort."""
-    if ids.size < 2 or bool((ids[1:] > ids[:-1]).all()):
+    if ids.size < 2 or increasing(ids):
         return False
     ordered = np.sort(ids)
     return bool((ordered[1:] == ordered[:-1]).any())

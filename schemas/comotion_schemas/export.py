@@ -44,7 +44,7 @@ def _as_on_the_wire(node: Any) -> Any:
     if not isinstance(node, dict):
         return node
     result = {
-        _BOUNDS.get(key, key): _as_on_the_wire(value)
+        str(_BOUNDS.get(key, key)).replace(r"\z", "$"): _as_on_the_wire(value)
         for key, value in node.items()
         if not (key == "default" and (value is None or "const" in node))
     }

@@ -19,7 +19,7 @@ from pydantic import (
 )
 from pydantic.dataclasses import dataclass
 
-from .columns import Array, Column, has_duplicates, reject, require_rows
+from .columns import Array, Column, has_duplicates, increasing, reject, require_rows
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
@@ -152,6 +152,8 @@ class ObservationBatch:
             return
         if int(self.stamps_ns.max()) != self.stamp_ns:
             raise reject("range", "the largest of stamps_ns must equal stamp_ns")
+        if increasing(self.ids):
+            return
         order = np.argsort(self.ids, kind="stable")
         ids, stamps = self.ids[order], self.stamps_ns[order]
         same = ids[1:] == ids[:-1]
@@ -166,6 +168,10 @@ class ObservationBatch:
         if self.dim != 3:
             raise reject("schema", "quaternions need dim 3")
         require_rows("quaternions", self.quaternions, len(self.ids))
+        squares = np.einsum("ni,ni->n", self.quaternions, self.quaternions)
+        # Within half the tolerance of the norm: rounding cannot matter, and there is no NaN.
+        if bool((np.abs(squares - 1.0) < UNIT_NORM_TOLERANCE).all()):
+            return
         point = np.isnan(self.quaternions).all(axis=1)
         poses = self.quaternions[~point].astype(np.float64)
         if not np.isfinite(poses).all():

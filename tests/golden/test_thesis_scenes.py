@@ -1,0 +1,91 @@
+"""The simulated scenes of the thesis give its figures, averaged over the seeds 0 to 4."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion_experiments.offline import Run, run_offline
+from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_sources.simulator import batches, load_scene, simulate
+
+SEEDS = range(5)
+FRAME = 1 / 15
+
+
+@cache
+def runs(scene: str, sigma_switch: float, v_move: float | None, period: float) -> list[Run]:
+    spec = load_scene(scene)
+    config = FusionConfig(method="thesis", sigma_switch=sigma_switch, v_move=v_move)
+    return [run_offline(batches(simulate(spec, seed=seed)), config, period=period) for seed in SEEDS]
+
+
+def curve(scene, sigma_switch, v_move=None, period=1 / 3):
+    """(seconds [updates], NMI [seeds, updates])."""
+    found = runs(scene, sigma_switch, v_move, period)
+    return found[0].seconds, np.array([run.nmi for run in found])
+
+
+def test_figure_4_1_with_the_best_sigma_is_perfect_from_1_5_s_on():
+    t, nmi = curve("fig4_1", 0.02)
+    np.testing.assert_array_equal(nmi[:, t >= 1.5], 1.0)
+    assert len(t) == 30
+
+
+def test_figure_4_1_with_sigma_too_small_leaves_every_trajectory_alone():
+    t, nmi = curve("fig4_1", 0.005)
+    assert nmi.mean() == pytest.approx(0.23, abs=0.01)
+    assert np.abs(nmi[:, t >= 1] - 0.23).max() < 0.01
+    hypotheses = [s.hypotheses for run in runs("fig4_1", 0.005, None, 1 / 3) for s in run.scores]
+    assert np.median(hypotheses) >= 48
+
+
+def test_figure_4_1_with_sigma_too_large_takes_5_s_to_see_the_object():
+    t, nmi = curve("fig4_1", 0.08)
+    np.testing.assert_array_equal(nmi[:, np.isclose(t, 3.0)], 0.0)
+    np.testing.assert_array_equal(nmi[:, t >= 5.0 - 1e-6], 1.0)
+
+
+@pytest.mark.parametrize("respawn", [2, 4, 6])
+def test_figure_4_4_drops_when_features_are_replaced_and_recovers(respawn):
+    t, nmi = curve("fig4_4", 0.01, period=FRAME)
+    mean = nmi.mean(axis=0)
+    before, drop = np.isclose(t, respawn - FRAME), (t > respawn - 1e-6) & (t < respawn + 0.2)
+    assert mean[before] > 0.88
+    assert mean[drop].min() == pytest.approx(0.65, abs=0.08)
+    assert mean[np.isclose(t, respawn + 1.4)] > 0.88
+
+
+def test_figure_4_3_weights_see_a_late_start_a_little_sooner():
+    first = {}
+    for v_move in (0.1, 0.001, None):
+        t, nmi = curve("fig4_3", 0.01, v_move, FRAME)
+        assert np.all(nmi[:, t < 10] == 0)
+        perfect = nmi.min(axis=0) == 1
+        first[v_move] = t[perfect].min()
+        assert perfect[t >= first[v_move]].all()
+    assert 10 < first[0.1] < first[None] < 11
+    # A velocity far below any noise is no different from equal weights.
+    assert first[0.001] == pytest.approx(first[None], abs=FRAME + 1e-6)
+
+
+def test_figure_3_6_affinity_depends_on_the_direction_of_motion():
+    fusion = Fusion(FusionConfig(method="thesis", sigma_switch=0.01))
+    body = {}
+    for message in batches(simulate(load_scene("fig3_6"), seed=0)):
+        if isinstance(message, TruthBatch):
+            names = [message.names[str(number)] for number in message.objects.tolist()]
+            body |= dict(zip(message.ids.tolist(), names, strict=True))
+        elif isinstance(message, ObservationBatch):
+            fusion.ingest(message)
+            update = fusion.update(message.stamp_ns)
+    snapshot = fusion.affinity(update.hypotheses[0].space)
+    of = np.array([body[track] for _, _, track in snapshot.tracks])
+    a = {(i, j): float(snapshot.matrix[np.ix_(of == i, of == j)].mean()) for i in "RGPYB" for j in "RGPYB"}
+    assert a["B", "Y"] < 0.01
+    assert a["B", "G"] > 0.9
+    assert all(a[i, j] == pytest.approx(1.0) for i in "RGPY" for j in "RGPY")
+    # G, to which B seems tied, is yet told apart from B, by Y.
+    assert len(update.hypotheses) == 2
+    assert sorted(h.size for h in update.hypotheses) == [3, 12]

@@ -1,0 +1,402 @@
+"""Every rejection of the codec with the reason the protocol names for it."""
+
+import subprocess
+import sys
+
+import msgpack
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from comotion_schemas import (
+    MAX_BYTES,
+    DecodeError,
+    HypothesisUpdate,
+    JointStates,
+    ObservationBatch,
+    Preview,
+    Status,
+    TruthBatch,
+    decode,
+    decode_as,
+    encode,
+)
+
+SESSION = "0123456789abcdef"
+NAN, INF = float("nan"), float("inf")
+ABSENT = object()
+
+
+def u8(*values):
+    return np.array(values, "<u8").tobytes()
+
+
+def i8(*values):
+    return np.array(values, "<i8").tobytes()
+
+
+def f4(*values):
+    return np.array(values, "<f4").tobytes()
+
+
+OBS = {
+    "schema": "comotion.ObservationBatch/1",
+    "source": "cam",
+    "session": SESSION,
+    "seq": 0,
+    "space": "world",
+    "unit": "m",
+    "dim": 3,
+    "stamp_ns": 50,
+    "ids": u8(1, 2),
+    "positions": f4(*range(6)),
+}
+TRUTH = {
+    "schema": "comotion.TruthBatch/1",
+    "source": "sim",
+    "session": SESSION,
+    "ids": u8(1, 2),
+    "objects": np.array([0, 1], "<i4").tobytes(),
+    "names": {"0": "R"},
+}
+JOINTS = {
+    "schema": "comotion.JointStates/1",
+    "source": "arm",
+    "session": SESSION,
+    "seq": 0,
+    "stamp_ns": 0,
+    "names": ["a", "b"],
+    "positions": np.zeros(2, "<f8").tobytes(),
+}
+PREVIEW = {
+    "schema": "comotion.Preview/1",
+    "source": "cam",
+    "session": SESSION,
+    "stamp_ns": 0,
+    "encoding": "jpeg",
+    "image": b"",
+    "ids": u8(1, 2),
+    "pixels": f4(1, 2, 3, 4),
+}
+STATUS = {
+    "schema": "comotion.Status/1",
+    "component": "cam",
+    "role": "source",
+    "session": SESSION,
+    "stamp_ns": 0,
+    "state": "ok",
+    "rates": {"obs": 1.0},
+    "ages": {},
+    "counters": {"batches": 1},
+    "rejected": {"malformed": 1},
+    "message": "",
+}
+HYPOTHESIS = {
+    "id": 4,
+    "space": "world",
+    "size": 2,
+    "born_ns": 0,
+    "state": "moving",
+    "centroid": [0.0, 0.0, 0.0],
+    "pose": {"translation": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]},
+    "twist": {"linear": [0.0, 0.0, 0.0], "angular": [0.0, 0.0, 0.0]},
+    "noise": 0.0,
+    "linked": [5],
+}
+UPDATE = {
+    "schema": "comotion.HypothesisUpdate/1",
+    "scene": "default",
+    "session": SESSION,
+    "seq": 0,
+    "stamp_ns": 0,
+    "published_ns": 0,
+    "period_ns": 1,
+    "sources": [{"name": "cam", "session": SESSION}],
+    "track_source": np.array([0, 0], "<u2").tobytes(),
+    "track_id": u8(1, 2),
+    "track_hypothesis": np.array([4, 2**32 - 1], "<u4").tobytes(),
+    "track_confidence": f4(0, 1),
+    "track_position": f4(1, 2, NAN, 4, 5, 6),
+    "hypotheses": [HYPOTHESIS],
+    "events": [{"stamp_ns": 0, "kind": "merged", "hypothesis": 4, "others": [1, 2]}],
+}
+VALID = {
+    ObservationBatch: OBS,
+    TruthBatch: TRUTH,
+    JointStates: JOINTS,
+    Preview: PREVIEW,
+    Status: STATUS,
+    HypothesisUpdate: UPDATE,
+}
+
+
+def changed(content, **changes):
+    return {key: value for key, value in (content | changes).items() if value is not ABSENT}
+
+
+def hypothesis(**changes):
+    return changed(UPDATE, hypotheses=[changed(HYPOTHESIS, **changes)])
+
+
+def event(kind, others):
+    return changed(UPDATE, events=[{"stamp_ns": 0, "kind": kind, "hypothesis": 4, "others": others}])
+
+
+@pytest.mark.parametrize("kind", list(VALID), ids=lambda kind: kind.__name__)
+def test_the_unchanged_message_is_accepted(kind):
+    assert isinstance(decode_as(kind, msgpack.packb(VALID[kind])), kind)
+
+
+REJECTED = {
+    # schema
+    "no schema": (changed(OBS, schema=ABSENT), "schema"),
+    "another version": (changed(OBS, schema="comotion.ObservationBatch/2"), "schema"),
+    "a schema that is no string": (changed(OBS, schema=["comotion.ObservationBatch/1"]), "schema"),
+    "a missing field": (changed(OBS, unit=ABSENT), "schema"),
+    "a nil instead of an absent field": (changed(OBS, sigma=None), "schema"),
+    "a name in capitals": (changed(OBS, source="Cam"), "schema"),
+    "a name of two chunks": (changed(OBS, source="a/b"), "schema"),
+    "a name with a line feed": (changed(OBS, source="cam\n"), "schema"),
+    "a name of 65 characters": (changed(OBS, source="c" * 65), "schema"),
+    "a session of 15 digits": (changed(OBS, session=SESSION[1:]), "schema"),
+    "another unit": (changed(OBS, unit="mm"), "schema"),
+    "a number as string": (changed(OBS, seq="0"), "schema"),
+    "a number as float": (changed(OBS, seq=0.0), "schema"),
+    "a boolean as number": (changed(OBS, dim=True), "schema"),
+    "ids as list": (changed(OBS, ids=[1, 2]), "schema"),
+    "positions as list": (changed(OBS, positions=[[0, 1, 2], [3, 4, 5]]), "schema"),
+    "sigma as list": (changed(OBS, sigma=[0.1, 0.1]), "schema"),
+    "sigma as boolean": (changed(OBS, sigma=True), "schema"),
+    "sigma as string": (changed(OBS, sigma="0.1"), "schema"),
+    "ids as string": (changed(OBS, ids="0123456789abcdef"), "schema"),
+    "orientations in two dimensions": (
+        changed(OBS, dim=2, positions=f4(1, 2, 3, 4), quaternions=f4(0, 0, 0, 1, 0, 0, 0, 1)),
+        "schema",
+    ),
+    "a truth name for no number": (changed(TRUTH, names={"R": "R"}), "schema"),
+    "another image encoding": (changed(PREVIEW, encoding="png"), "schema"),
+    "another role": (changed(STATUS, role="router"), "schema"),
+    "another rejection reason": (changed(STATUS, rejected={"ugly": 1}), "schema"),
+    "another event kind": (event("moved", []), "schema"),
+    # unknown-field
+    "an unknown field": (changed(OBS, colour="red"), "unknown-field"),
+    "an unknown field of a hypothesis": (hypothesis(colour="red"), "unknown-field"),
+    "an unknown field of a source": (
+        changed(UPDATE, sources=[{"name": "cam", "session": SESSION, "rate": 1}]),
+        "unknown-field",
+    ),
+    # length
+    "an id cut short": (changed(OBS, ids=u8(1, 2)[:-1]), "length"),
+    "too few positions": (changed(OBS, positions=f4(*range(5))), "length"),
+    "too many positions": (changed(OBS, positions=f4(*range(9))), "length"),
+    "positions of no whole number": (changed(OBS, positions=f4(*range(6))[:-2]), "length"),
+    "too few stamps": (changed(OBS, stamps_ns=i8(50)), "length"),
+    "too few sigmas": (changed(OBS, sigma=f4(1)), "length"),
+    "too few quaternions": (changed(OBS, quaternions=f4(0, 0, 0, 1)), "length"),
+    "quaternions of three": (changed(OBS, quaternions=f4(*range(6))), "length"),
+    "an empty space name": (changed(OBS, space=""), "length"),
+    "a long space name": (changed(OBS, space="x" * 257), "length"),
+    "too few objects": (changed(TRUTH, objects=b""), "length"),
+    "too few joints": (changed(JOINTS, positions=b""), "length"),
+    "too few joint velocities": (changed(JOINTS, velocities=b"\0" * 8), "length"),
+    "too few pixels": (changed(PREVIEW, pixels=f4(1, 2)), "length"),
+    "too few track sources": (changed(UPDATE, track_source=b"\0\0"), "length"),
+    "too few track positions": (changed(UPDATE, track_position=f4(1, 2, 3)), "length"),
+    "a centroid of one": (hypothesis(centroid=[0.0]), "length"),
+    "a pose of another dimension": (
+        hypothesis(pose={"translation": [0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]}),
+        "length",
+    ),
+    "a twist of another dimension": (
+        hypothesis(twist={"linear": [0.0, 0.0, 0.0], "angular": 0.0}),
+        "length",
+    ),
+    "a birth with others": (event("born", [1]), "length"),
+    "an end with others": (event("ended", [1]), "length"),
+    "a split from two": (event("split", [1, 2]), "length"),
+    "a merger of none": (event("merged", []), "length"),
+    # non-finite
+    "a position that is NaN": (changed(OBS, positions=f4(0, 1, 2, 3, 4, NAN)), "non-finite"),
+    "a position that is infinite": (changed(OBS, positions=f4(0, 1, 2, 3, 4, INF)), "non-finite"),
+    "a sigma that is NaN": (changed(OBS, sigma=NAN), "non-finite"),
+    "a sigma row that is infinite": (changed(OBS, sigma=f4(1, INF)), "non-finite"),
+    "a quaternion that is partly NaN": (
+        changed(OBS, quaternions=f4(0, 0, 0, 1, 0, 0, NAN, 1)),
+        "non-finite",
+    ),
+    "a quaternion that is infinite": (
+        changed(OBS, quaternions=f4(0, 0, 0, 1, INF, 0, 0, -INF)),
+        "non-finite",
+    ),
+    "an infinite rate": (changed(STATUS, rates={"obs": INF}), "non-finite"),
+    "a joint that is NaN": (changed(JOINTS, positions=np.array([0, NAN]).tobytes()), "non-finite"),
+    "a pixel that is NaN": (changed(PREVIEW, pixels=f4(1, 2, 3, NAN)), "non-finite"),
+    "a centroid that is NaN": (hypothesis(centroid=[0.0, 0.0, NAN]), "non-finite"),
+    "a track position that is NaN": (changed(UPDATE, track_position=f4(1, NAN, 3, 4, 5, 6)), "non-finite"),
+    "a confidence that is NaN": (changed(UPDATE, track_confidence=f4(0, NAN)), "non-finite"),
+    # duplicate-id
+    "an id twice": (changed(OBS, ids=u8(7, 7)), "duplicate-id"),
+    "an id twice, unordered": (
+        changed(OBS, ids=u8(7, 1, 7), positions=f4(*range(9))),
+        "duplicate-id",
+    ),
+    "an id twice in one instant": (changed(OBS, ids=u8(7, 7), stamps_ns=i8(50, 50)), "duplicate-id"),
+    "an id that ended twice": (changed(OBS, ended=u8(3, 3)), "duplicate-id"),
+    "a truth twice": (changed(TRUTH, ids=u8(1, 1)), "duplicate-id"),
+    "a joint twice": (changed(JOINTS, names=["a", "a"]), "duplicate-id"),
+    "a pixel feature twice": (changed(PREVIEW, ids=u8(1, 1)), "duplicate-id"),
+    "a track twice": (changed(UPDATE, track_id=u8(1, 1)), "duplicate-id"),
+    "a hypothesis twice": (changed(UPDATE, hypotheses=[HYPOTHESIS, HYPOTHESIS]), "duplicate-id"),
+    "a source twice": (changed(UPDATE, sources=UPDATE["sources"] * 2), "duplicate-id"),
+    # range
+    "a dimension of 4": (changed(OBS, dim=4), "range"),
+    "a negative number": (changed(OBS, seq=-1), "range"),
+    "a stamp beyond int64": (changed(OBS, stamp_ns=2**63), "range"),
+    "a sigma of 0": (changed(OBS, sigma=0.0), "range"),
+    "a sigma row below 0": (changed(OBS, sigma=f4(1, -1)), "range"),
+    "a quaternion that is no rotation": (
+        changed(OBS, quaternions=f4(0, 0, 0, 1, 0, 0, 0, 1.01)),
+        "range",
+    ),
+    "a quaternion beyond float32's square": (
+        changed(OBS, quaternions=f4(0, 0, 0, 1, 1e30, 0, 0, 0)),
+        "range",
+    ),
+    "stamps of which none is the newest": (changed(OBS, stamps_ns=i8(10, 20)), "range"),
+    "stamps that decrease within an id": (
+        changed(OBS, ids=u8(7, 7), stamps_ns=i8(50, 40)),
+        "range",
+    ),
+    "an object below -1": (changed(TRUTH, objects=np.array([0, -2], "<i4").tobytes()), "range"),
+    "a period of 0": (changed(UPDATE, period_ns=0), "range"),
+    "a track of no source": (changed(UPDATE, track_source=np.array([0, 1], "<u2").tobytes()), "range"),
+    "a track of no hypothesis": (
+        changed(UPDATE, track_hypothesis=np.array([4, 9], "<u4").tobytes()),
+        "range",
+    ),
+    "a confidence above 1": (changed(UPDATE, track_confidence=f4(0, 1.5)), "range"),
+    "a hypothesis with the id of none": (hypothesis(id=2**32 - 1), "range"),
+    "a noise below 0": (hypothesis(noise=-0.1), "range"),
+    "a pose that is no rotation": (
+        hypothesis(pose={"translation": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 0.5]}),
+        "range",
+    ),
+    # malformed
+    "a map key that is no string": ({1: 2}, "malformed"),
+    "a map key that is bytes": ({b"schema": "x"}, "malformed"),
+    "a list": ([1, 2], "malformed"),
+    "a number": (5, "malformed"),
+    "a time of msgpack's own": (changed(OBS, stamp_ns=msgpack.Timestamp(1, 2)), "malformed"),
+    "an extension": (changed(OBS, ids=msgpack.ExtType(5, b"1234")), "malformed"),
+    # limit
+    "a list that is too long": (changed(JOINTS, names=["a"] * 100_001), "malformed"),
+    "too many containers": (
+        changed(UPDATE, hypotheses=[[{}] * 90_000 for _ in range(6)]),
+        "limit",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(REJECTED))
+def test_rejected_with_its_reason(name):
+    content, reason = REJECTED[name]
+    with pytest.raises(DecodeError) as caught:
+        decode(msgpack.packb(content))
+    assert caught.value.reason == reason, caught.value.detail
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\xc1",
+        b"no msgpack at all",
+        msgpack.packb(OBS)[:-1],
+        msgpack.packb(OBS) + b"\0",
+        b"\x82\xa1a\x01\xa1a\x02",
+        b"\x81\xa2\xff\xfe\x01",
+        b"\x91" * 100_000,
+        b"\xdf\xff\xff\xff\xff",
+        b"\xc6\xff\xff\xff\xff",
+    ],
+    ids=[
+        "empty",
+        "unused byte",
+        "text",
+        "truncated",
+        "trailing byte",
+        "repeated key",
+        "no UTF-8",
+        "deep nesting",
+        "map of 4 billion",
+        "bin of 4 GiB",
+    ],
+)
+def test_bytes_that_are_no_map_are_malformed(payload):
+    with pytest.raises(DecodeError) as caught:
+        decode(payload)
+    assert caught.value.reason == "malformed"
+
+
+def test_a_payload_above_16_mib_is_too_large_in_both_directions():
+    with pytest.raises(DecodeError) as caught:
+        decode(bytes(MAX_BYTES + 1))
+    assert caught.value.reason == "too-large"
+    preview = Preview(
+        source="a", session=SESSION, stamp_ns=0, encoding="jpeg", image=bytes(MAX_BYTES), ids=[], pixels=[]
+    )
+    with pytest.raises(ValueError, match="exceeds the limit"):
+        encode(preview)
+
+
+def test_a_valid_message_of_another_type_is_no_message_for_this_key():
+    with pytest.raises(DecodeError) as caught:
+        decode_as(TruthBatch, msgpack.packb(OBS))
+    assert caught.value.reason == "schema"
+
+
+def test_the_detail_of_a_rejection_cannot_forge_output():
+    with pytest.raises(DecodeError) as caught:
+        decode(msgpack.packb(OBS | {"x\n\x1b[31mERROR {0} " + "y" * 9999: 1}))
+    assert caught.value.detail.isprintable()
+    assert len(caught.value.detail) < 600
+
+
+def test_a_batch_of_several_instants_may_repeat_an_id():
+    batch = decode(msgpack.packb(OBS | {"ids": u8(7, 7), "stamps_ns": i8(40, 50)}))
+    assert batch.stamps_ns.tolist() == [40, 50]
+
+
+def test_an_integer_is_a_fine_sigma():
+    assert decode(msgpack.packb(OBS | {"sigma": 1})).sigma == 1.0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"ids": ["1", "2"]},
+        {"ids": [1.0, 2.0]},
+        {"ids": [-1, 2]},
+        {"ids": [True, False]},
+        {"ids": [[1], [2]]},
+        {"positions": [["0", "1", "2"], ["3", "4", "5"]]},
+        {"positions": [[0, 1], [2, 3]]},
+        {"positions": [[0, 1, 2], [3, 4, 1e39]]},
+        {"positions": [[0, 1, 2], [3, 4]]},
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_in_python_too(arguments):
+    fields = {"ids": [1, 2], "positions": [[0, 1, 2], [3, 4, 5]]} | arguments
+    header = {"source": "a", "session": SESSION, "seq": 0, "space": "w", "unit": "m", "dim": 3}
+    with pytest.raises(ValidationError):
+        ObservationBatch(**header, stamp_ns=0, **fields)
+
+
+def test_ids_may_fill_uint64():
+    batch = TruthBatch(source="a", session=SESSION, ids=[1, 2**64 - 1], objects=[0, 0], names={})
+    assert batch.ids.tolist() == [1, 2**64 - 1]
+
+
+def test_importing_the_messages_does_not_import_zenoh():
+    code = "import sys, comotion_schemas; sys.exit('zenoh' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
