@@ -257,11 +257,8 @@ def multi_ray(
         return geoms, distances.astype(np.float32)
     groups = np.zeros(6, np.uint8)
     groups[group] = 1
-    # Newer MuJoCo can return normals too; here they come from the shape, face by face.
-    normal = (None,) if "normal" in (mujoco.mj_multiRay.__doc__ or "") else ()
-    mujoco.mj_multiRay(
-        model, data, origin, rays.ravel(), groups, 1, -1, geoms, distances, *normal, count, _FAR
-    )
+    # The normals MuJoCo could return (None: not wanted) follow from the shape here, face by face.
+    mujoco.mj_multiRay(model, data, origin, rays.ravel(), groups, 1, -1, geoms, distances, None, count, _FAR)
     return geoms, np.where(geoms >= 0, distances, 0.0).astype(np.float32)
 
 
