@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .processes import ProcessSpec
 
-FIRST_DELAY_S = 0.5
+FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 10.0
 STABLE_S = 10.0
 READY_VARIABLE = "COMOTION_READY_FILE"

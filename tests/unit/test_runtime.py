@@ -37,15 +37,15 @@ class TestTicker:
 
 
 class TestHeadStart:
-    def test_is_the_longest_recent_duration(self) -> None:
+    def test_is_twice_the_longest_recent_duration(self) -> None:
         head_start = HeadStart(1000)
         assert head_start.ns == 0
         for duration in (30, 80, 50):
             head_start.note(duration)
-        assert head_start.ns == 80
+        assert head_start.ns == 160
         for _ in range(20):
             head_start.note(40)
-        assert head_start.ns == 40
+        assert head_start.ns == 80
 
     def test_never_exceeds_half_a_period(self) -> None:
         head_start = HeadStart(1000)
