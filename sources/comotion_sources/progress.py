@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .playback import Progress
+from .player import Progress
 
 _LINE_EVERY_S = 5.0
 

@@ -10,7 +10,8 @@ from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.transport import SessionSettings
 
 from .parts import Part
-from .playback import Schedule, publish
+from .playback import publish
+from .player import Schedule
 from .progress import shown_progress
 from .recordings import Recording, recording_streams
 from .streams import Stream

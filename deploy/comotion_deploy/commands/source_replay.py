@@ -108,14 +108,14 @@ def replay(
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
     """Publish a recording, with its truth where it has labels, as one source or several."""
-    from comotion_sources import parts, playback
+    from comotion_sources import parts, player
     from comotion_sources import replay as process
     from comotion_sources.recordings import read_recording
 
     chosen = parts.parse_part(part) if part else None
     if chosen is not None and split not in {1, chosen.count}:
         raise UserError(f"--part {part} and --split {split} do not agree")
-    start = playback.parse_start(start_at)
+    start = player.parse_start(start_at)
     rates = parts.parse_rates(rate) if rate else None
     recording = read_recording(file)
     streams = process.choose_streams(

@@ -104,7 +104,7 @@ def simulator(
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
     """Publish a simulated scene, with its truth, as one source or several."""
-    from comotion_sources import parts, playback, simulator
+    from comotion_sources import parts, player, simulator
     from comotion_sources.simulator import process
 
     if list_:
@@ -123,7 +123,7 @@ def simulator(
     )
     process.run(
         simulations,
-        playback.Schedule(start_at=playback.parse_start(start_at), loop=loop, duration=duration),
+        player.Schedule(start_at=player.parse_start(start_at), loop=loop, duration=duration),
         name=name,
         scene=scene,
         settings=options.session_settings(connect, listen),

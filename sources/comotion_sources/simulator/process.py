@@ -8,7 +8,8 @@ from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.transport import SessionSettings
 
 from ..parts import Part, rate_of
-from ..playback import Schedule, publish
+from ..playback import publish
+from ..player import Schedule
 from ..streams import numbered
 from .offline import stream
 from .simulation import Simulation, Split, simulate
