@@ -86,7 +86,8 @@ def object_colours(moment: Moment) -> dict[int, tuple[float, float, float]]:
         counts = contingency(labels[scored], objects[scored])
         rows, columns = linear_sum_assignment(counts, maximize=True)
         ids, numbers = np.unique(labels[scored]), np.unique(objects[scored])
-        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        shared = counts[rows, columns] > 0
+        pairs = zip(rows[shared].tolist(), columns[shared].tolist(), strict=True)
         found = {int(numbers[column]): colour(int(ids[row])) for row, column in pairs}
     used = {colour(label) for label in np.unique(labels).tolist()}
     free = [hue for hue in HUES if hue not in used]
@@ -199,6 +200,8 @@ class _Painter:
             else names,
             fontsize=7,
             loc="upper left",
+            # Beside a plane, where it hides nothing; the corner of a 3-D view is empty.
+            bbox_to_anchor=(1.01, 1.0) if self._space.dim == 2 else None,
             framealpha=0.7,
             handletextpad=0.2,
         )
