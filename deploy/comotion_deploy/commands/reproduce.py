@@ -1,0 +1,112 @@
+"""``comotion reproduce``: experiments that anyone can run again."""
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import options
+from ..errors import UserError, missing_extra
+
+if TYPE_CHECKING:
+    from comotion_experiments.fusion import Results
+
+FUSION_EPILOG = """
+Examples:
+
+  comotion reproduce fusion --quick
+
+  comotion reproduce fusion --seeds 0-4 --out fusion
+
+  comotion reproduce fusion --workcell shelf --method thesis --set sigma_switch=0.04 --json
+"""
+
+app = typer.Typer(help="Run the project's experiments again.", no_args_is_help=True)
+
+
+@app.command("fusion", epilog=FUSION_EPILOG)
+def fusion(
+    ctx: typer.Context,
+    workcell: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. [default: the four]"
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 0-4 or 0,3. [default: 0-4, quick 0-1]"
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small images, short runs, two scenes, two seeds.")
+    ] = False,
+    period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where fusion.png and fusion.json go.")
+    ] = Path("fusion"),
+    cache: Annotated[
+        Path | None,
+        typer.Option(
+            "--cache",
+            metavar="DIR",
+            envvar="COMOTION_CACHE",
+            help="Where tracks are kept for the next run. [default: ~/.cache/comotion/fusion]",
+        ),
+    ] = None,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    json_: options.Json = False,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.INFO,
+) -> None:
+    """What fusing cameras and a robot's joints gains: the workcell with camera A open and covered."""
+    from comotion_experiments.fusion import QUICK, SCENES, Setup, run_experiment
+    from comotion_experiments.inputs import parse_seeds
+
+    _check(out)
+    results = run_experiment(
+        workcell or (SCENES[:2] if quick else SCENES),
+        parse_seeds(seeds or ("0-1" if quick else "0-4")),
+        options.fusion_config(ctx, method, assignments),
+        setup=QUICK if quick else Setup(),
+        cache=cache or _cache_folder() / "fusion",
+        period=period,
+    )
+    _report(results, out, as_json=json_)
+
+
+def _check(out: Path) -> None:
+    """Find out what would fail at the end before hours of work."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("plot", error) from None
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is no folder")
+
+
+def _cache_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "comotion"
+
+
+def _report(results: "Results", out: Path, *, as_json: bool) -> None:
+    from rich.console import Console
+
+    from comotion_experiments.fusion import report
+
+    report.save_picture(out / "fusion.png", results)
+    values = json.dumps(report.as_json(results), indent=2)
+    (out / "fusion.json").write_text(values + "\n")
+    if as_json:
+        print(values)
+        return
+    console = Console(width=max(110, Console().width))
+    console.print(report.table(results))
+    for line in report.lines(results):
+        console.print(line, highlight=False)
+    console.print(f"written: {out / 'fusion.png'}, {out / 'fusion.json'}", highlight=False)

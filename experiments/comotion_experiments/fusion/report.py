@@ -1,0 +1,147 @@
+"""The fusion experiment as a table, as JSON and as a picture."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from comotion_clients.scoring import finite_or_none
+
+from .experiment import AFTER_S, Case, Results, verdict
+from .setup import ALL, ALONE_A, ALONE_B, WITH_ROBOT
+from .study import Outcome
+
+_COLOURS = {ALONE_A.name: "#999999", WITH_ROBOT.name: "#e69f00", ALL.name: "#0072b2"}
+
+
+def table(results: Results) -> Table:
+    """One row per scene, cover and variant: means and, after ±, the spread over seeds."""
+    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for title in ("scene", "camera A", "sources"):
+        found.add_column(title, no_wrap=True)
+    for title in ("NMI of A", f"{AFTER_S:.0f} s after", "NMI of all", "surface %", "ids kept %"):
+        found.add_column(title, justify="right", no_wrap=True)
+    for scene in results.scenes:
+        for case in (c for c in results.cases if c.scene == scene):
+            found.add_row(*_cells(case, results))
+        found.add_section()
+    return found
+
+
+def _cells(case: Case, results: Results) -> list[str]:
+    start, stop = results.setup.cover
+    after = case.nmi_a(stop, stop + AFTER_S) if case.covered else np.array([np.nan])
+    kept = case.kept((start, stop)) if case.covered else np.array([np.nan])
+    return [
+        case.scene,
+        "covered" if case.covered else "-" if case.variant is ALONE_B else "open",
+        case.variant.name,
+        _spread(case.nmi_a()),
+        _spread(after),
+        _spread(case.nmi()),
+        _spread(100 * case.surface(), 1),
+        _spread(100 * kept, 0),
+    ]
+
+
+def _spread(values: np.ndarray, digits: int = 3) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "-"
+    spread = f" ±{known.std():.{digits}f}" if len(known) > 1 else ""
+    return f"{known.mean():.{digits}f}{spread}"
+
+
+def lines(results: Results) -> list[str]:
+    """What the experiment says, in words and numbers."""
+    v = verdict(results)
+    return [
+        f"On camera A's features, fusing all against A alone: {v.gain:+.4f} NMI on average, "
+        f"{v.worst_gain:+.4f} in the worst scene, {v.worst_seed:+.4f} in the worst seed; "
+        f"{v.gain_after:+.4f} in the {AFTER_S:.0f} s after A was covered.",
+        "Hypothesis ids of what B sees or the robot carries that stay while A is covered: "
+        f"{100 * v.kept:.0f} %.",
+        f"On all features, fused: {100 * v.surface:.1f} % of the objects' surface at NMI {v.nmi:.3f}; "
+        f"best single camera of each scene: {100 * v.surface_single:.1f} % at {v.nmi_single:.3f}.",
+    ]
+
+
+def as_json(results: Results) -> dict[str, Any]:
+    """Everything as plain values: one entry per case, with one number per seed, and the verdict."""
+    start, stop = results.setup.cover
+    return {
+        "method": results.method,
+        "seeds": list(results.seeds),
+        "setup": asdict(results.setup),
+        "cases": [
+            {
+                "scene": case.scene,
+                "covered": case.covered,
+                "sources": list(case.variant.sources),
+                "nmi_a": _plain(case.nmi_a()),
+                "nmi_a_after": _plain(case.nmi_a(stop, stop + AFTER_S)),
+                "nmi": _plain(case.nmi()),
+                "surface": _plain(case.surface()),
+                "ids_kept": _plain(case.kept((start, stop))),
+            }
+            for case in results.cases
+        ],
+        "verdict": finite_or_none(asdict(verdict(results))),
+    }
+
+
+def _plain(values: np.ndarray) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def save_picture(path: Path, results: Results) -> None:
+    """Draw NMI over time on camera A's features, a row per scene, A open on the left and covered right.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is not installed.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scenes = results.scenes
+    figure = Figure(figsize=(12, 1.2 + 2.4 * len(scenes)), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(scenes), 2, sharex=True, sharey=True, squeeze=False)
+    for row, scene in zip(axes, scenes, strict=True):
+        for covered, axis in enumerate(row):
+            _draw(axis, results, scene, covered=bool(covered))
+    axes[0, 0].set_title("camera A open")
+    axes[0, 1].set_title("camera A covered for a while")
+    axes[0, 0].legend(loc="lower right", fontsize="small")
+    for axis in axes[-1]:
+        axis.set_xlabel("s")
+    seeds = f"{len(results.seeds)} seeds" if len(results.seeds) > 1 else "1 seed"
+    figure.suptitle(f"NMI over camera A's features (mean and spread of {seeds}), method {results.method}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def _draw(axis: Any, results: Results, scene: str, *, covered: bool) -> None:
+    for variant in (ALONE_A, WITH_ROBOT, ALL):
+        outcomes = results.case(scene, covered=covered, variant=variant).outcomes
+        t, mean, spread = _curve(outcomes)
+        axis.plot(t, mean, color=_COLOURS[variant.name], label=variant.name, linewidth=1.8)
+        axis.fill_between(
+            t, mean - spread, mean + spread, color=_COLOURS[variant.name], alpha=0.2, linewidth=0
+        )
+    if covered:
+        axis.axvspan(*results.setup.cover, color="black", alpha=0.12, linewidth=0)
+    axis.set_ylim(0, 1.02)
+    axis.set_ylabel(scene)
+    axis.grid(alpha=0.3)
+
+
+def _curve(outcomes: list[Outcome]) -> tuple[np.ndarray, Any, Any]:
+    """Times, mean and spread over seeds; masked where no seed has a value, so that lines break there."""
+    t = outcomes[0].t
+    values = np.ma.masked_invalid([np.interp(t, o.t, o.nmi_a) for o in outcomes])
+    return t, values.mean(axis=0), values.std(axis=0)
