@@ -63,7 +63,7 @@ class SideBySide:
         return len(known.times()) == len(known.history) or stamp > known.times()[0]
 
     def evict(self, oldest: int) -> None:
-        """Drop what is older; forget what is left too short."""
+        """Drop what is older; forget what is left too short and is not observed any more."""
         self.oldest = max(oldest, self.oldest)
         slots, counts = self.window.evictable(self.oldest)
         if len(slots):
@@ -71,7 +71,7 @@ class SideBySide:
             self.window.evict(slots, counts)
         for track, known in list(self.lists.items()):
             known.oldest = self.oldest
-            if len(known.times()) < 2:
+            if len(known.times()) < 2 and max(known.history) < self.oldest + self.span - self.gap:
                 self.forget(track)
 
     def forget(self, track: int) -> None:

@@ -61,10 +61,10 @@ def test_an_instant_at_which_both_are_observed_is_one_sample():
 def test_a_late_second_observation_changes_the_speed_of_the_first():
     both = SideBySide(2, 0.1)
     for k in range(6):
-        both.observe(at(100 * k), {0: (0.0, 0.03 * k)})
+        both.observe(at(100 * k), {0: (0.0, 0.0)})
     for ms in (100, 300, 400, 500):
-        both.observe(at(ms), {1: (1.0 + 1e-3 * ms, 0.0)})
-    both.observe(at(200), {1: (3.0, 0.0)})
+        both.observe(at(ms), {1: (1.0 + 2e-5 * ms, 0.0)})
+    both.observe(at(200), {1: (1.03, 0.0)})
     both.check()
 
 
@@ -92,6 +92,20 @@ def test_eviction_takes_the_samples_before_the_new_common_interval():
     both.check()
 
 
+def test_what_is_left_with_one_observation_cannot_be_compared_until_the_next():
+    both = SideBySide(2, 0.1, span=600 * MS)
+    for ms in range(0, 1400, 100):
+        points = {0: (0.0, 0.0)}
+        if ms in (0, 300, 600, 1200, 1300):
+            points[1] = (1.0 + 1e-4 * ms, 0.0)
+        both.observe(at(ms), points)
+        both.evict(at(ms) - both.span)
+        both.check()
+        if ms == 1000:
+            assert len(both.lists[1].times()) == 1
+    assert both.sums.samples[0, 1] == 2
+
+
 def test_nothing_is_interpolated_across_a_gap():
     both = SideBySide(2, None, span=10_000 * MS)
     for ms in range(0, 3000, 100):
@@ -103,17 +117,19 @@ def test_nothing_is_interpolated_across_a_gap():
     assert both.sums.samples[0, 1] == 6 + 10
 
 
-def test_one_wild_observation_leaves_no_trace_after_it_has_gone():
+@pytest.mark.parametrize("wild", [(0, 1000), (1000,)])
+def test_a_wild_observation_leaves_no_trace_after_it_has_gone(wild):
     both = SideBySide(2, 0.1)
     rng = np.random.default_rng(0)
     for ms in range(0, 3000, 50):
         points = {k: np.array([k, 0.0]) + rng.normal(0, 1e-3, 2) for k in range(4)}
-        if ms in (0, 1000):
+        if ms in wild:
             points[2] = np.array([3e30, -1e30])
         both.observe(at(ms), {k: tuple(x) for k, x in points.items()})
         both.evict(at(ms) - both.span)
         if ms in (1950, 2000, 2050, 2500):
             both.check()
+    assert len(both.slots) == 4
 
 
 def test_a_reused_slot_starts_empty():
