@@ -3,6 +3,7 @@
 `now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall clock.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -34,7 +35,6 @@ class Stream:
         """Take note of a message."""
         if session != self.session:
             self.session, self.seq = session, seq
-            self.arrivals.clear()
         elif seq > self.seq + 1:
             self.lost += seq - self.seq - 1
             self.lost_at = now
@@ -185,15 +185,16 @@ class SceneModel:
         told = {} if self._service is None else self._service.ages
         rows = []
         for name, source in sorted(self._sources.items()):
+            age = source.age(now, told.get(name, float("inf")))
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
                 del self._sources[name]
                 continue
             rows.append(
                 SourceRow(
                     name=name,
-                    state=_source_state(source, now),
+                    state=_source_state(source, age, now),
                     rate=0.0 if source.gone_at is not None else source.stream.rate(now),
-                    age=source.age(now, told.get(name, float("inf"))),
+                    age=age,
                     lag=source.lag,
                     lost=source.stream.lost,
                     losing=source.stream.losing(now),
@@ -239,7 +240,9 @@ class SceneModel:
         ]
 
 
-def _source_state(source: _Source, now: float) -> SourceState:
+def _source_state(source: _Source, age: float, now: float) -> SourceState:
     if source.gone_at is not None:
         return "gone"
+    if not source.stream.arrivals:
+        return "stalled" if math.isfinite(age) else "silent"
     return "stalled" if source.stream.stalled(now) else "ok"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-SourceState = Literal["ok", "stalled", "gone"]
+SourceState = Literal["ok", "silent", "stalled", "gone"]
 ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
 
 
@@ -11,6 +11,7 @@ ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
 class SourceRow:
     """One source: `rate` in batches/s, `age` s since its last batch, `lag` s from acquisition to arrival.
 
+    `state`: ``silent`` has never been heard, ``stalled`` no longer, ``gone`` has left the scene.
     `losing`: batches were lost in the last 10 s. `tracks` counts those of the newest update.
     """
 

@@ -17,7 +17,14 @@ SORTS: tuple[Sort, ...] = get_args(Sort)
 Row = TypeVar("Row")
 
 _SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
-_STATE_STYLES = {"ok": "green", "stalled": "bold red", "gone": "dim", "moving": "bold", "static": ""}
+_STATE_STYLES = {
+    "ok": "green",
+    "silent": "yellow",
+    "stalled": "bold red",
+    "gone": "dim",
+    "moving": "bold",
+    "static": "",
+}
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
 _EVENTS_AT_MOST = 4
 _COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")

@@ -130,8 +130,11 @@ def test_gaps_in_the_sequence_are_losses_and_a_restart_is_none() -> None:
     for seq in (0, 1, 5, 6):
         model.on_batch(batch("a", seq), seq * 0.1, 0)
     assert (sources(model, 0.7)["a"].lost, sources(model, 0.7)["a"].losing) == (3, True)
-    model.on_batch(batch("a", 100, OTHER), 0.8, 0)
-    assert sources(model, 0.9)["a"].lost == 3
+    model.on_batch(batch("a", 100, OTHER), 0.7, 0)
+    row = sources(model, 0.8)["a"]
+    assert row.lost == 3
+    # A source that starts anew at once keeps its rhythm.
+    assert row.rate == pytest.approx(4 / 0.7)
     assert not sources(model, 20.0)["a"].losing
 
 
@@ -149,7 +152,7 @@ def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
     assert (sources(model, 2.0)["a"].state, sources(model, 2.0)["a"].rate) == ("gone", 0.0)
     assert sources(model, 62.0) == {}
     model.on_presence("source", "a", alive=True, now=63.0)
-    assert sources(model, 63.0)["a"].state == "stalled"
+    assert sources(model, 63.0)["a"].state == "silent"
 
 
 def test_sources_silent_from_the_start_are_known_from_the_service() -> None:
