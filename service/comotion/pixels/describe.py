@@ -1,0 +1,77 @@
+"""What is said of a hypothesis beside its members: where it is, how it moves, how well it fits."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_schemas import Hypothesis, Twist
+from comotion_schemas.hypotheses import HypothesisState
+
+from ..states import locate
+from ..window import Floats, Slots, Window
+
+_VELOCITY_NS = 500_000_000
+_LEAST_HISTORY_NS = 200_000_000
+# px; KLT noise and its drift over the time a velocity is taken over stay below this.
+_AT_REST_PX = 1.5
+
+
+def describe(
+    window: Window,
+    current: Slots,
+    labels: NDArray[np.int64],
+    residual: Floats,
+    space: str,
+    born_ns: dict[int, int],
+) -> list[Hypothesis]:
+    """Hypotheses of the current trajectories, by id.
+
+    Parameters
+    ----------
+    current, labels
+        Slots intp [n] and their hypotheses int64 [n], negative where undetermined.
+    residual
+        float64 [n], px²; squared residual of each, NaN unknown.
+    """
+    last = window.stop[current] - 1
+    position = window.positions[current, last]
+    newest = window.times[current, last]
+    first = np.clip(locate(window, current, newest - _VELOCITY_NS), window.start[current], last)
+    span = newest - window.times[current, first]
+    step = position - window.positions[current, first]
+    found = []
+    for label in np.unique(labels[labels >= 0]).tolist():
+        mine = np.flatnonzero(labels == label)
+        steady = mine[span[mine] >= _LEAST_HISTORY_NS]
+        centroid = position[mine].mean(axis=0)
+        known = residual[mine][np.isfinite(residual[mine])]
+        found.append(
+            Hypothesis(
+                id=label,
+                space=space,
+                size=len(mine),
+                born_ns=born_ns[label],
+                state=_state(step[steady], len(mine)),
+                centroid=centroid.tolist(),
+                twist=_twist(position[steady], step[steady] / (span[steady, None] * 1e-9)),
+                # Two coordinates share a squared residual.
+                noise=float(np.sqrt(np.median(known) / 2)) if len(known) else None,
+            )
+        )
+    return found
+
+
+def _state(steps: Floats, members: int) -> HypothesisState:
+    if 2 * len(steps) < members:
+        return "undetermined"
+    return "moving" if np.sqrt((steps**2).sum(axis=1).mean()) > _AT_REST_PX else "static"
+
+
+def _twist(position: Floats, velocity: Floats) -> Twist | None:
+    """Least squares of v = v_c + ω × r in the image, px/s and rad/s."""
+    if not len(position):
+        return None
+    r = position - position.mean(axis=0)
+    linear = velocity.mean(axis=0)
+    moment = (r[:, 0] * velocity[:, 1] - r[:, 1] * velocity[:, 0]).sum()
+    inertia = (r**2).sum()
+    return Twist(linear=linear.tolist(), angular=float(moment / inertia) if inertia > 0 else 0.0)

@@ -1,0 +1,126 @@
+"""A test whether two groups share one epipolar geometry.
+
+Under strong perspective an affine view of motion tells near from far parts of one rigid body. One
+fundamental matrix per frame pair still explains both. Two bodies share one, as a rule, not.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import compiled
+from .keyframes import KeyFrames
+
+Floats = NDArray[np.float64]
+Members = NDArray[np.intp]
+
+_LEAST_POINTS = 9
+_ROUNDS = 4
+_STEP = 4
+_PAIRS = 5
+_SAMPLE = 60
+_FLOOR_PX = 0.05
+
+
+class EpipolarTest:
+    """Compares the epipolar residual of two groups together with that of each alone.
+
+    Parameters
+    ----------
+    frames
+        Key frames of all trajectories.
+    """
+
+    def __init__(self, frames: KeyFrames) -> None:
+        self._positions = frames.positions.astype(np.float64)
+        self._visible = frames.visible
+        count = len(self._positions)
+        step = min(_STEP, max(count - 1, 1))
+        starts = range(0, count - step, max(1, -(-(count - step) // _PAIRS)))
+        self._pairs = [(t, t + step) for t in starts]
+        self._alone: dict[bytes, list[tuple[Floats, Floats, float]]] = {}
+
+    def log_ratio(self, first: Members, second: Members) -> float | None:
+        """Mean over frame pairs of log(joint / own residual); None where too few points are seen.
+
+        Residuals are medians of the Sampson distance, px; the joint one is that of the group that
+        suffers more.
+        """
+        found = []
+        for (xa, ya, ra), (xb, yb, rb) in zip(self._own(first), self._own(second), strict=True):
+            if min(len(xa), len(xb)) < _LEAST_POINTS:
+                continue
+            # A large group must not outvote a small one.
+            prior = np.concatenate([np.full(len(x), len(x) ** -0.5) for x in (xa, xb)])
+            square = _robust_residuals(np.concatenate([xa, xb]), np.concatenate([ya, yb]), prior)
+            joint = max(np.median(square[: len(xa)]), np.median(square[len(xa) :]))
+            alone = (ra + rb) / 2
+            found.append(np.log((np.sqrt(joint) + _FLOOR_PX) / (np.sqrt(alone) + _FLOOR_PX)))
+        return float(np.mean(found)) if found else None
+
+    def _own(self, group: Members) -> list[tuple[Floats, Floats, float]]:
+        key = group.tobytes()
+        if key not in self._alone:
+            self._alone[key] = [self._fit(group, *pair) for pair in self._pairs]
+        return self._alone[key]
+
+    def _fit(self, group: Members, first: int, second: int) -> tuple[Floats, Floats, float]:
+        seen = group[self._visible[first, group] & self._visible[second, group]]
+        if len(seen) > _SAMPLE:
+            seen = seen[(np.arange(_SAMPLE) * len(seen)) // _SAMPLE]
+        x, y = self._positions[first, seen], self._positions[second, seen]
+        if len(seen) < _LEAST_POINTS:
+            return x, y, 0.0
+        return x, y, float(np.median(_robust_residuals(x, y, np.ones(len(x)))))
+
+
+@compiled()
+def _normalisation(x: Floats) -> tuple[float, float, float]:
+    """Scale and shift that bring points [n, 2] to the origin at mean distance √2 (Hartley 1997)."""
+    cx, cy = x[:, 0].mean(), x[:, 1].mean()
+    reach = np.sqrt((x[:, 0] - cx) ** 2 + (x[:, 1] - cy) ** 2).mean()
+    scale = np.sqrt(2.0) / max(reach, 1e-9)
+    return scale, -scale * cx, -scale * cy
+
+
+@compiled()
+def _rows(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """Equations [n, 9] of the eight-point method with the normalising [3, 3] of both sides."""
+    sx, ax, bx = _normalisation(x)
+    sy, ay, by = _normalisation(y)
+    u, v = sx * x[:, 0] + ax, sx * x[:, 1] + bx
+    p, q = sy * y[:, 0] + ay, sy * y[:, 1] + by
+    rows = np.ones((len(x), 9))
+    for k, column in enumerate((p * u, p * v, p, q * u, q * v, q, u, v)):
+        rows[:, k] = column
+    left = np.array([[sx, 0.0, ax], [0.0, sx, bx], [0.0, 0.0, 1.0]])
+    right = np.array([[sy, 0.0, ay], [0.0, sy, by], [0.0, 0.0, 1.0]])
+    return rows, left, right
+
+
+@compiled()
+def _sampson(f: Floats, x: Floats, y: Floats) -> Floats:
+    """Squared Sampson distances [n], px²."""
+    ax = f[0, 0] * x[:, 0] + f[0, 1] * x[:, 1] + f[0, 2]
+    ay = f[1, 0] * x[:, 0] + f[1, 1] * x[:, 1] + f[1, 2]
+    az = f[2, 0] * x[:, 0] + f[2, 1] * x[:, 1] + f[2, 2]
+    bx = f[0, 0] * y[:, 0] + f[1, 0] * y[:, 1] + f[2, 0]
+    by = f[0, 1] * y[:, 0] + f[1, 1] * y[:, 1] + f[2, 1]
+    error = y[:, 0] * ax + y[:, 1] * ay + az
+    square: Floats = error**2 / np.maximum(ax**2 + ay**2 + bx**2 + by**2, 1e-12)
+    return square
+
+
+@compiled()
+def _robust_residuals(x: Floats, y: Floats, prior: Floats) -> Floats:
+    """Squared Sampson distances [n] under a reweighted eight-point fit; `prior` [n] weighs points."""
+    rows, left, right = _rows(x, y)
+    weight = prior.copy()
+    square = np.zeros(len(x))
+    for _ in range(_ROUNDS):
+        scaled = rows * weight.reshape(-1, 1)
+        vector = np.linalg.eigh(scaled.T @ scaled)[1][:, 0]
+        u, s, vt = np.linalg.svd(np.ascontiguousarray(vector).reshape(3, 3))
+        s[2] = 0
+        square = _sampson(right.T @ ((u * s) @ vt) @ left, x, y)
+        weight = prior / np.sqrt(1 + square / (4 * max(np.median(square), 0.01)))
+    return square

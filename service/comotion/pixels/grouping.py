@@ -1,0 +1,70 @@
+"""Trajectories on key frames to groups: the method of pixel spaces, top to bottom."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .epipolar import EpipolarTest
+from .keyframes import Floats32, KeyFrames
+from .merging import merge
+from .parameters import PixelParameters
+from .pieces import link
+from .similarity import Similarity, compare
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Groups of N trajectories.
+
+    Attributes
+    ----------
+    labels
+        intp [N], 0 to K − 1.
+    confidence
+        float64 [N], 0..1; similarity to the own group over that to the own and the best other.
+    similarity
+        What the groups were found from.
+    """
+
+    labels: NDArray[np.intp]
+    confidence: NDArray[np.float64]
+    similarity: Similarity
+
+
+def group(
+    frames: KeyFrames,
+    parameters: PixelParameters,
+    *,
+    seed: int = 0,
+    before: NDArray[np.int64] | None = None,
+) -> Grouping:
+    """Group trajectories by motion; their number of groups is found, not given.
+
+    Parameters
+    ----------
+    frames
+        F key frames of N ≥ 2 trajectories.
+    parameters
+        See :class:`~comotion.pixels.parameters.PixelParameters`.
+    seed
+        Of the draw of local motions: same input, same groups.
+    before
+        int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
+    """
+    similarity = compare(frames, parameters, np.random.default_rng(seed))
+    pieces = link(similarity, parameters.piece_similarity)
+    merged = merge(pieces, EpipolarTest(frames), parameters, before)
+    _, labels = np.unique(merged[pieces.of], return_inverse=True)
+    return Grouping(labels, _confidence(similarity, labels, parameters.merge_similarity), similarity)
+
+
+def _confidence(similarity: Similarity, labels: NDArray[np.intp], least: float) -> NDArray[np.float64]:
+    member: Floats32 = np.eye(labels.max() + 1, dtype=np.float32)[labels]
+    mean = ((similarity.value * similarity.evidence) @ member) / (similarity.evidence @ member)
+    rows = np.arange(len(labels))
+    own = mean[rows, labels].astype(np.float64)
+    mean[rows, labels] = 0
+    rival = np.maximum(mean.max(axis=1), least)
+    share: NDArray[np.float64] = np.clip(own / (own + rival), 0.0, 1.0)
+    return share
