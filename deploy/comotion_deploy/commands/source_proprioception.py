@@ -183,5 +183,7 @@ def _inlet(
     if flag == "--ros":
         settings = None if ros_connect is None else SessionSettings(connect=(ros_connect,))
         return RosTopic(value, domain, settings)
+    if not value.exists():
+        raise UserError(f"{value}: no such file")
     samples = read_csv(value) if flag == "--csv" else read_bag(value, topic)
     return Playback(samples, speed, original_stamps)

@@ -16,6 +16,8 @@ from comotion_schemas.transport import Publisher, SessionSettings, stream_publis
 
 from .scene import Scene
 
+_LATE_NS = 50_000_000
+"""A state is a fact of its stamp and as good a little later; one this late has nobody waiting for it."""
 _log = logging.getLogger(__name__)
 
 
@@ -40,7 +42,7 @@ class _Driver:
         )
 
     def run(self, publisher: Publisher, session: str, wait: Callable[[float], bool], until: float) -> None:
-        """Publish at multiples of the period on the clock until told to stop; late ones are left out."""
+        """Publish at multiples of the period on the clock until told to stop; very late ones are left out."""
         index = time.time_ns() // self._period_ns + 1
         while time.monotonic() < until:
             stamp = index * self._period_ns
@@ -49,7 +51,7 @@ class _Driver:
             message = joint_states(self._scene, stamp, source=self._name, session=session, seq=self._seq)
             publisher.put(encode(message))
             self._seq += 1
-            due = max(index + 1, time.time_ns() // self._period_ns)
+            due = max(index + 1, (time.time_ns() - _LATE_NS) // self._period_ns)
             self.overruns += due - index - 1
             index = due
 
