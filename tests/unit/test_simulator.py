@@ -73,6 +73,9 @@ def test_scene_has_the_tabulated_features(name):
     assert first.t == 0.0
     assert frames[-1].t == pytest.approx(duration, abs=1 / 15)
     assert len(frames) == len(simulation)
+    # One name for both would be refused by a service that has seen the other.
+    assert simulation.spec.space == ("plane" if simulation.spec.dim == 2 else "world")
+    assert simulation.spec.unit == "m"
 
 
 @pytest.mark.parametrize("name", sorted(SCENES))

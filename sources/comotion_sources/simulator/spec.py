@@ -132,7 +132,8 @@ class SceneSpec(_Part):
     title
         One line for lists.
     dim, unit, space
-        Coordinate space of the observations.
+        Coordinate space of the observations. Its name is ``world`` in 3-D and ``plane`` in 2-D by
+        default: a service holds a name to one dimension, and users go from a figure to a body.
     duration
         Seconds from the first to the last instant.
     rate
@@ -148,7 +149,9 @@ class SceneSpec(_Part):
     title: Annotated[str, Field(min_length=1, max_length=200)]
     dim: Literal[2, 3]
     unit: Literal["m", "px"] = "m"
-    space: Annotated[str, Field(min_length=1, max_length=256)] = "world"
+    space: Annotated[str, Field(min_length=1, max_length=256)] = Field(
+        default_factory=lambda fields: "plane" if fields.get("dim") == 2 else "world"
+    )
     duration: Annotated[float, Field(gt=0, le=86_400)]
     rate: Rate = 15.0
     sources: Annotated[list[Rate], Field(min_length=1, max_length=64)] | None = None
