@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 _NOMINAL_PERIOD_NS = 1e9 / 30
 _LONGEST_GAP_NS = 0.5e9
-_ERROR_MEMORY = 0.7
+_NOISE_MEMORY = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,13 +64,13 @@ class Tracks:
 class _Features:
     """Columns of the features there are, oldest first.
 
-    `error` is the recent forward-backward error, `points` the last known point, seen at `seen_ns`,
-    `missing` the frames in a row whose depth had none, `lifted` whether this frame gave the point.
+    `noise` is what the recent steps say about it in px, `points` the last known point, seen at
+    `seen_ns`, `missing` the frames in a row whose depth had none, `lifted` whether this frame gave the point.
     """
 
     ids: Ids = field(default_factory=lambda: np.empty(0, np.uint64))
     pixels: Pixels = field(default_factory=lambda: np.empty((0, 2), np.float32))
-    error: Floats = field(default_factory=lambda: np.empty(0))
+    noise: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
     seen_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     missing: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
@@ -146,7 +146,7 @@ class Tracker:
             return
         flow = track(self._grey, grey, features.pixels, self._config)
         features.pixels = flow.pixels
-        features.error = np.sqrt(_ERROR_MEMORY * features.error**2 + (1 - _ERROR_MEMORY) * flow.error**2)
+        features.noise = np.sqrt(_NOISE_MEMORY * features.noise**2 + (1 - _NOISE_MEMORY) * flow.noise**2)
         features = features.select(flow.kept)
         self._features = features.select(~crowded(features.pixels, self._config.min_distance))
 
@@ -197,7 +197,7 @@ class Tracker:
             _Features(
                 ids=np.arange(self._next_id, self._next_id + count, dtype=np.uint64),
                 pixels=pixels,
-                error=np.zeros(count),
+                noise=np.zeros(count),
                 points=points,
                 seen_ns=np.full(count, stamp_ns),
                 missing=np.zeros(count, np.int64),
@@ -208,7 +208,7 @@ class Tracker:
 
     def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
         features, config = self._features, self._config
-        pixel_sigma = np.hypot(config.pixel_sigma, config.residual_gain * features.error)
+        pixel_sigma = np.hypot(config.pixel_sigma, config.residual_gain * features.noise)
         points = sigma = None
         if self._intrinsics is not None:
             points = np.where(features.lifted[:, None], features.points, np.nan)

@@ -1,0 +1,340 @@
+"""The tracker on image sequences whose motion is known."""
+
+from collections.abc import Callable, Iterator
+
+import cv2
+import numpy as np
+import pytest
+
+from comotion_sources.calibration import Intrinsics
+from comotion_sources.cameras import Frame
+from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt.corners import crowded, new_corners
+from comotion_sources.klt.depth import look_up
+from comotion_sources.klt.flow import forward_backward
+
+SHAPE = (240, 320)
+CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)
+PERIOD = 33_333_333
+
+
+def texture(seed: int, shape: tuple[int, int] = (400, 480)) -> np.ndarray:
+    """Blobs of many sizes: smooth enough for sub-pixel truth, rich in corners."""
+    rng = np.random.default_rng(seed)
+    layers = [cv2.GaussianBlur(rng.normal(size=shape), (0, 0), s) * s for s in (1.5, 3, 6, 12)]
+    image = sum(layers)
+    return np.asarray(128 + 45 * image / image.std(), np.float32)
+
+
+def warped(image: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The texture after an affine motion [2, 3] from texture to image pixels."""
+    return cv2.warpAffine(image, matrix, SHAPE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+def to_uint8(image: np.ndarray, rng: np.random.Generator, noise: float = 1.0) -> np.ndarray:
+    return np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
+
+
+def motion(k: float, shift: tuple[float, float], angle: float = 0.0, zoom: float = 0.0) -> np.ndarray:
+    """Frame k of a steady motion: px, rad and share of size per frame, about the image's middle."""
+    c, s = np.cos(angle * k) * (1 + zoom * k), np.sin(angle * k) * (1 + zoom * k)
+    linear = np.array([[c, -s], [s, c]])
+    middle = np.array([SHAPE[1] / 2, SHAPE[0] / 2])
+    offset = middle - linear @ middle + np.array(shift) * k - linear @ np.array([80.0, 80.0])
+    return np.column_stack([linear, offset])
+
+
+def moved(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    linear, offset = before[:, :2], before[:, 2]
+    texture_points = (points - offset) @ np.linalg.inv(linear).T
+    return texture_points @ after[:, :2].T + after[:, 2]
+
+
+MOTIONS = {
+    "still": ((0.0, 0.0), 0.0, 0.0),
+    "slow": ((0.37, -0.23), 0.0, 0.0),
+    "fast": ((7.3, 4.1), 0.0, 0.0),
+    "turning": ((0.5, 0.2), 0.01, 0.0),
+    "approaching": ((0.0, 0.0), 0.0, 0.004),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_features_follow_a_known_motion(name: str) -> None:
+    rng, image = np.random.default_rng(3), texture(1)
+    tracker = Tracker(TrackerConfig(max_features=120, respawn_every=10))
+    poses = [motion(k, *MOTIONS[name]) for k in range(25)]
+    birth: dict[int, tuple[int, np.ndarray]] = {}
+    alive_at_start: set[int] = set()
+    for k, matrix in enumerate(poses):
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix), rng)))
+        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True):
+            birth.setdefault(feature, (k, pixel))
+        if k == 0:
+            alive_at_start = set(tracks.ids.tolist())
+    errors = [
+        np.linalg.norm(moved(birth[feature][1], poses[birth[feature][0]], poses[-1]) - pixel)
+        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True)
+    ]
+    assert len(alive_at_start) > 110
+    # All that do not leave the image are still there.
+    first = np.array([birth[i][1] for i in sorted(alive_at_start)])
+    last = moved(first, poses[0], poses[-1])
+    inside = ((last > 12) & (last < np.array(SHAPE[::-1]) - 13)).all(axis=1)
+    kept = np.isin(sorted(alive_at_start), tracks.ids)
+    assert kept[inside].mean() > 0.9
+    assert np.median(errors) < (0.5 if name == "turning" else 0.25)  # the window turns with the image
+    assert np.quantile(errors, 0.95) < 1.0
+
+
+def test_the_stated_noise_is_the_noise_there_is() -> None:
+    """Pixel sigma against the true error of one step, over quiet and noisy images."""
+    for noise, factor in ((1.0, 3.0), (6.0, 3.0)):
+        rng, image = np.random.default_rng(5), texture(2)
+        tracker = Tracker(TrackerConfig(max_features=150, respawn_every=1000))
+        poses = [motion(k, (1.3, 0.7)) for k in range(12)]
+        ratios = []
+        before: dict[int, np.ndarray] = {}
+        for k, matrix in enumerate(poses):
+            tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix), rng, noise)))
+            places = dict(zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True))
+            if k > 3:
+                for feature, sigma in zip(tracks.ids.tolist(), tracks.pixel_sigma, strict=True):
+                    true = moved(before[feature], poses[k - 1], matrix)
+                    ratios.append(np.linalg.norm(places[feature] - true) / np.sqrt(2) / sigma)
+            before = places
+        assert 1 / factor < np.sqrt(np.mean(np.square(ratios))) < factor
+
+
+def crossing(k: int) -> np.ndarray:
+    """A textured board that passes in front of another."""
+    scene = warped(texture(1), motion(0, (0, 0)))
+    board = texture(7)[:120, :90]
+    x = 10 + 6 * k
+    scene[60:180, x : x + 90] = board
+    return scene
+
+
+def test_features_end_when_something_passes_in_front_of_them() -> None:
+    rng = np.random.default_rng(0)
+    tracker = Tracker(TrackerConfig(max_features=200, respawn_every=1000))
+    first = tracker.step(Frame(0, to_uint8(crossing(0), rng)))
+    start = dict(zip(first.ids.tolist(), first.pixels, strict=True))
+    ended: set[int] = set()
+    for k in range(1, 20):
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(crossing(k), rng)))
+        ended |= set(tracks.ended.tolist())
+    behind = {i for i, (x, y) in start.items() if 110 < x < 205 and 70 < y < 170}
+    wandered = [
+        i
+        for i in behind & set(tracks.ids.tolist())
+        if np.linalg.norm(tracks.pixels[tracks.ids == i] - start[i]) > 2
+    ]
+    assert len(behind) > 15
+    assert len(behind & ended) > 0.8 * len(behind)
+    assert len(wandered) <= 0.05 * len(start)
+
+
+def test_ended_features_are_told_once_and_ids_are_never_used_again() -> None:
+    rng, image = np.random.default_rng(0), texture(4)
+    tracker = Tracker(TrackerConfig(max_features=80, respawn_every=3))
+    alive: set[int] = set()
+    ended: set[int] = set()
+    for k in range(30):
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, motion(k, (6.0, 3.0))), rng)))
+        now = set(tracks.ids.tolist())
+        assert set(tracks.ended.tolist()) == alive - now
+        assert not now & ended
+        assert (np.diff(tracks.ids.astype(np.int64)) > 0).all()
+        assert {i for i, born in zip(tracks.ids.tolist(), tracks.born, strict=True) if born} == now - alive
+        ended |= set(tracks.ended.tolist())
+        alive = now
+    assert set(tracker.reset().tolist()) == alive
+    after = tracker.step(Frame(31 * PERIOD, to_uint8(image[:120, :160], rng)))
+    assert not set(after.ids.tolist()) & (alive | ended)
+
+
+def test_new_features_come_every_n_frames_in_empty_cells() -> None:
+    config = TrackerConfig(max_features=60, respawn_every=5, cell=16)
+    rng, image = np.random.default_rng(0), texture(4)
+    tracker = Tracker(config)
+    for k in range(16):
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, motion(k, (5.0, 0.0))), rng)))
+        assert len(tracks.ids) <= 60
+        if tracks.born.any():
+            assert k % 5 == 0
+    assert tracker.count > 60
+
+
+def test_a_textured_floor_does_not_take_the_whole_budget() -> None:
+    image = np.full(SHAPE, 128, np.float32)
+    image[160:] = texture(2)[:80, :320]  # strong texture in the lowest third
+    image[:160] += 0.3 * (texture(3)[:160, :320] - 128)  # faint elsewhere
+    corners = new_corners(
+        image.astype(np.uint8), np.empty((0, 2), np.float32), TrackerConfig(max_features=80)
+    )
+    assert 70 < len(corners) <= 80
+    assert (corners[:, 1] < 160).sum() > 40
+
+
+def test_a_blank_image_has_no_features() -> None:
+    rng = np.random.default_rng(0)
+    blank = np.clip(rng.normal(128, 1.0, SHAPE), 0, 255).astype(np.uint8)
+    assert len(new_corners(blank, np.empty((0, 2), np.float32), TrackerConfig())) == 0
+    assert len(new_corners(np.zeros(SHAPE, np.uint8), np.empty((0, 2), np.float32), TrackerConfig())) == 0
+
+
+def test_corners_are_found_between_pixels() -> None:
+    big = np.full((SHAPE[0] * 8, SHAPE[1] * 8), 60, np.uint8)
+    true = np.array([[101.25, 80.625], [200.75, 150.125]])
+    for x, y in ((true + 0.5) * 8).astype(int):
+        big[y : y + 200, x : x + 200] = 200
+        big[y - 200 : y, x - 200 : x] = 200
+    small = cv2.GaussianBlur(cv2.resize(big, SHAPE[::-1], interpolation=cv2.INTER_AREA), (3, 3), 0.7)
+    corners = new_corners(small, np.empty((0, 2), np.float32), TrackerConfig())
+    for corner in true:
+        assert np.linalg.norm(corners - corner, axis=1).min() < 0.1
+
+
+def test_of_two_features_that_meet_the_younger_goes() -> None:
+    pixels = np.array([[10, 10], [50, 50], [11, 10], [12, 10], [52, 50]], np.float32)
+    # The fourth is near the third alone, which goes itself.
+    assert crowded(pixels, 1.5).tolist() == [False, False, True, False, False]
+    assert crowded(pixels, 2.5).tolist() == [False, False, True, True, True]
+
+
+def test_the_check_keeps_what_comes_back_and_stops_what_does_not() -> None:
+    """Kept while ‖w + ŵ‖² < a(‖w‖² + ‖ŵ‖²) + b; the thesis prints the inequality for 'stop'."""
+    start = np.zeros((4, 2), np.float32)
+    there = np.array([[10, 0], [10, 0], [10, 0], [0, 0]], np.float32)
+    back = np.array([[0, 0], [0.9, 0], [3, 0], [1.2, 0]], np.float32)
+    kept, miss = forward_backward(start, there, back, 0.0, 0.5)
+    assert kept.tolist() == [True, False, False, False]
+    np.testing.assert_allclose(miss, [0, 0.9, 3, 1.2], rtol=1e-5)
+    kept, _ = forward_backward(start, there, back, 0.01, 0.5)
+    assert kept.tolist() == [True, True, False, False]
+    kept, _ = forward_backward(start, there, back, 0.5, 0.5)
+    assert kept.tolist() == [True, True, True, False]
+
+
+def plane(tilt: float, near: float = 1.0) -> np.ndarray:
+    """Depth of a plane: 1/z is linear in the pixel."""
+    x = np.arange(SHAPE[1], dtype=np.float64)
+    row = 1.0 / (1.0 / near + tilt * (x - 160) / 300.0)
+    return np.tile(row, (SHAPE[0], 1)).astype(np.float32)
+
+
+def test_depth_is_read_between_pixels_off_a_tilted_plane() -> None:
+    pixels = np.random.default_rng(1).uniform((20, 20), (300, 220), (100, 2)).astype(np.float32)
+    found = look_up(plane(0.8), pixels, TrackerConfig(), 2)
+    true = 1.0 / (1.0 + 0.8 * (pixels[:, 0].astype(float) - 160) / 300.0)
+    assert not found.edge.any()
+    np.testing.assert_allclose(found.z, true, rtol=1e-5)
+
+
+def test_depth_edges_and_holes_are_told_apart() -> None:
+    depth = plane(0.0)
+    depth[:, 160:] = 1.5
+    depth[100:140, 40:80] = 0
+    depth[100:140, 100:130] = np.nan
+    found = look_up(
+        depth,
+        np.array([[50, 50], [160, 50], [60, 120], [115, 120], [250, 50]], np.float32),
+        TrackerConfig(),
+        2,
+    )
+    assert found.edge.tolist() == [False, True, False, False, False]
+    np.testing.assert_allclose(found.z, [1.0, np.nan, np.nan, np.nan, 1.5])
+
+
+def depth_frames(depths: Callable[[int], np.ndarray | None], count: int) -> Iterator[Frame]:
+    rng, image = np.random.default_rng(0), texture(1)
+    for k in range(count):
+        yield Frame(k * PERIOD, to_uint8(warped(image, motion(k, (1.5, 0.0))), rng), depths(k))
+
+
+def test_points_lie_where_the_camera_saw_them() -> None:
+    tracker = Tracker(TrackerConfig(max_features=60), CAMERA)
+    for frame in depth_frames(lambda k: plane(0.3), 5):
+        tracks = tracker.step(frame)
+    assert tracks.points is not None
+    assert tracks.sigma is not None
+    assert np.isfinite(tracks.points).all()
+    np.testing.assert_allclose(CAMERA.project(tracks.points), tracks.pixels, atol=1e-3)
+    true = 1.0 / (1.0 + 0.3 * (tracks.pixels[:, 0].astype(float) - 160) / 300.0)
+    np.testing.assert_allclose(tracks.points[:, 2], true, rtol=1e-4)
+    # Noise grows with the square of the depth, and the far side of the plane is left.
+    assert np.corrcoef(tracks.sigma, tracks.points[:, 2] ** 2)[0, 1] > 0.9
+
+
+def test_a_step_in_depth_ends_the_features_on_it() -> None:
+    tracker = Tracker(TrackerConfig(max_features=60, respawn_every=1000, max_step=0.05), CAMERA)
+
+    def depths(k: int) -> np.ndarray:
+        depth = plane(0.0)
+        if k >= 3:
+            depth[:, :160] = 0.6
+        return depth
+
+    *_, before, _, after = [tracker.step(frame) for frame in depth_frames(depths, 5)]
+    left = set(before.ids[before.pixels[:, 0] < 150].tolist())
+    right = set(before.ids[before.pixels[:, 0] > 170].tolist())
+    assert left
+    assert not left & set(after.ids.tolist())
+    assert len(right & set(after.ids.tolist())) > 0.9 * len(right)
+
+
+def test_features_outlive_frames_without_depth_but_not_holes_in_it() -> None:
+    config = TrackerConfig(max_features=60, respawn_every=1000, max_missing=3)
+    tracker = Tracker(config, CAMERA)
+    hole = plane(0.0)
+    hole[:, :160] = 0
+
+    seen = [tracker.step(frame) for frame in depth_frames(lambda k: None if 2 <= k < 12 else plane(0.0), 14)]
+    assert seen[5].points is not None
+    assert np.isnan(seen[5].points).all()
+    assert len(seen[-1].ids) > 0.9 * len(seen[0].ids)
+    assert np.isfinite(seen[-1].points).all()
+
+    tracker.reset()
+    tracker = Tracker(config, CAMERA)
+    seen = [tracker.step(frame) for frame in depth_frames(lambda k: hole if k >= 2 else plane(0.0), 9)]
+    left = set(seen[1].ids[seen[1].pixels[:, 0] < 140].tolist())
+    assert left <= set(seen[3].ids.tolist())
+    assert not left & set(seen[-1].ids.tolist())
+
+
+def test_no_feature_starts_at_a_depth_edge() -> None:
+    depth = plane(0.0)
+    depth[:, 160:] = 1.4
+    tracks = Tracker(TrackerConfig(), CAMERA).step(next(depth_frames(lambda k: depth, 1)))
+    assert len(tracks.ids) > 50
+    assert (np.abs(tracks.pixels[:, 0] - 159.5) > 5).all()
+
+
+def test_frames_must_come_in_order_and_of_one_size() -> None:
+    tracker = Tracker()
+    image = texture(1)[:240, :320].astype(np.uint8)
+    tracker.step(Frame(5, image))
+    for stamp in (5, 4):
+        with pytest.raises(ValueError, match="order"):
+            tracker.step(Frame(stamp, image))
+    with pytest.raises(ValueError, match="size"):
+        tracker.step(Frame(6, image[:200]))
+
+
+def test_colour_and_grey_images_give_the_same_features() -> None:
+    grey = texture(1)[:240, :320].clip(0, 255).astype(np.uint8)
+    a = Tracker().step(Frame(0, grey))
+    b = Tracker().step(Frame(0, cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)))
+    np.testing.assert_array_equal(a.pixels, b.pixels)
+
+
+def test_the_same_frames_give_the_same_tracks() -> None:
+    def run() -> np.ndarray:
+        tracker = Tracker(TrackerConfig(max_features=60), CAMERA)
+        return np.concatenate(
+            [tracker.step(frame).points for frame in depth_frames(lambda k: plane(0.2), 20)]
+        )
+
+    np.testing.assert_array_equal(run(), run())
