@@ -171,7 +171,7 @@ def test_a_textured_floor_does_not_take_the_whole_budget() -> None:
     image[160:] = texture(2)[:80, :320]  # strong texture in the lowest third
     image[:160] += 0.3 * (texture(3)[:160, :320] - 128)  # faint elsewhere
     corners = new_corners(
-        image.astype(np.uint8), np.empty((0, 2), np.float32), TrackerConfig(max_features=80)
+        image.clip(0, 255).astype(np.uint8), np.empty((0, 2), np.float32), TrackerConfig(max_features=80)
     )
     assert 70 < len(corners) <= 80
     assert (corners[:, 1] < 160).sum() > 40
