@@ -63,13 +63,16 @@ def save_plot(
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     space = main_space(updates, spaces)
     if space is None:
         raise ValueError("there is nothing to plot: no update lists a track")
     moments = [moment_of(update, truth, spaces, space) for update in updates]
     has_truth = any((moment.objects >= 0).any() for moment in moments)
-    figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout="constrained")
+    # The layout does not see the labels of 3-D axes.
+    layout = ConstrainedLayoutEngine(hspace=0.02 if space.dim == 2 else 0.08)
+    figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout=layout)
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=14)
     _Painter(figure, space, moments, scores, truth, has_truth).draw()

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -170,3 +171,16 @@ def test_several_plots_do_not_overwrite_each_other(scene: Path, recording: Path)
     paths = {plot_path(Path("out/p.png"), one, several=True) for one in inputs}
     assert len(paths) == 3
     assert Path("out/p-markers.png") in paths
+
+
+@pytest.mark.data
+@pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no folder of recordings")
+def test_a_real_recording_is_grouped_into_its_segments() -> None:
+    path = Path(os.environ["COMOTION_DATA"]) / "mocap" / "tennis_serve.npz"
+    config = FusionConfig(method="thesis", sigma_switch=0.01)
+    (one,) = find_inputs([str(path)])
+    run = run_offline(one.open(), config, period=1 / 3, duration=6.0)
+    assert run.scores[-1].objects == 11
+    # At rest for the first second, then the limbs part.
+    assert run.nmi[0] == 0.0
+    assert run.summary.final_nmi > 0.85
