@@ -83,6 +83,10 @@ def _average_linkage(sums: Floats32, least: np.float32) -> NDArray[np.intp]:
             open_[b] = False
             parent[b] = a
             _absorb(sums, open_, a, b)
+        elif length == count:
+            # A symmetric matrix cannot make a chain longer than its items; no other may run off the end.
+            open_[a] = False
+            length = 0
         else:
             chain[length] = b
             length += 1

@@ -101,7 +101,8 @@ def _combine(
 ) -> Floats32:
     """Geometric mean of preference and shape interaction, the latter a geometric mean over ranks.
 
-    Rows of V are normalised per rank; interaction at a rank is |v_i·v_j|⁴.
+    Rows of V are normalised per rank; interaction at a rank is |v_i·v_j|⁴. Every product is grouped
+    so that (i, j) and (j, i) agree to the last bit, which linkage relies on.
     """
     dims, count = vectors.shape
     square = np.zeros((dims + 1, count), np.float32)
@@ -125,7 +126,7 @@ def _combine(
                 dot[j] += scale * vectors[k, j]
             if wanted[k]:
                 for j in range(count):
-                    cosine = dot[j] * dot[j] * inverse[k + 1, i] * inverse[k + 1, j]
+                    cosine = (dot[j] * dot[j]) * (inverse[k + 1, i] * inverse[k + 1, j])
                     product[j] *= cosine * cosine + rank_floor
         for j in range(count):
             mean = (np.sqrt(np.sqrt(product[j])) if four else product[j] ** root) + interaction_floor

@@ -1,0 +1,339 @@
+"""Grouping in pixel space: parity with literal references, small scenes, life between updates."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comotion import Fusion, FusionConfig
+from comotion.pixels.epipolar import EpipolarTest
+from comotion.pixels.grouping import group
+from comotion.pixels.interaction import subspace
+from comotion.pixels.keyframes import KeyFrames, frame_pairs, spread
+from comotion.pixels.local import explain
+from comotion.pixels.merging import merge
+from comotion.pixels.parameters import PixelParameters
+from comotion.pixels.pieces import Pieces, link
+from comotion.pixels.sampling import neighbour_distance
+from comotion.pixels.similarity import Similarity
+from comotion_clients.metrics import misclassification
+from comotion_schemas import UNDETERMINED, ObservationBatch
+
+MS = 1_000_000
+T0 = 1_700_000_000_000 * MS
+
+
+def frames_of(positions, visible=None):
+    visible = np.ones(positions.shape[:2], bool) if visible is None else visible
+    return KeyFrames(np.where(visible[..., None], positions, 0).astype(np.float32), visible)
+
+
+def affine_scene(rng, sizes, frames=24, noise=0.1):
+    """Bodies that each undergo a smooth affine motion of their own."""
+    parts = []
+    for size in sizes:
+        x = rng.uniform(-120, 120, (size, 2)) + rng.uniform(200, 400, 2)
+        rate, turn = rng.uniform(-3, 3, 2), rng.uniform(-0.01, 0.01)
+        steps = []
+        for t in range(frames):
+            c, s = np.cos(turn * t), np.sin(turn * t)
+            steps.append((x - x.mean(0)) @ np.array([[c, s], [-s, c]]) + x.mean(0) + rate * t)
+        parts.append(np.array(steps))
+    truth = np.repeat(np.arange(len(sizes)), sizes)
+    positions = np.concatenate(parts, axis=1)
+    return positions + rng.normal(0, noise, positions.shape), truth
+
+
+def perspective_body(rng, size, velocity, turn, frames=24):
+    """A rigid body two to eight metres away, seen by a pinhole camera of 500 px."""
+    x = rng.uniform([-2, -1, 2], [2, 1, 8], (size, 3))
+    seen = []
+    for t in range(frames):
+        c, s = np.cos(turn * t), np.sin(turn * t)
+        y = x @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + np.asarray(velocity) * t
+        seen.append(500 * y[:, :2] / y[:, 2:] + [320, 240])
+    return np.array(seen)
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(2, 14), least=st.floats(0.05, 0.9))
+@settings(deadline=None, max_examples=40)
+def test_chain_linkage_equals_greedy_linkage(seed, count, least):
+    rng = np.random.default_rng(seed)
+    evidence, value = (np.triu(rng.uniform(0.1, 1, (count, count)), 1) for _ in range(2))
+    evidence, value = evidence + evidence.T + np.eye(count), value + value.T + np.eye(count)
+    clusters = [[i] for i in range(count)]
+    while len(clusters) > 1:
+        mean = {
+            (a, b): (value * evidence)[np.ix_(clusters[a], clusters[b])].sum()
+            / evidence[np.ix_(clusters[a], clusters[b])].sum()
+            for a in range(len(clusters))
+            for b in range(a)
+        }
+        (a, b), best = max(mean.items(), key=lambda item: item[1])
+        if best < least:
+            break
+        clusters[b] += clusters.pop(a)
+    found = link(
+        Similarity(value.astype(np.float32), evidence.astype(np.float32), np.zeros(count, np.float32)), least
+    )
+    assert sorted(sorted(c) for c in clusters) == sorted(m.tolist() for m in found.members())
+
+
+def test_pooled_sums_are_sums_over_blocks():
+    rng = np.random.default_rng(0)
+    value = rng.uniform(0, 1, (9, 9)).astype(np.float32)
+    value = np.maximum(value, value.T)
+    evidence = np.ones((9, 9), np.float32)
+    found = link(Similarity(value, evidence, np.zeros(9, np.float32)), 0.6)
+    for a, rows in enumerate(found.members()):
+        for b, columns in enumerate(found.members()):
+            assert found.weighted[a, b] == pytest.approx(value[np.ix_(rows, columns)].sum(), rel=1e-6)
+            assert found.evidence[a, b] == len(rows) * len(columns)
+
+
+def test_linkage_ends_on_a_matrix_that_is_not_symmetric():
+    turns = np.array([[0, 1, 2], [2, 0, 1], [1, 2, 0]], np.float32)
+    found = link(Similarity(turns, np.ones((3, 3), np.float32), np.zeros(3, np.float32)), 0.5)
+    assert len(found.of) == 3
+
+
+def test_similarity_is_symmetric_to_the_last_bit():
+    rng = np.random.default_rng(12)
+    positions, _ = affine_scene(rng, (50, 47))
+    visible = rng.random(positions.shape[:2]) > 0.3
+    found = group(frames_of(positions, visible), PixelParameters()).similarity
+    np.testing.assert_array_equal(found.value, found.value.T)
+    np.testing.assert_array_equal(found.evidence, found.evidence.T)
+
+
+def test_local_motions_equal_a_literal_fit():
+    rng = np.random.default_rng(1)
+    positions, _ = affine_scene(rng, (9, 7), frames=6, noise=1.0)
+    visible = rng.random((6, 16)) > 0.2
+    pairs = frame_pairs(frames_of(positions, visible), (1, 3))
+    members = np.array([[0, 1, 2, 3, 4], [5, 6, 9, 10, 11]])
+    found = explain(pairs, [members], ridge=25.0, cap=400.0)
+    total, used = np.zeros((2, 16)), np.zeros((2, len(pairs.seen)))
+    for q in range(len(pairs.seen)):
+        for h in range(2):
+            inside = members[h][pairs.seen[q, members[h]] > 0]
+            if len(inside) < 4:
+                continue
+            used[h, q] = 1
+            x, u = pairs.start[q].T.astype(float), pairs.move[q].T.astype(float)
+            dx, du = x[inside] - x[inside].mean(0), u[inside] - u[inside].mean(0)
+            a = np.linalg.solve(dx.T @ dx + 25.0 * len(inside) * np.eye(2), dx.T @ du)
+            square = ((u - u[inside].mean(0) - (x - x[inside].mean(0)) @ a) ** 2).sum(1)
+            total[h] += np.minimum(square, 400.0) * pairs.seen[q]
+    np.testing.assert_array_equal(found.used, used)
+    np.testing.assert_allclose(found.total, total, rtol=2e-3, atol=2e-3)
+
+
+def test_neighbour_distance_counts_common_frames_only():
+    rng = np.random.default_rng(2)
+    positions, _ = affine_scene(rng, (6,), frames=8, noise=2.0)
+    visible = rng.random((8, 6)) > 0.3
+    found = neighbour_distance(frames_of(positions, visible), np.array([0, 3]), 10.0)
+    for row, i in enumerate((0, 3)):
+        for j in range(6):
+            both = visible[:, i] & visible[:, j]
+            if both.sum() < 2:
+                assert np.isinf(found[row, j])
+                continue
+            place = ((positions[both, i] - positions[both, j]) ** 2).sum(1).mean()
+            steps = both[1:] & both[:-1]
+            move = np.diff(positions[:, i], axis=0) - np.diff(positions[:, j], axis=0)
+            moved = (move[steps] ** 2).sum(1).mean() if steps.any() else 0.0
+            expected = (np.sqrt(place) + 10 * np.sqrt(moved)) / np.sqrt(both.sum() / 8)
+            assert found[row, j] == pytest.approx(expected, rel=1e-3, abs=0.05)
+
+
+def test_completion_recovers_a_low_rank_scene():
+    rng = np.random.default_rng(3)
+    positions, _ = affine_scene(rng, (30,), noise=0.0)
+    visible = rng.random((24, 30)) > 0.2
+    whole = subspace(frames_of(positions), 4, 4, 60)
+    gappy = subspace(frames_of(positions, visible), 4, 4, 300)
+    # The same subspace: projectors agree, whatever the basis. Float32 leaves about 1e-3.
+    np.testing.assert_allclose(whole[:3].T @ whole[:3], gappy[:3].T @ gappy[:3], atol=0.02)
+
+
+def test_spread_keeps_both_ends():
+    assert spread(5, 24).tolist() == [0, 1, 2, 3, 4]
+    chosen = spread(100, 24)
+    assert (chosen[0], chosen[-1], len(np.unique(chosen))) == (0, 99, 24)
+
+
+def test_epipolar_test_tells_one_body_in_perspective_from_two():
+    rng = np.random.default_rng(4)
+    one = perspective_body(rng, 80, (0.03, 0.0, 0.05), 0.004)
+    other = perspective_body(rng, 40, (-0.06, 0.05, 0.0), -0.01)
+    positions = np.concatenate([one, other], axis=1)
+    positions += rng.normal(0, 0.1, positions.shape)
+    test = EpipolarTest(frames_of(positions))
+    near, far, second = np.arange(40), np.arange(40, 80), np.arange(80, 120)
+    assert test.log_ratio(near, far) < np.log(1.5)
+    assert test.log_ratio(near, second) > np.log(3)
+    assert test.log_ratio(near[:8], far) is None
+
+
+def test_what_was_apart_is_not_joined_at_the_first_doubt():
+    p = PixelParameters()
+    value = 1.2 * p.merge_similarity
+    mean = np.array([[1.0, value], [value, 1.0]])
+    pieces = Pieces(np.repeat([0, 1], 40), mean * 1600, np.full((2, 2), 1600.0))
+    still = frames_of(np.zeros((1, 80, 2)))
+    assert len(set(merge(pieces, EpipolarTest(still), p).tolist())) == 1
+    apart = np.repeat([7, 8], 40)
+    assert len(set(merge(pieces, EpipolarTest(still), p, apart).tolist())) == 2
+    assert len(set(merge(pieces, EpipolarTest(still), p, np.full(80, 7)).tolist())) == 1
+
+
+@pytest.mark.parametrize("sizes", [(60,), (70, 40), (80, 40, 30)])
+def test_bodies_are_told_apart_without_their_number(sizes):
+    rng = np.random.default_rng(5)
+    positions, truth = affine_scene(rng, sizes)
+    visible = rng.random(positions.shape[:2]) > 0.15
+    found = group(frames_of(positions, visible), PixelParameters())
+    assert misclassification(found.labels, truth) <= 0.02
+    assert (found.confidence >= 0).all()
+    assert (found.confidence <= 1).all()
+
+
+def test_everything_at_rest_is_one_group():
+    rng = np.random.default_rng(6)
+    positions = np.repeat(rng.uniform(0, 400, (1, 50, 2)), 24, axis=0) + rng.normal(0, 0.2, (24, 50, 2))
+    assert group(frames_of(positions), PixelParameters()).labels.max() == 0
+
+
+def test_same_input_same_output_bit_by_bit():
+    positions, _ = affine_scene(np.random.default_rng(7), (40, 30))
+    first, second = (group(frames_of(positions), PixelParameters()) for _ in range(2))
+    np.testing.assert_array_equal(first.labels, second.labels)
+    assert first.similarity.value.tobytes() == second.similarity.value.tobytes()
+    assert first.confidence.tobytes() == second.confidence.tobytes()
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_a_handful_of_trajectories_is_grouped_too(count):
+    positions, _ = affine_scene(np.random.default_rng(8), (count,))
+    assert len(group(frames_of(positions), PixelParameters()).labels) == count
+
+
+def batch(seq, stamp_ns, ids, positions, ended=None):
+    return ObservationBatch(
+        source="cam",
+        session="a" * 16,
+        seq=seq,
+        space="cam/pixels",
+        unit="px",
+        dim=2,
+        stamp_ns=stamp_ns,
+        ids=np.asarray(ids, np.uint64),
+        positions=np.asarray(positions, np.float32),
+        ended=None if ended is None else np.asarray(ended, np.uint64),
+    )
+
+
+class Camera:
+    """Two bodies at 15 Hz; trajectory i is born at `born[i]` and lost at `lost[i]`, in frames."""
+
+    def __init__(self, born, lost, frames=40):
+        self.positions, self.truth = affine_scene(np.random.default_rng(9), (40, 30), frames, 0.1)
+        self.born = np.full(70, 0) if born is None else born
+        self.lost = np.full(70, frames) if lost is None else lost
+
+    def play(self, fusion, start, stop):
+        updates = []
+        for k in range(start, stop):
+            alive = (self.born <= k) & (k < self.lost)
+            stamp = T0 + k * 1000 * MS // 15
+            fusion.ingest(batch(k, stamp, np.flatnonzero(alive), self.positions[k, alive]))
+            updates.append(fusion.update(stamp))
+        return updates
+
+
+def pixel_fusion():
+    return Fusion(FusionConfig(method="comotion"), scene="default", session="0" * 16)
+
+
+def test_identities_outlive_births_and_deaths():
+    rng = np.random.default_rng(10)
+    born, lost = np.zeros(70, int), np.full(70, 40)
+    renewed = rng.permutation(70)[:24]
+    born[renewed[:12]], lost[renewed[12:]] = 20, 20
+    camera = Camera(born, lost)
+    updates = camera.play(pixel_fusion(), 0, 40)
+    middle, final = updates[18], updates[-1]
+    for update in (middle, final):
+        assert misclassification(update.track_hypothesis, camera.truth[update.track_id.astype(int)]) == 0
+    assert {h.id for h in middle.hypotheses} == {h.id for h in final.hypotheses}
+    assert len(final.hypotheses) == 2
+    kinds = {event.kind for update in updates for event in update.events}
+    assert "born" in kinds
+    assert "ended" not in kinds
+
+
+def test_the_young_start_from_their_neighbours():
+    born = np.zeros(70, int)
+    born[[3, 50]] = 38
+    camera = Camera(born, None)
+    final = camera.play(pixel_fusion(), 0, 40)[-1]
+    of = dict(zip(final.track_id.tolist(), final.track_hypothesis.tolist(), strict=True))
+    hypotheses = {h.id for h in final.hypotheses}
+    assert {of[3], of[50]} <= hypotheses
+    # In the scene the bodies overlap in the image, so only being near something is promised.
+    assert all(final.track_confidence[np.isin(final.track_id, [3, 50])] <= 0.5)
+
+
+def test_nothing_is_claimed_before_there_is_something_to_compare():
+    update = Camera(None, None).play(pixel_fusion(), 0, 1)[-1]
+    assert (update.track_hypothesis == UNDETERMINED).all()
+    assert update.hypotheses == []
+
+
+def test_a_hypothesis_says_how_it_moves():
+    rng = np.random.default_rng(11)
+    x = rng.uniform(100, 300, (40, 2))
+    fusion = pixel_fusion()
+    for k in range(30):
+        moved = np.concatenate([x + np.array([3.0 * k, 0.0]), x + 150.0])
+        stamp = T0 + k * 1000 * MS // 15
+        fusion.ingest(batch(k, stamp, np.arange(80), moved + rng.normal(0, 0.05, moved.shape)))
+        update = fusion.update(stamp)
+    by_state = {h.state: h for h in update.hypotheses}
+    assert set(by_state) == {"moving", "static"}
+    assert by_state["moving"].twist.linear == pytest.approx([45.0, 0.0], abs=0.5)
+    assert by_state["moving"].twist.angular == pytest.approx(0.0, abs=0.02)
+    assert by_state["static"].noise < 0.2
+
+
+def test_a_restart_keeps_hypotheses():
+    camera = Camera(None, None)
+    fusion = pixel_fusion()
+    before = camera.play(fusion, 0, 30)[-1]
+    again = Fusion.restore(fusion.config, fusion.snapshot())
+    after, unbroken = camera.play(again, 30, 40)[-1], camera.play(fusion, 30, 40)[-1]
+    assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
+    np.testing.assert_array_equal(after.track_hypothesis, unbroken.track_hypothesis)
+    assert [h.born_ns for h in after.hypotheses] == [h.born_ns for h in unbroken.hypotheses]
+
+
+@pytest.mark.data
+@pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no recordings")
+@pytest.mark.parametrize(
+    ("name", "bodies", "worst"),
+    [("hopkins155/1R2TCR", 3, 0.02), ("hopkins155/truck2", 2, 0.02), ("kt3dmoseg/Seq020_Clip01", 2, 0.05)],
+)
+def test_real_sequences(name, bodies, worst):
+    with np.load(Path(os.environ["COMOTION_DATA"]) / f"{name}.npz") as file:
+        positions, truth = file["positions"], file["labels"]
+    positions = positions[spread(len(positions), 24)]
+    visible = np.isfinite(positions).all(axis=2)
+    grown = np.flatnonzero(visible.sum(axis=0) >= 4)
+    found = group(frames_of(positions[:, grown], visible[:, grown]), PixelParameters())
+    assert found.labels.max() + 1 == bodies
+    assert misclassification(found.labels, truth[grown]) <= worst
