@@ -24,10 +24,10 @@ from urllib.parse import unquote
 import msgpack
 import numpy as np
 import zenoh
-from pydantic import TypeAdapter
 from zenoh.handlers import RingChannel
 
-from comotion_schemas import MAX_BYTES, MESSAGE_TYPES, QOS, HypothesisUpdate, Keys, Status, encode
+from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, encode
+from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 
 from ..fusion import AffinitySnapshot, Fusion
@@ -101,7 +101,7 @@ def handlers(
 
 
 def _schema(message: str | None) -> bytes:
-    schemas = {kind.__name__: TypeAdapter(kind).json_schema() for kind in MESSAGE_TYPES}
+    schemas = json_schemas()
     if message is None:
         return json.dumps(schemas).encode()
     if message not in schemas:
