@@ -1,0 +1,1 @@
+"""The default method in metric spaces: rigid bodies with a motion."""

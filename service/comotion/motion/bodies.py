@@ -1,0 +1,148 @@
+"""Rigid bodies: a motion over the frames, fitted to some trajectories, and what it costs each of all."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..window import Bools, Floats
+from .config import MotionConfig
+from .frames import Frames
+from .procrustes import body_cost, fit_body
+from .tracks import Ints
+
+FIT_ITERATIONS = 4
+# A body that is posed in most of its members' frames is charged the expected residual for the rest;
+# one that is not would win by being empty.
+_COVERED = 0.6
+_UNCOVERED = 0.7
+
+
+@dataclass(frozen=True)
+class Body:
+    """A candidate: poses x = R b + t over F frames.
+
+    Attributes
+    ----------
+    rows
+        intp [m], rows that it was fitted to; empty for the static body.
+    template
+        float64 [m, 3], body coordinates of the rows.
+    R, t, posed
+        float64 [F, 3, 3], float64 [F, 3], bool [F].
+    dof
+        Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static one.
+    """
+
+    rows: Ints
+    template: Floats
+    R: Floats
+    t: Floats
+    posed: Bools
+    dof: int
+
+    @property
+    def static(self) -> bool:
+        """Whether it is the body that never moves."""
+        return self.dof == 0
+
+
+def static_body(count: int) -> Body:
+    """The body at rest over `count` frames."""
+    nothing = np.zeros(0, np.intp)
+    turns = np.tile(np.eye(3), (count, 1, 1))
+    return Body(nothing, np.zeros((0, 3)), turns, np.zeros((count, 3)), np.ones(count, np.bool_), 0)
+
+
+def fit(frames: Frames, rows: Ints) -> Body:
+    """Fit a body to rows: generalised Procrustes with missing data and robust weights."""
+    count = len(frames.stamps)
+    y, w = frames.y[rows], frames.w[rows]
+    R = np.tile(np.eye(3), (count, 1, 1))
+    t = np.zeros((count, 3))
+    posed = np.zeros(count, np.bool_)
+    template = np.zeros((len(rows), 3))
+    fit_body(y, w, 1 / frames.tolerance[rows], frames.dim, FIT_ITERATIONS, template, R, t, posed)
+    pair = int((w > 0).any(1).sum()) <= 2
+    dof = 3 if frames.dim == 2 else (5 if pair else 6)
+    return Body(rows, template, R, t, posed, dof)
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K]."""
+
+    body: Floats
+    outlier: Floats
+    opening: Floats
+
+
+def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: float = 1.0) -> Costs:
+    """Cost of each trajectory under each body, of being an outlier, and of opening each body.
+
+    C_ik = 1/2 sum_f min(|y_body - b_i|^2 / v_ik, cap dim), y_body the trajectory in the body's frame
+    and b_i its robust mean. `stretch` scales costs of thinned frames to those of all.
+    """
+    found = [_cost(frames, body, config) for body in bodies]
+    body = np.stack([frames.per_track(one) for one in found], 1) * stretch
+    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
+    outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
+    opening = np.array(
+        [
+            0.0
+            if b.static
+            else 0.5 * b.dof * config.pose_price * stretch * int(b.posed.sum()) + config.birth_price
+            for b in bodies
+        ]
+    )
+    return Costs(body, outlier, opening)
+
+
+def residuals(frames: Frames, body: Body, tolerance: Floats, config: MotionConfig) -> tuple[Floats, Floats]:
+    """Cost [P] of each row at the given tolerance [P], and its mean squared residual [P]."""
+    count = len(frames.owner)
+    cost, squared = np.zeros(count), np.zeros(count)
+    body_cost(
+        frames.y,
+        frames.w,
+        1 / tolerance,
+        frames.dim,
+        config.residual_cap,
+        body.R,
+        body.t,
+        body.posed,
+        _unposed_charge(frames, body, config),
+        cost,
+        squared,
+    )
+    return cost, squared
+
+
+def _unposed_charge(frames: Frames, body: Body, config: MotionConfig) -> float:
+    if body.static:
+        return 0.0
+    seen = frames.w[body.rows] > 0
+    covered = float(seen[:, body.posed].sum()) / max(1, int(seen.sum()))
+    return frames.dim * (1.0 if covered >= _COVERED else _UNCOVERED * config.residual_cap)
+
+
+def _cost(frames: Frames, body: Body, config: MotionConfig) -> Floats:
+    """Row costs under a body, whose tolerance follows its members' residual.
+
+    Soft things are bodies too: a body that fits its own members worse than the noise says is given
+    a wider tolerance, for all trajectories alike, at the price of one log per coordinate.
+    """
+    cost, squared = residuals(frames, body, frames.tolerance, config)
+    if body.static or config.looseness == 0:
+        return cost
+    own = frames.tolerance[body.rows]
+    excess = float(np.minimum(squared[body.rows] / (own * frames.dim), _LOOSEST).mean())
+    widening = min(max(0.5 + config.looseness * excess, 1.0), _LOOSEST) - 1.0
+    if widening == 0.0:
+        return cost
+    wide = frames.tolerance + widening * own.mean()
+    cost, _ = residuals(frames, body, wide, config)
+    return np.asarray(cost + 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance))
+
+
+_LOOSEST = 9.0
+_LOOSE_PRICE = 1.5

@@ -1,0 +1,47 @@
+"""Which trajectories may form a body: distance variance proposes, rigid motion judges."""
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from ..window import Floats
+from .frames import Frames
+from .sampling import distance_deviation
+from .tracks import Ints
+
+# Cuts of the dendrograms, in units of a pair's tolerance: from as rigid as the noise allows to loose.
+CUTS = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
+# A pair that shares no frames is neither near nor far.
+_UNKNOWN = 3.0
+_METHODS = ("average", "complete")
+
+
+def propose(frames: Frames, rows: Ints) -> list[Ints]:
+    """Distinct clusters of two rows or more, by average and complete linkage at several cuts.
+
+    The distance of two rows is the standard deviation of their distance (3.3) over the frames, in
+    units of their common tolerance sqrt(v_i + v_j): one scale for each pair instead of one γ.
+    """
+    if len(rows) < 2:
+        return []
+    condensed = squareform(_deviation(frames, rows), checks=False)
+    found: dict[bytes, Ints] = {}
+    for method in _METHODS:
+        tree = linkage(condensed, method)
+        for cut in CUTS:
+            labels = fcluster(tree, cut, "distance")
+            for label in np.unique(labels):
+                members = rows[labels == label]
+                if len(members) >= 2:
+                    found.setdefault(members.tobytes(), members)
+    return list(found.values())
+
+
+def _deviation(frames: Frames, rows: Ints) -> Floats:
+    """Normalised distance deviation, float64 [n, n]; rows of one trajectory are at zero."""
+    tolerance = frames.tolerance[rows]
+    deviation = distance_deviation(frames.y[rows], frames.w[rows])
+    deviation = deviation / np.sqrt(tolerance[:, None] + tolerance[None])
+    owner = frames.owner[rows]
+    deviation[owner[:, None] == owner[None]] = 0.0
+    return np.asarray(np.nan_to_num(deviation, nan=_UNKNOWN))
