@@ -4,7 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Method = Literal["thesis"]
+from .motion.config import MotionConfig
+
+Method = Literal["comotion", "thesis"]
 Clustering = Literal["divisive-kmeans", "gmm-bic", "eigengap", "eigengap-normalized"]
 Unit = Literal["m", "px"]
 
@@ -19,7 +21,7 @@ class FusionConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Method = Field("thesis", description="how hypotheses are inferred")
+    method: Method = Field("comotion", description="how hypotheses are inferred")
     window: Annotated[float, Field(gt=0, le=600)] = Field(
         10.0, description="s; observations older than this leave the trajectories"
     )
@@ -52,6 +54,10 @@ class FusionConfig(BaseModel):
     )
     max_tracks: Annotated[int, Field(ge=1, le=100_000)] = Field(
         5000, description="trajectories kept at once; further ones are refused"
+    )
+
+    motion: MotionConfig = Field(
+        default_factory=MotionConfig, description="the default method in spaces of unit m"
     )
 
     def switch_for(self, unit: Unit) -> float:

@@ -2,9 +2,15 @@
 
 from .config import FusionConfig
 from .engine import Engine, IdAllocator, SpaceSpec
+from .motion.engine import MotionEngine
+from .pixels.engine import PixelEngine
 from .thesis import ThesisEngine
 
 
 def make_engine(config: FusionConfig, spec: SpaceSpec, ids: IdAllocator) -> Engine:
     """Engine of `config.method` for one space."""
+    if config.method == "comotion" and spec.unit == "px":
+        return PixelEngine(config, spec, ids)
+    if config.method == "comotion":
+        return MotionEngine(config, spec, ids)
     return ThesisEngine(config, spec, ids)
