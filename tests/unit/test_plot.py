@@ -8,7 +8,6 @@ import pytest
 from comotion import FusionConfig
 from comotion_clients.colours import colour
 from comotion_clients.metrics import Truth
-from comotion_clients.scoring import SpaceRef
 from comotion_experiments.offline import Run, run_offline
 from comotion_experiments.plot import Trace, object_colours, save_plot
 from comotion_experiments.trace import moment_of
@@ -50,7 +49,7 @@ def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
 
 def test_an_object_has_the_colour_of_its_hypothesis() -> None:
     done, trace = run("fig4_1", 4.0)
-    space = SpaceRef("world", "m", 2)
+    (space,) = done.spaces.values()
     last = moment_of(trace.updates[-1], done.truth, done.spaces, space)
     colours = object_colours(last)
     for number in (0, 1):
