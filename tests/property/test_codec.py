@@ -212,7 +212,7 @@ def decodes_or_is_rejected(payload):
         assert decode(encode(message)) is not None
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(messages)
 def test_any_message_survives_the_wire(message):
     payload = encode(message)
@@ -228,7 +228,7 @@ def test_any_message_survives_the_wire(message):
             assert other == value
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(messages, st.data())
 def test_a_damaged_payload_is_rejected_and_never_crashes(message, data):
     payload = bytearray(encode(message))
@@ -239,7 +239,7 @@ def test_a_damaged_payload_is_rejected_and_never_crashes(message, data):
     decodes_or_is_rejected(bytes(payload[: data.draw(st.integers(0, len(payload)))]))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(messages, st.data())
 def test_a_field_of_any_other_value_is_rejected_and_never_crashes(message, data):
     content = msgpack.unpackb(encode(message))
@@ -252,7 +252,7 @@ def test_a_field_of_any_other_value_is_rejected_and_never_crashes(message, data)
     decodes_or_is_rejected(msgpack.packb(content))
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.binary(max_size=300))
 def test_random_bytes_are_rejected_and_never_crash(payload):
     decodes_or_is_rejected(payload)
