@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import zenoh
@@ -31,7 +31,7 @@ from .transport import Publisher, SessionSettings, declare_publisher, open_sessi
 
 STATUS_PERIOD_S = 1.0
 _CONNECT_TIMEOUT_MS = 500
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
 
 
@@ -63,20 +63,34 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
         return
     previous = {number: signal.getsignal(number) for number in _SIGNALS}
 
-    def restore() -> None:
+    def restore(*_: object) -> None:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
-    def on_signal(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-        restore()
-        stop.set()
-
+    # A handler runs inside the main thread, which may hold the very lock that Event.set needs:
+    # another thread has to set it.
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    thread = threading.Thread(target=_set_on_signal, args=(reader, stop), name="signals", daemon=True)
+    thread.start()
+    wakeup = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in _SIGNALS:
-        signal.signal(number, on_signal)
+        signal.signal(number, restore)
     try:
         yield
     finally:
         restore()
+        signal.set_wakeup_fd(wakeup)
+        os.close(writer)
+        thread.join()
+        os.close(reader)
+
+
+def _set_on_signal(reader: int, stop: threading.Event) -> None:
+    """Set the event when the pipe carries one of the signals; return when it is closed."""
+    while numbers := os.read(reader, 64):
+        if not _SIGNALS.isdisjoint(numbers):
+            stop.set()
 
 
 @contextmanager
