@@ -113,8 +113,9 @@ class Process:
         if self.popen.poll() is None:
             self.popen.terminate()
             try:
-                self.popen.wait(10)
-            except subprocess.TimeoutExpired:
+                self.popen.wait(DEADLINE)
+            finally:
+                # One that does not stop when told to has failed its test, and is not left behind.
                 self.popen.kill()
                 self.popen.wait(DEADLINE)
         self._reader.join(DEADLINE)

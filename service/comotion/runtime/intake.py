@@ -95,13 +95,16 @@ class Intake:
     def _discover(self, monotonic_ns: int) -> list[tuple[str, zenoh.Sample]]:
         """Open rings for new sources; answers with their samples from before the ring was there."""
         opened = self._follow_tokens(monotonic_ns)
-        samples = self._drain_discovery()
-        for name, _ in samples:
-            opened |= self._open(name, monotonic_ns)
-        if opened:
-            # What came between the first look and the opening is in the discovery ring alone; what
-            # came after is in both, which the time stamps tell apart.
-            samples += self._drain_discovery()
+        samples: list[tuple[str, zenoh.Sample]] = []
+        while True:
+            fresh = self._drain_discovery()
+            found = [name for name, _ in fresh if self._open(name, monotonic_ns)]
+            samples += fresh
+            opened.update(found)
+            if not found:
+                break
+            # What came between the look and the opening is in the discovery ring alone: look again.
+            # What comes later is in both, which the time stamps tell apart.
         early = [(n, s) for n, s in samples if n in opened or n not in self._rings]
         for name, sample in early:
             if name in opened:
@@ -126,20 +129,21 @@ class Intake:
                 _log.info("source %s has left", name)
             elif is_name(name):
                 self.present.add(name)
-                opened |= self._open(name, monotonic_ns)
+                if self._open(name, monotonic_ns):
+                    opened.add(name)
                 _log.info("source %s is here", name)
         return opened
 
-    def _open(self, name: str, monotonic_ns: int) -> set[str]:
+    def _open(self, name: str, monotonic_ns: int) -> bool:
         """Declare the ring of a source unless it has one, is no valid name, or is one too many."""
         if name in self._rings or not is_name(name) or len(self._rings) >= MAX_SOURCES:
-            return set()
+            return False
         key = self._keys.stream("obs", name)
         self._rings[name] = _Ring(
             declare_subscriber(self._session, key, "obs", RingChannel(_RING)), monotonic_ns
         )
         self.received[name] = 0
-        return {name}
+        return True
 
     def _check(self, name: str, sample: zenoh.Sample, monotonic_ns: int) -> Iterator[ObservationBatch]:
         try:

@@ -1,0 +1,156 @@
+"""Presence of a process: token, Status, readiness, signals, a router that comes late."""
+
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from comotion_schemas import Keys
+from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields, new_session_id
+from comotion_schemas.transport import SessionSettings, open_session
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+
+
+def component(endpoint: str, **changes) -> Component:
+    fields = {"role": "source", "name": "cam", "settings": SessionSettings(connect=(endpoint,))}
+    return Component(**(fields | changes))
+
+
+def test_a_component_is_present_while_it_is_open(endpoint, session) -> None:
+    presence = session.liveliness().declare_subscriber(KEYS.all_live(), history=True)
+    with component(endpoint):
+        sample = presence.recv()
+        assert (str(sample.key_expr), sample.kind) == (KEYS.live("source", "cam"), zenoh.SampleKind.PUT)
+    assert presence.recv().kind == zenoh.SampleKind.DELETE
+    presence.undeclare()
+
+
+def test_status_comes_at_once_and_then_every_second(endpoint, session, listen) -> None:
+    statuses = listen(session, KEYS.stream("status", "cam"), "status")
+    fields = StatusFields(state="degraded", rates={"a": 1.5}, counters={"batches": 3}, message="so so")
+    with component(endpoint, status=lambda: fields) as one:
+        got = [statuses.next() for _ in range(3)]
+        session_id = one.session_id
+    for status in got:
+        assert (status.component, status.role, status.session) == ("cam", "source", session_id)
+        assert (status.state, status.rates, status.message) == ("degraded", {"a": 1.5}, "so so")
+        assert status.counters == {"batches": 3}
+    # Never sooner than due: the schedule is kept on the same machine's clock.
+    assert got[2].stamp_ns - got[0].stamp_ns >= 1.9 * STATUS_PERIOD_S * 1e9
+
+
+def test_a_late_joiner_gets_the_last_status(endpoint, session, listen) -> None:
+    with component(endpoint):
+        assert listen(session, KEYS.streams("status"), "status").next().component == "cam"
+
+
+def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen) -> None:
+    statuses = listen(session, KEYS.stream("status", "cam"), "status")
+
+    def fail() -> StatusFields:
+        raise RuntimeError("a defect")
+
+    with component(endpoint, status=fail):
+        for _ in range(2):
+            status = statuses.next()
+            assert status.state == "degraded"
+            assert "a defect" in status.message
+
+
+def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> None:
+    opened = threading.Event()
+    close = threading.Event()
+
+    def run() -> None:
+        with component(free_port_endpoint):
+            opened.set()
+            close.wait(60)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    assert not opened.wait(1.0)
+    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
+        assert opened.wait(30)
+        assert listen(router, KEYS.stream("status", "cam"), "status").next().component == "cam"
+        close.set()
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def test_the_ready_file_is_there_while_it_is_open(endpoint, tmp_path: Path) -> None:
+    file = tmp_path / "ready"
+    with component(endpoint, ready_file=file) as one:
+        assert not file.exists()
+        one.ready()
+        assert file.exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_session_that_is_not_open_is_an_error(endpoint) -> None:
+    one = component(endpoint)
+    with pytest.raises(RuntimeError, match="not open"):
+        _ = one.session
+
+
+@pytest.mark.parametrize(("name", "scene"), [("Two Words", "default"), ("cam", "a/b"), ("", "default")])
+def test_an_invalid_name_is_refused_before_anything_is_opened(endpoint, name, scene) -> None:
+    with pytest.raises(ValueError, match="is not 1 to 64 characters"):
+        component(endpoint, name=name, scene=scene)
+
+
+def test_an_error_inside_closes_the_session(endpoint) -> None:
+    with pytest.raises(RuntimeError, match="inside"), component(endpoint) as one:
+        raise RuntimeError("inside")
+    assert one.session.is_closed()
+    assert one.stop.is_set()
+
+
+SCRIPT = """
+import sys
+from comotion_schemas.component import Component
+from comotion_schemas.transport import SessionSettings
+with Component(role="source", name="cam", settings=SessionSettings(connect=[sys.argv[1]])) as component:
+    component.ready()
+    component.stop.wait()
+    print("stopping", flush=True)
+    if len(sys.argv) > 2:
+        while True:
+            pass
+print("closed", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_it_cleanly(endpoint, number) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, endpoint], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        assert process.stdout.read() == "stopping\nclosed\n"
+        assert process.wait(30) == 0
+
+
+def test_a_second_signal_ends_one_that_hangs(endpoint) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, endpoint, "hang"], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout.readline() == "stopping\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == -signal.SIGTERM
+
+
+def test_session_ids_are_new_every_time() -> None:
+    ids = {new_session_id() for _ in range(100)}
+    assert len(ids) == 100
+    assert all(len(i) == 16 and set(i) <= set("0123456789abcdef") for i in ids)

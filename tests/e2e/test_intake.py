@@ -1,0 +1,136 @@
+"""The service's subscriptions, against a publisher in the same process."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import zenoh
+
+from comotion.runtime import intake as module
+from comotion.runtime.intake import IDLE_NS, Intake
+from comotion.stats import Stats
+from comotion_schemas import Keys, ObservationBatch, encode
+from comotion_schemas.transport import SessionSettings, open_session, stream_publisher
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+
+
+def payload(source: str, seq: int) -> bytes:
+    return encode(
+        ObservationBatch(
+            source=source,
+            session="00000000000000aa",
+            seq=seq,
+            space="world",
+            unit="m",
+            dim=2,
+            stamp_ns=seq,
+            ids=[1],
+            positions=np.zeros((1, 2), np.float32),
+        )
+    )
+
+
+@pytest.fixture
+def sessions(free_port_endpoint, connect):
+    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
+        yield router, connect(free_port_endpoint)
+
+
+class Reader:
+    """Polls an intake until enough has come; the event to wait for is what comes in."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.stats = Stats()
+        self.intake = Intake(session, KEYS, self.stats)
+        self.got: list[tuple[str, int]] = []
+
+    def poll(self, now_ns: int = 0) -> None:
+        self.got += [(batch.source, batch.seq) for batch in self.intake.receive(now_ns)]
+
+    def until(self, fulfilled: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
+        deadline = time.monotonic() + 20
+        while not fulfilled():
+            assert time.monotonic() < deadline, f"{self.got[-5:]} {self.stats.rejected}"
+            meanwhile()
+            self.poll()
+
+
+def test_every_batch_comes_once_from_the_first_on(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    names = [f"s{k}" for k in range(8)]
+    publishers = {name: stream_publisher(client, KEYS, "obs", name) for name in names}
+    # Reading goes on while rings are opened: nothing may fall between discovery and ring.
+    for seq in range(200):
+        for name in names:
+            publishers[name].put(payload(name, seq))
+        # Few are on their way at a time: what is congested is dropped before it reaches the intake.
+        reader.until(lambda: len(reader.got) >= (seq - 10) * len(names))  # noqa: B023
+    reader.until(lambda: len(reader.got) >= 200 * len(names))
+    reader.poll()
+    for name in names:
+        assert [seq for source, seq in reader.got if source == name] == list(range(200))
+    assert reader.stats.rejected == {}
+    assert reader.intake.received == dict.fromkeys(names, 200)
+
+
+def test_a_source_is_present_while_its_token_is(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    token = client.liveliness().declare_token(KEYS.live("source", "cam"))
+    reader.until(lambda: reader.intake.present == {"cam"})
+    token.undeclare()
+    reader.until(lambda: reader.intake.present == set())
+
+
+def test_a_flood_of_one_source_does_not_displace_another(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    loud, quiet = (stream_publisher(client, KEYS, "obs", name) for name in ("loud", "quiet"))
+    loud.put(payload("loud", 0))
+    quiet.put(payload("quiet", 0))
+    reader.until(lambda: len(reader.got) == 2)
+    for seq in range(1, 5):
+        quiet.put(payload("quiet", seq))
+    for seq in range(1, 3000):
+        loud.put(payload("loud", seq))
+    # The flood may drop anything of its own.
+    last = ("loud", 3000)
+    reader.until(lambda: last in reader.got, meanwhile=lambda: loud.put(payload(*last)))
+    assert [seq for source, seq in reader.got if source == "quiet"] == list(range(5))
+
+
+def test_rings_of_the_gone_and_silent_are_closed_and_open_again(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    publisher = stream_publisher(client, KEYS, "obs", "cam")
+    publisher.put(payload("cam", 0))
+    reader.until(lambda: reader.got == [("cam", 0)])
+    reader.intake.drop_idle(IDLE_NS)
+    assert reader.intake.received == {"cam": 1}
+    reader.intake.drop_idle(IDLE_NS + 1)
+    assert reader.intake.received == {}
+    publisher.put(payload("cam", 1))
+    reader.until(lambda: reader.got == [("cam", 0), ("cam", 1)])
+
+
+def test_one_source_too_many_is_refused(sessions, monkeypatch) -> None:
+    monkeypatch.setattr(module, "MAX_SOURCES", 2)
+    router, client = sessions
+    reader = Reader(router)
+    for name in ("a", "b", "c"):
+        client.put(KEYS.stream("obs", name), payload(name, 0))
+    reader.until(lambda: reader.stats.rejected == {"limit": 1})
+    assert sorted(reader.got) == [("a", 0), ("b", 0)]
+
+
+def test_one_publisher_cannot_speak_for_another(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    client.put(KEYS.stream("obs", "a"), payload("b", 0))
+    reader.until(lambda: reader.stats.rejected == {"source-mismatch": 1})
+    assert reader.got == []
+    assert reader.intake.rejection.source == "a"
