@@ -25,6 +25,9 @@ _FAR = 50.0
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _LIT = 0.985  # a ray from the light that gets this far has reached the point it was aimed at
 _SHADOW_STEP = 2  # the shadow is cast for every second pixel each way; penumbrae are soft anyway
+# A lamp of some size, and walls that reflect it: with hard shadows a tracker follows their borders.
+_PENUMBRA = 0.012  # of the image's width
+_SHADOW_DEPTH = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +188,9 @@ class Renderer:
         on_moving = self.scene.model.geom_group[np.maximum(layer.geoms[self._sparse], 0)] == MOVING
         lit[on_moving] = self._reached(points[on_moving], STILL)
         lit = np.minimum(lit, self._reached(points, MOVING)).reshape(self._sparse_shape)
-        soft = cv2.GaussianBlur(lit, (0, 0), 1.2)
-        return np.asarray(cv2.resize(soft, self._shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        soft = cv2.GaussianBlur(lit, (0, 0), _PENUMBRA * self._sparse_shape[1])
+        full = cv2.resize(soft, self._shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return np.asarray(1.0 - _SHADOW_DEPTH * (1.0 - full), np.float32)
 
     def _reached(self, points: Points, group: int) -> Points:
         """Whether the light reaches each point past the geoms of a group: 1 or 0, float32 [N]."""
