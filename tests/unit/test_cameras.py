@@ -1,0 +1,421 @@
+"""Adapters: whatever the user names yields frames with the right stamps, or one clear line."""
+
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from comotion_sources.calibration import Extrinsics, Intrinsics
+from comotion_sources.cameras import CameraError, Frame, open_frames
+from comotion_sources.cameras.files import stamp_ns
+from comotion_sources.cameras.live import CaptureDevice, LiveCamera
+from comotion_sources.cameras.tum import TumWriter
+from comotion_sources.klt.pacing import Pacer, Pacing
+
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
+def image(value: int, shape: tuple[int, int] = (48, 64)) -> np.ndarray:
+    return np.full((*shape, 3), value, np.uint8)
+
+
+def write_images(folder: Path, names: list[str]) -> None:
+    folder.mkdir(exist_ok=True)
+    for number, name in enumerate(names):
+        assert cv2.imwrite(str(folder / name), image(10 * number))
+
+
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        ("nope.avi", "no such file or folder"),
+        ("99", "camera 99"),
+        ("/dev/video98", "camera 98"),
+        ("rtsp://user:secret@127.0.0.1:9/x", "rtsp://127.0.0.1:9/x: nothing answers"),
+        ("workcell:moon/a", "moon"),
+        ("workcell:truck", "SCENE/CAMERA"),
+    ],
+)
+def test_what_cannot_be_opened_is_told_in_one_line(what: str, told: str) -> None:
+    if what.startswith("workcell:moon"):
+        pytest.importorskip("mujoco")
+    with pytest.raises(CameraError, match=told) as caught:
+        open_frames(what)
+    assert "\n" not in str(caught.value)
+    assert "secret" not in str(caught.value)
+
+
+def test_files_and_folders_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("no video")
+    for what, told in ((tmp_path, "neither images nor rgb.txt"), (tmp_path / "text.mp4", "no video")):
+        with pytest.raises(CameraError, match=told):
+            open_frames(str(what))
+
+
+def test_a_folder_of_images_in_natural_order(tmp_path: Path) -> None:
+    write_images(tmp_path, ["img_1.png", "img_2.png", "img_10.png"])
+    camera = open_frames(str(tmp_path), rate=10)
+    frames = list(camera)
+    assert [frame.stamp_ns for frame in frames] == [0, 100_000_000, 200_000_000]
+    assert [int(frame.image[0, 0, 0]) for frame in frames] == [0, 10, 20]
+    assert [frame.stamp_ns for frame in camera] == [0, 100_000_000, 200_000_000]  # again from the start
+
+
+def test_names_that_are_times_give_the_stamps_exactly(tmp_path: Path) -> None:
+    write_images(tmp_path, ["1305031102.175304.png", "1305031102.211214.png"])
+    stamps = [frame.stamp_ns for frame in open_frames(str(tmp_path))]
+    assert stamps == [1305031102175304000, 1305031102211214000]
+
+
+def test_an_image_that_cannot_be_read_is_counted(tmp_path: Path) -> None:
+    write_images(tmp_path, ["a.png", "b.png", "c.png"])
+    (tmp_path / "b.png").write_bytes(b"\x89PNG broken")
+    camera: Any = open_frames(str(tmp_path))
+    assert len(list(camera)) == 2
+    assert camera.counters["unreadable"] == 1
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "video.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for k in range(10):
+        writer.write(image(20 * k))
+    writer.release()
+    return path
+
+
+def test_a_video_has_its_own_time(video: Path) -> None:
+    camera = open_frames(str(video))
+    assert camera.rate == 25.0
+    assert not camera.live
+    assert [frame.stamp_ns for frame in camera] == [k * 40_000_000 for k in range(10)]
+    assert len(list(camera)) == 10
+
+
+def test_closing_ends_a_recording(video: Path) -> None:
+    camera = open_frames(str(video))
+    seen = []
+    for frame in camera:
+        seen.append(frame)
+        camera.close()
+    assert len(seen) == 1
+
+
+def write_tum(folder: Path, stamps: list[int], depth: bool = True) -> None:
+    with TumWriter(
+        folder, CAMERA, Extrinsics(translation=np.array([1.0, 2.0, 3.0])), {0: "table", 1: 'a "b"'}
+    ) as w:
+        for k, stamp in enumerate(stamps):
+            z = np.full((48, 64), 1.2346 + k, np.float32)
+            z[0], z[1], z[2] = 0, np.nan, 20.0
+            objects = np.zeros((48, 64), np.int32)
+            objects[:, :5] = -1
+            w.write(Frame(stamp, image(k), z if depth else None, objects))
+
+
+def test_a_tum_folder_round_trips(tmp_path: Path) -> None:
+    stamps = [1_700_000_000_123_456_789, 1_700_000_000_156_790_122]
+    write_tum(tmp_path / "t", stamps)
+    camera = open_frames(str(tmp_path / "t"))
+    frames = list(camera)
+    assert [frame.stamp_ns for frame in frames] == stamps
+    assert camera.has_depth
+    assert camera.intrinsics is not None
+    assert camera.extrinsics is not None
+    np.testing.assert_array_equal(camera.intrinsics.matrix, CAMERA.matrix)
+    np.testing.assert_array_equal(camera.extrinsics.translation, [1, 2, 3])
+    assert camera.objects == {0: "table", 1: 'a "b"'}
+    assert frames[1].depth is not None
+    assert frames[1].objects is not None
+    np.testing.assert_allclose(frames[1].depth[3:], 2.2346, atol=1e-4)
+    # Missing, and beyond what 16 bits hold.
+    assert not frames[1].depth[:3].any()
+    assert set(np.unique(frames[1].objects[:, :5])) == {-1}
+    assert set(np.unique(frames[1].objects[:, 5:])) == {0}
+    with pytest.raises(CameraError, match="holds a recording already"):
+        TumWriter(tmp_path / "t")
+
+
+def test_depth_is_the_nearest_within_20_ms_or_missing(tmp_path: Path) -> None:
+    folder = tmp_path / "t"
+    write_tum(folder, [1_000_000_000, 2_000_000_000, 3_000_000_000])
+    lines = (folder / "depth.txt").read_text().splitlines()
+    late = [
+        lines[1].replace("1.000000000 ", "1.015000000 "),
+        lines[2].replace("2.000000000 ", "2.025000000 "),
+    ]
+    (folder / "depth.txt").write_text("\n".join([lines[0], *late, lines[3]]))
+    camera: Any = open_frames(str(folder))
+    assert [frame.depth is not None for frame in camera] == [True, False, True]
+    assert camera.counters["depth_missing"] == 1
+
+
+def test_a_depth_image_that_is_none_is_missing(tmp_path: Path) -> None:
+    folder = tmp_path / "t"
+    write_tum(folder, [1_000_000_000, 2_000_000_000])
+    files = sorted((folder / "depth").iterdir())
+    files[0].write_bytes(b"")
+    cv2.imwrite(str(files[1]), image(3))
+    assert [frame.depth for frame in open_frames(str(folder))] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("rgb.txt", "1.0\n", "line 1 is not"),
+        ("rgb.txt", "# nothing\n", "lists no image"),
+        ("rgb.txt", "soon rgb/a.png\n", "line 1 is not"),
+        ("depth.txt", None, "No such file"),
+        ("camera.toml", "x = 1\n", "neither"),
+    ],
+)
+def test_malformed_tum_folders_are_told(tmp_path: Path, name: str, content: str | None, told: str) -> None:
+    write_tum(tmp_path / "t", [1_000_000_000])
+    path = tmp_path / "t" / name
+    path.unlink() if content is None else path.write_text(content)
+    with pytest.raises(CameraError, match=told):
+        open_frames(str(tmp_path / "t"))
+
+
+def test_stamps_are_read_without_rounding() -> None:
+    assert stamp_ns("1700000000.1234567891") == 1700000000123456789
+    assert stamp_ns("3") == 3_000_000_000
+    for text in ("", "-1", "1e3", "nan", "99999999999"):
+        with pytest.raises(ValueError, match="no time"):
+            stamp_ns(text)
+
+
+class Scripted:
+    """A device that plays frames when told, then is unplugged."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame | Exception | None] = []
+        self.go = threading.Semaphore(0)
+        self.asked = threading.Semaphore(0)
+        self.closed = threading.Event()
+
+    def play(self, *frames: Frame | Exception | None) -> None:
+        self.frames.extend(frames)
+        for _ in frames:
+            self.go.release()
+
+    def read(self) -> Frame | None:
+        self.asked.release()
+        self.go.acquire()
+        frame = self.frames.pop(0)
+        if isinstance(frame, Exception):
+            raise frame
+        return frame
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def wait_asked(device: Scripted, times: int) -> None:
+    for _ in range(times):
+        assert device.asked.acquire(timeout=10)
+
+
+def test_a_live_camera_yields_the_newest_frame_and_counts_the_others() -> None:
+    device = Scripted()
+    camera = LiveCamera("camera 0", device)
+    frames = iter(camera)
+    device.play(*(Frame(k, image(k)) for k in range(4)))
+    wait_asked(device, 5)  # it is waiting for the fifth: four have come
+    assert next(frames).stamp_ns == 3
+    assert camera.counters == {"skipped": 3}
+    device.play(None)
+    with pytest.raises(CameraError, match="camera 0: the camera stopped delivering"):
+        next(frames)
+    assert device.closed.wait(10)
+    camera.close()
+    camera.close()
+
+
+def test_what_a_driver_raises_reaches_the_reader() -> None:
+    device = Scripted()
+    camera = LiveCamera("realsense", device)
+    device.play(RuntimeError("Frame didn't arrive\nwithin 5000"))
+    with pytest.raises(CameraError, match="realsense: Frame didn't arrive within 5000"):
+        next(iter(camera))
+    assert device.closed.wait(10)
+
+
+def test_closing_releases_a_reader_that_waits() -> None:
+    device = Scripted()
+    camera = LiveCamera("camera 0", device)
+    left: list[Frame] = [Frame(0, image(0))]
+    reader = threading.Thread(target=lambda: left.__setitem__(slice(None), list(camera)))
+    reader.start()
+    wait_asked(device, 1)
+    device.play(None)
+    camera.close()
+    reader.join(10)
+    assert not reader.is_alive()
+
+
+class Capture:
+    """An OpenCV capture of one backend."""
+
+    def __init__(self, backend: str, position_ms: float) -> None:
+        self._backend, self._position = backend, position_ms
+
+    def getBackendName(self) -> str:  # noqa: N802 - OpenCV's name
+        return self._backend
+
+    def get(self, prop: int) -> float:
+        assert prop == cv2.CAP_PROP_POS_MSEC
+        return self._position
+
+    def grab(self) -> bool:
+        return True
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, image(1)
+
+
+def test_stamps_are_the_devices_where_it_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "comotion_sources.cameras.live.time", SimpleNamespace(monotonic_ns=lambda: 50_000_000_000)
+    )
+    cases = [
+        ("V4L2", 49_970.0, -30_000_000),
+        ("V4L2", 12.0, 0),
+        ("V4L2", 60_000.0, 0),
+        ("FFMPEG", 49_970.0, 0),
+    ]
+    for backend, position, offset in cases:
+        frame = CaptureDevice(Capture(backend, position), clock=lambda: 1_700_000_000_000_000_000).read()
+        assert frame is not None
+        assert frame.stamp_ns == 1_700_000_000_000_000_000 + offset
+
+
+@pytest.fixture
+def mjpeg() -> Iterator[tuple[str, threading.Event]]:
+    """A network camera: MJPEG over HTTP, until it is unplugged."""
+    unplugged = threading.Event()
+    ok, encoded = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8))
+    assert ok
+    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(encoded)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            try:
+                while not unplugged.wait(0.02):
+                    self.wfile.write(part + encoded.tobytes() + b"\r\n")
+            except OSError:
+                return
+
+        def log_message(self, *arguments: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/stream.mjpg", unplugged
+    unplugged.set()
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def test_a_network_camera_that_is_unplugged(mjpeg: tuple[str, threading.Event]) -> None:
+    url, unplugged = mjpeg
+    camera = open_frames(url)
+    assert camera.live
+    frames = iter(camera)
+    first, second = next(frames), next(frames)
+    assert first.image.shape == (48, 64, 3)
+    assert second.stamp_ns > first.stamp_ns
+    unplugged.set()
+    with pytest.raises(CameraError, match="stopped delivering"):
+        list(frames)
+    camera.close()
+
+
+class Clock:
+    """A clock that moves when somebody waits."""
+
+    def __init__(self) -> None:
+        self.now = 1_000_000_000_000
+        self.waited: list[float] = []
+
+    def __call__(self) -> int:
+        return self.now
+
+    def wait(self, seconds: float) -> None:
+        self.waited.append(round(seconds, 6))
+        self.now += round(seconds * 1e9)
+
+
+def pacer(live: bool = False, **pacing: Any) -> tuple[Pacer, Clock]:
+    clock = Clock()
+    return Pacer(Pacing(**pacing), live, clock.wait, wall=lambda: clock.now + 7, monotonic=clock), clock
+
+
+MS = 1_000_000
+
+
+def test_a_recording_is_played_at_its_pace_with_stamps_of_now() -> None:
+    paced, clock = pacer()
+    start = clock.now + 7
+    assert [paced.admit(stamp) for stamp in (5 * MS, 45 * MS, 95 * MS)] == [
+        start,
+        start + 40 * MS,
+        start + 90 * MS,
+    ]
+    assert clock.waited == [0.04, 0.05]
+
+
+def test_original_stamps_and_no_pace() -> None:
+    paced, clock = pacer(realtime=False, stamps="original", offset_ns=-3)
+    assert [paced.admit(stamp) for stamp in (5 * MS, 45 * MS)] == [5 * MS - 3, 45 * MS - 3]
+    assert clock.waited == []
+
+
+def test_frames_that_come_late_or_twice_are_counted() -> None:
+    for live in (True, False):
+        paced, _ = pacer(live=live, realtime=False, stamps="original")
+        stamps = (10, 20, 20, 15, 30, 30, 30)
+        assert [paced.admit(stamp) for stamp in stamps] == [10, 20, None, None, 30, None, None]
+        assert paced.counters["late"] == 1
+        assert paced.counters["duplicates"] == 3
+
+
+def test_a_recording_that_cannot_keep_up_leaves_frames_out() -> None:
+    paced, clock = pacer()
+    assert paced.admit(0) is not None
+    clock.now += 1_000 * MS
+    assert paced.admit(40 * MS) is None
+    assert paced.admit(900 * MS) is not None
+    assert paced.counters["overruns"] == 1
+
+
+def test_a_second_pass_follows_the_first() -> None:
+    for stamps, base in (("now", 1_000_000_000_007), ("original", 5 * MS)):
+        paced, _ = pacer(stamps=stamps)
+        first = [paced.admit(stamp) for stamp in (5 * MS, 45 * MS)]
+        paced.rewind(40 * MS)
+        second = [paced.admit(stamp) for stamp in (5 * MS, 45 * MS)]
+        assert first + second == [base, base + 40 * MS, base + 80 * MS, base + 120 * MS]
+
+
+def test_thinning_keeps_the_rate_over_jitter() -> None:
+    rng = np.random.default_rng(0)
+    stamps = (np.arange(300) * 33_333_333 + rng.integers(0, 2 * MS, 300)).tolist()
+    for rate in (15.0, 10.0, 12.5, 60.0):
+        paced, _ = pacer(live=True, rate=rate)
+        kept = [paced.admit(stamp) for stamp in stamps]
+        count = sum(stamp is not None for stamp in kept)
+        assert abs(count - min(rate, 30) * 10) <= 2, rate
+        assert count + paced.counters["thinned"] == 300
