@@ -19,6 +19,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 TRANSPORT_LIMIT = 32 * 1024 * 1024
 """Above the codec's limit, so that an oversized message is rejected with a reason and not by the link."""
 LEASE_MS = 2000
+WAIT_BEFORE_DROP_US = 10_000
+"""Zenoh's 1 ms drops batches whenever a loaded machine schedules the sender late."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +72,13 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
         "transport": {
             # Shared memory leaks across publisher restarts.
             "shared_memory": {"enabled": False},
-            "link": {"tx": {"lease": LEASE_MS}, "rx": {"max_message_size": TRANSPORT_LIMIT}},
+            "link": {
+                "tx": {
+                    "lease": LEASE_MS,
+                    "queue": {"congestion_control": {"drop": {"wait_before_drop": WAIT_BEFORE_DROP_US}}},
+                },
+                "rx": {"max_message_size": TRANSPORT_LIMIT},
+            },
         },
     }
     if settings.tls is not None:
