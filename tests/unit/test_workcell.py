@@ -15,7 +15,7 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.klt import Tracker, TrackerConfig  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint, open_camera, scene_names  # noqa: E402
-from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
+from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse  # noqa: E402
 from comotion_sources.workcell.history import JointHistory  # noqa: E402
 from comotion_sources.workcell.process import joint_states  # noqa: E402
@@ -34,8 +34,18 @@ def truck() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def view(truck: Scene) -> Viewpoint:
-    return Viewpoint(truck, "a", (320, 240))
+def atlas(truck: Scene) -> Atlas:
+    return build_atlas(truck.model, 0)
+
+
+@pytest.fixture(scope="module")
+def view(truck: Scene, atlas: Atlas) -> Viewpoint:
+    return Viewpoint(truck, "a", (320, 240), atlas=atlas)
+
+
+@pytest.fixture(scope="module")
+def renderer(truck: Scene, view: Viewpoint, atlas: Atlas) -> Renderer:
+    return Renderer(truck, view.intrinsics, view.extrinsics, atlas)
 
 
 def body_pose(scene: Scene, name: str, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -110,9 +120,10 @@ def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck: Sc
     assert not np.array_equal(first.depth, view.frame(truck.configuration(5.0), 5_000_000_001).depth)
 
 
-def test_depth_and_geoms_agree_with_single_rays_of_mujoco(truck: Scene, view: Viewpoint) -> None:
+def test_depth_and_geoms_agree_with_single_rays_of_mujoco(
+    truck: Scene, view: Viewpoint, renderer: Renderer
+) -> None:
     """What cannot move is cast once and moving bodies on top: nothing may get lost between the two."""
-    renderer = Renderer(truck, view.intrinsics, view.extrinsics)
     for t in (5.0, 10.0):
         ideal = renderer.render(truck.configuration(t))
         data = truck.new_data()
@@ -140,13 +151,9 @@ def test_rays_that_hit_nothing_say_so(truck: Scene) -> None:
     assert len(multi_ray(truck.model, data, np.zeros(3), np.empty((0, 3)), MOVING)[0]) == 0
 
 
-def test_textures_are_fixed_to_the_bodies(truck: Scene, view: Viewpoint) -> None:
+def test_textures_are_fixed_to_the_bodies(truck: Scene, view: Viewpoint, renderer: Renderer) -> None:
     """A point of the truck looks the same after a metre of travel, up to light and resampling."""
-    atlas = build_atlas(truck.model, 0)
-    frames = [
-        Renderer(truck, view.intrinsics, view.extrinsics, atlas).render(truck.configuration(t))
-        for t in (2.0, 6.2)
-    ]
+    frames = [renderer.render(truck.configuration(t)) for t in (2.0, 6.2)]
     poses = [body_pose(truck, "truck", t) for t in (2.0, 6.2)]
     assert np.linalg.norm(poses[0][1] - poses[1][1]) > 0.2
     geom = truck.model.geom("truck_bed").id
@@ -166,8 +173,10 @@ def test_textures_are_fixed_to_the_bodies(truck: Scene, view: Viewpoint) -> None
     assert np.corrcoef(before, after)[0, 1] > 0.85
 
 
-def test_depth_noise_grows_with_the_square_of_the_distance(truck: Scene, view: Viewpoint) -> None:
-    ideal = Renderer(truck, view.intrinsics, view.extrinsics).render(truck.configuration(0.0))
+def test_depth_noise_grows_with_the_square_of_the_distance(
+    truck: Scene, view: Viewpoint, renderer: Renderer
+) -> None:
+    ideal = renderer.render(truck.configuration(0.0))
     frames = [view.frame(truck.configuration(0.0), stamp).depth for stamp in range(20)]
     stack = np.where(np.array(frames) > 0, frames, np.nan)
     error = stack - ideal.depth
