@@ -1,0 +1,373 @@
+"""Camera sources as processes: files, RGB-D folders, markers, a network camera that is unplugged."""
+
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comotion_deploy.cli import run
+from comotion_schemas import Keys
+from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
+from comotion_sources.cameras import Frame
+from comotion_sources.cameras.tum import TumWriter
+from comotion_sources.markers import find_dictionary
+
+pytestmark = pytest.mark.e2e
+
+KEYS = Keys()
+SHAPE = (240, 320)
+CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
+PLACE = Extrinsics(Rotation.from_rotvec([-2.0, 0.1, 0.2]).as_matrix(), np.array([0.5, -1.0, 1.5]))
+DEPTH = 1.25
+SPEED = 3  # px per frame
+
+
+def scene(k: int) -> np.ndarray:
+    """A textured wall with a textured board that moves to the right."""
+    rng = np.random.default_rng(1)
+    wall, board = (cv2.GaussianBlur(rng.normal(size=SHAPE), (0, 0), 2) for _ in range(2))
+    image = 128 + 45 * wall / wall.std()
+    x = 40 + SPEED * k
+    image[80:160, x : x + 100] = (128 + 45 * board / board.std())[:80, :100]
+    return cv2.cvtColor(image.clip(0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+
+
+def objects(k: int) -> np.ndarray:
+    where = np.zeros(SHAPE, np.int32)
+    x = 40 + SPEED * k
+    where[80:160, x : x + 100] = 1
+    return where
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "video.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SHAPE[::-1])
+    for k in range(20):
+        writer.write(scene(k))
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """An RGB-D recording with truth; frames 6 to 9 are without depth."""
+    with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
+        for k in range(20):
+            depth = None if 6 <= k < 10 else np.full(SHAPE, DEPTH, np.float32)
+            writer.write(Frame(10**18 + k * 33_333_333, scene(k), depth, objects(k)))
+    return tmp_path / "rgbd"
+
+
+def observed(batches) -> list:
+    return [batch for batch in batches if len(batch.ids)]
+
+
+def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session, listen, video) -> None:
+    batches = listen(session, KEYS.stream("obs", "door"), "obs")
+    source = start("source", "klt", video, "--name", "door", "--connect", endpoint)
+    first = batches.next()
+    last = batches.until(lambda batch: batch.ended is not None and not len(batch.ids))
+    assert source.wait() == 0
+    assert (first.space, first.unit, first.dim, first.seq) == ("door/pixels", "px", 2, 0)
+    assert len(first.ids) > 50
+    assert (first.sigma > 0).all()
+    assert last.seq > 5
+    assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
+
+
+def test_original_stamps_as_fast_as_it_goes(start, endpoint, session, listen, video) -> None:
+    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
+    source = start("source", "klt", video, "--stamps", "original", "--no-realtime", "--connect", endpoint)
+    assert source.wait() == 0
+    batches.until(lambda batch: batch.ended is not None and batch.seq == 20)
+    # All 20 frames: the last one has been seen, at the time the file says.
+    statuses = source.lines[-1]
+    assert "frames 20" in statuses
+
+
+def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
+    start, endpoint, session, listen, recording
+) -> None:
+    batches = listen(session, KEYS.stream("obs", "a"), "obs")
+    truths = listen(session, KEYS.stream("truth", "a"), "truth")
+    source = start(
+        *("source", "klt", recording, "--name", "a", "--stamps", "original", "--no-realtime"),
+        *("--connect", endpoint),
+    )
+    assert source.wait() == 0
+    truth = truths.next()
+    assert truth.names == {"0": "wall", "1": "board"}
+    true = dict(zip(truth.ids.tolist(), truth.objects.tolist(), strict=True))
+    got = [batches.next() for _ in range(20)]
+    assert [batch.seq for batch in got] == list(range(20))
+    assert {(batch.space, batch.unit, batch.dim) for batch in got} == {("world", "m", 3)}
+    assert got[3].stamp_ns == 10**18 + 3 * 33_333_333
+    assert [len(batch.ids) > 0 for batch in got] == [not 6 <= k < 10 for k in range(20)]
+    # Positions are where the features are in the world; those of the board move with it.
+    step = SPEED * 19 * DEPTH / CAMERA.fx
+    start_points = dict(zip(got[0].ids.tolist(), got[0].positions.astype(float), strict=True))
+    moved = {0: [], 1: []}
+    for feature, point in zip(got[-1].ids.tolist(), got[-1].positions.astype(float), strict=True):
+        in_camera = PLACE.inverse().apply(point)[0]
+        assert abs(in_camera[2] - DEPTH) < 1e-3
+        if feature in start_points:
+            travelled = PLACE.rotation.T @ (point - start_points[feature])
+            moved[true[feature]].append(travelled)
+    np.testing.assert_allclose(np.median(moved[1], axis=0), [step, 0, 0], atol=2e-3)
+    np.testing.assert_allclose(np.median(moved[0], axis=0), [0, 0, 0], atol=2e-3)
+    assert "depth_missing 4" in source.output
+    assert "no depth" in source.output
+    assert "depth is back" in source.output
+
+
+def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording) -> None:
+    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
+    start("source", "klt", recording, "--no-depth", "--connect", endpoint)
+    assert batches.next().space == "klt/pixels"
+
+
+def test_the_preview_is_written_and_coloured_by_the_service(
+    start, serve, listen, video, tmp_path: Path
+) -> None:
+    service = serve("--method", "thesis")
+    arguments = ("--connect", service.endpoint)
+    source = start("source", "klt", video, "--preview", tmp_path / "preview", *arguments)
+    assert source.wait() == 0
+    images = sorted((tmp_path / "preview").iterdir())
+    assert len(images) >= 10
+    first, last = (cv2.imread(str(path)) for path in (images[0], images[-1]))
+    assert first.shape == (*SHAPE, 3)
+    colours = {tuple(pixel) for pixel in last.reshape(-1, 3).tolist()}
+    # Grey is for the undetermined; a hypothesis has a hue: blue, orange, green ... as BGR.
+    assert colours & {(178, 114, 0), (0, 159, 230), (115, 158, 0), (167, 121, 204), (233, 180, 86)}
+
+
+def test_the_preview_is_published_on_request(start, endpoint, session, listen, video) -> None:
+    start("source", "klt", video, "--loop", "--connect", endpoint)
+    preview = listen(session, KEYS.stream("preview", "klt"), "preview").next()
+    image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (*SHAPE, 3)
+    assert len(preview.ids) == len(preview.pixels) > 50
+
+
+def marker_images(folder: Path) -> list[np.ndarray]:
+    """A marker that moves sideways, facing the camera; its middle in px."""
+    folder.mkdir()
+    marker = cv2.aruco.generateImageMarker(find_dictionary("apriltag_36h11"), 11, 60)
+    middles = []
+    for k in range(8):
+        image = cv2.cvtColor(np.full(SHAPE, 200, np.uint8), cv2.COLOR_GRAY2BGR)
+        x, y = 60 + 10 * k, 90
+        image[y : y + 60, x : x + 60] = marker[:, :, None]
+        middles.append(np.array([x + 29.5, y + 29.5]))
+        assert cv2.imwrite(str(folder / f"{k}.png"), cv2.GaussianBlur(image, (3, 3), 0.5))
+    return middles
+
+
+def test_an_external_camera_publishes_markers_with_their_orientation(
+    start, endpoint, session, listen, tmp_path: Path
+) -> None:
+    middles = marker_images(tmp_path / "images")
+    calibration = tmp_path / "b.toml"
+    calibration.write_text(format_calibration(CAMERA, PLACE))
+    batches = listen(session, KEYS.stream("obs", "b-markers"), "obs")
+    pixels = listen(session, KEYS.stream("obs", "b"), "obs")
+    source = start(
+        *("source", "external-camera", tmp_path / "images", "--name", "b", "--no-realtime"),
+        *("--calibration", calibration, "--marker-size", "0.12", "--dictionary", "apriltag_36h11"),
+        *("--clock-offset", "-0.25", "--connect", endpoint),
+    )
+    assert source.wait() == 0
+    got = [batches.next() for _ in range(8)]
+    assert {(batch.space, batch.dim) for batch in got} == {("world", 3)}
+    facing = PLACE.rotation @ np.diag([1.0, -1.0, -1.0])
+    for batch, middle in zip(got, middles, strict=True):
+        assert batch.ids.tolist() == [11]
+        true = PLACE.apply(CAMERA.lift(middle, [0.12 * CAMERA.fx / 60]))[0]
+        np.testing.assert_allclose(batch.positions[0], true, atol=0.01)
+        turned = Rotation.from_matrix(facing).inv() * Rotation.from_quat(batch.quaternions[0])
+        assert turned.magnitude() < np.deg2rad(8)
+    assert pixels.next().space == "b/pixels"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("nope.mp4",), "no such file or folder"),
+        (("VIDEO", "--calibration", "wrong.yaml"), "wrong.yaml: no camera matrix"),
+        (("VIDEO", "--calibration", "missing.yaml"), "missing.yaml: No such file or directory"),
+        (("VIDEO", "--extrinsics", "inner.toml"), "has no [extrinsics]"),
+        (("VIDEO", "--tracker", "windw=3"), "unknown tracker parameter 'windw'; one of cell, depth_edge"),
+        (("VIDEO", "--tracker", "window=1000"), "tracker parameter window: "),
+        (("VIDEO", "--name", "Not A Name"), "name 'Not A Name'"),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    video, tmp_path: Path, arguments: tuple[str, ...], told: str, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("wrong.yaml").write_text("image_width: 320\n")
+    Path("inner.toml").write_text(format_calibration(CAMERA, None))
+    named = [str(video) if a == "VIDEO" else a for a in arguments]
+    assert run(["source", "klt", *named]) == 2  # before any router is looked for
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 1
+    assert errors[0].startswith("error: ")
+    assert told in errors[0]
+
+
+def test_a_calibration_that_does_not_fit_the_images_is_one_line(
+    start, endpoint, recording, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(format_calibration(Intrinsics(100, 100, 9, 9, 9, 9), None))
+    source = start("source", "klt", recording, "--calibration", other, "--connect", endpoint)
+    assert source.wait() == 2
+    told = f"error: {recording}: images of 320 x 240, but the calibration is for 100 x 100"
+    assert source.lines == ["ready", told]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("VIDEO", "--marker-size", "0.1"), "an external camera needs its extrinsics"),
+        (
+            ("VIDEO", "--marker-size", "0.1", "--extrinsics", "identity"),
+            "markers need the camera's intrinsics",
+        ),
+        (
+            ("VIDEO", "--marker-size", "0.1", "--dictionary", "9x9"),
+            "no marker dictionary '9x9'; one of 4x4_100",
+        ),
+    ],
+)
+def test_what_an_external_camera_lacks_is_one_line(
+    video, arguments: tuple[str, ...], told: str, capsys
+) -> None:
+    named = [str(video) if a == "VIDEO" else a for a in arguments]
+    assert run(["source", "external-camera", *named]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 1
+    assert told in errors[0]
+
+
+class NetworkCamera:
+    """MJPEG over HTTP on a port of its own; can be unplugged and plugged in again."""
+
+    def __init__(self) -> None:
+        self.unplugged = threading.Event()
+        camera = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                self.send_response(503 if camera.unplugged.is_set() else 200)
+                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+                self.end_headers()
+                camera.stream(self.wfile)
+
+            def log_message(self, *arguments: object) -> None:
+                pass
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/stream.mjpg"
+
+    def stream(self, out) -> None:
+        k = 0
+        while not self.unplugged.wait(0.03):
+            ok, encoded = cv2.imencode(".jpg", scene(k % 20))
+            assert ok
+            head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(encoded)}\r\n\r\n"
+            try:
+                out.write(head.encode() + encoded.tobytes() + b"\r\n")
+            except OSError:
+                return
+            k += 1
+
+    def close(self) -> None:
+        self.unplugged.set()
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+@pytest.fixture
+def network_camera() -> Iterator[NetworkCamera]:
+    camera = NetworkCamera()
+    yield camera
+    camera.close()
+
+
+def test_an_unplugged_camera_is_told_and_comes_back(start, endpoint, session, listen, network_camera) -> None:
+    statuses = listen(session, KEYS.stream("status", "klt"), "status")
+    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
+    source = start("source", "klt", network_camera.url, "--connect", endpoint)
+    before = batches.until(lambda batch: len(batch.ids) > 50)
+
+    network_camera.unplugged.set()
+    gone = batches.until(lambda batch: batch.ended is not None and not len(batch.ids))
+    assert set(before.ids.tolist()) & set(gone.ended.tolist())
+    told = statuses.until(lambda status: status.state == "degraded")
+    assert "lost" in told.message
+    assert network_camera.url in told.message
+
+    network_camera.unplugged.clear()
+    after = batches.until(lambda batch: len(batch.ids) > 50)
+    assert after.session == before.session
+    assert not set(after.ids.tolist()) & set(gone.ended.tolist())
+    assert statuses.until(lambda status: status.state == "ok").counters["reconnects"] == 1
+    source.interrupt()
+    assert source.wait() == 0
+
+
+def test_ctrl_c_ends_a_camera_that_is_away(start, endpoint, network_camera) -> None:
+    source = start("source", "klt", network_camera.url, "--connect", endpoint)
+    network_camera.unplugged.set()
+    source.wait_line(lambda line: "trying again" in line)
+    source.interrupt()
+    assert source.wait() == 0
+
+
+def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera) -> None:
+    source = start("source", "klt", network_camera.url, "--no-reconnect", "--connect", endpoint)
+    network_camera.unplugged.set()
+    assert source.wait() == 2
+    assert source.lines[-1].startswith("error: http://127.0.0.1")
+
+
+def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path: Path) -> None:
+    board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, find_dictionary("4x4_50"))
+    sheet = np.pad(board.generateImage((250, 200), marginSize=0), 10, constant_values=255)
+    for name, x in (("a", 20), ("b", 50)):
+        image = np.full(SHAPE, 200, np.uint8)
+        image[10:230, x : x + 250] = sheet[:, :250]
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    (tmp_path / "inner.toml").write_text(format_calibration(CAMERA, None))
+    arguments = ("--calibration-a", "inner.toml", "--calibration-b", "inner.toml", "-o", "b.toml")
+    process = start(
+        "calibrate",
+        "a.png",
+        "b.png",
+        "--target",
+        "charuco:5x4:0.04:0.03",
+        *arguments,
+        ready=False,
+        cwd=tmp_path,
+    )
+    assert process.wait() == 0
+    assert "1 views, reprojection error" in process.output
+    written = (tmp_path / "b.toml").read_text()
+    assert "[intrinsics]" in written
+    assert 'frame = "world"' in written
+    # The board is seen 30 px further right: the camera stands that much further left.
+    line = next(line for line in written.splitlines() if line.startswith("translation"))
+    x, y, z = (float(value) for value in line.partition("[")[2].partition("]")[0].split(","))
+    metres = 30 * 0.04 / 50
+    np.testing.assert_allclose([x, y, z], [-metres, 0, 0], atol=5e-3)
