@@ -1,29 +1,28 @@
-"""Distance samples of every pair of trajectories and their weighted variance, (3.2), (3.3), (3.5).
+"""Which distance samples of pairs come and go as the window changes: (3.2) and the set (3.5).
 
 At an instant at which trajectory i was observed, i and j have one distance sample if j was observed
-too or can be interpolated there. The sums over a pair's samples are kept up to date: what a change of
-the window adds or takes away is computed, never the whole again.
+too, or if the instant lies inside a segment of j (between two observations of it) that is short
+enough to interpolate. So a new observation brings samples of two kinds: of itself against the states
+of others at its instant, and of the segment that it ends against the observations of others inside.
+Eviction takes away the same two kinds.
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
 from .engine import Rows
-from .states import Insertions, States, instants, locate, states_at
+from .states import Insertions, States, instants, locate, observations_between, states_at
+from .sums import PairSums, each_pair
 from .window import Bools, Floats, Slots, Stamps, Window
 
 _MIN_OBSERVATIONS = 2
-_MIN_SAMPLES = 2
 # ε of (3.2), in units of v_move².
 _REST = 1e-3
-# Below this share of what the sums have held, too few digits of a variance are left.
-_SOUND = 1e-9
-_SUMS = ("weight", "first", "second", "shift", "peak")
 _EARLIEST = np.iinfo(np.int64).min
+# Samples computed at once: bounds the memory that a slow source of many features takes.
+_MOST_AT_ONCE = 1_000_000
 
 
 def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
@@ -33,25 +32,8 @@ def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
     return -np.expm1(math.log(0.1) * ((speed / v_move) ** 2 + _REST))
 
 
-@lru_cache(maxsize=4)
-def _each_pair(n: int) -> tuple[Slots, Slots]:
-    """Indices i < j of all pairs of n, in the order of pdist."""
-    i, j = np.triu_indices(n, 1)
-    return i, j
-
-
-def _cover(pairs: Bools) -> list[int]:
-    """Few rows of a symmetric bool [n, n] that have a part in every pair marked."""
-    left, found = pairs.copy(), []
-    while left.any():
-        worst = int(left.sum(axis=0).argmax())
-        left[worst] = left[:, worst] = False
-        found.append(worst)
-    return found
-
-
-class PairSums:
-    """Weighted sums of the distances of all pairs of trajectories over their common samples.
+class Pairs:
+    """Keeps the sums of all pairs of trajectories in step with the window.
 
     A trajectory takes part from its second observation on: with one it has at most one sample with
     any other, which cannot be compared, and its speed is not known yet.
@@ -60,45 +42,28 @@ class PairSums:
     ----------
     v_move
         Speed of λ in (3.2), in the space's unit per second; None: equal weights.
-
-    Attributes
-    ----------
-    samples
-        int32 [capacity, capacity], common samples of a pair; this and all that follow at
-        [smaller slot, larger slot].
-    weight, first, second
-        float64: sums of w, w·d' and w·d'² over the samples, with d' = d − `shift`.
-    shift
-        float64: the distance at the pair's first sample. About zero, E[d²] − E[d]² would cancel.
-    peak
-        float64: the largest that `second` has been, the measure of the rounding it carries.
     """
 
     def __init__(self, v_move: float | None) -> None:
         self._v_move = v_move
-        self.samples: NDArray[np.int32] = np.zeros((0, 0), np.int32)
-        self.weight: Floats = np.zeros((0, 0))
-        self.first: Floats = np.zeros((0, 0))
-        self.second: Floats = np.zeros((0, 0))
-        self.shift: Floats = np.zeros((0, 0))
-        self.peak: Floats = np.zeros((0, 0))
+        self.sums = PairSums()
 
     def observed(self, window: Window, rows: Rows) -> None:
         """Take in observations that have just been stored."""
-        self._fit(window.capacity)
+        self.sums.fit(window.capacity)
         slots, stamp = rows.slots, rows.stamp_ns
         index = locate(window, slots, stamp)
         newest = index == window.stop[slots] - 1
-        # The second observation brings the first one in, and a late one next to the first changes
-        # what its speed is.
-        young = (window.counts(slots) <= _MIN_OBSERVATIONS) | (~newest & (index < window.start[slots] + 2))
-        middle = ~newest & ~young
+        # One next to the first changes what the first's speed is.
+        early = ~newest & (index < window.start[slots] + 2)
+        middle = ~newest & ~early
         late = Insertions.at(window, slots[middle], index[middle]) if middle.any() else None
-        self._extend(window, slots[newest & ~young], stamp, late)
+        self._extend(window, slots[newest & (window.counts(slots) >= _MIN_OBSERVATIONS)], stamp, late)
         if late is not None:
+            self.sums.note_peak()
             self._sweep(window, late.slots, late.t_left, late.t_right, sign=-1, late=late)
             self._sweep(window, late.slots, late.t_left, late.t_right)
-        self.rebuild(window, slots[young])
+        self.rebuild(window, slots[early])
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -106,24 +71,21 @@ class PairSums:
         Those are its own samples, and those of others after it up to its next observation: the
         common interval begins there now.
         """
-        self._fit(window.capacity)
-        np.maximum(self.peak, self.second, out=self.peak)
+        self.sums.fit(window.capacity)
+        self.sums.note_peak()
         stay = window.counts(slots) - counts >= _MIN_OBSERVATIONS
-        kept, first = slots[stay], (window.start[slots] + counts)[stay]
-        t_left, t_right = window.times[kept, first - 1], window.times[kept, first]
-        until = np.where(t_right - t_left <= window.gap_ns, t_right - 1, t_left)
-        self._sweep(window, kept, np.full(len(kept), _EARLIEST), until, sign=-1)
-        self.forget(slots[~stay])
+        if stay.any():
+            self._shorten(window, slots[stay], counts[stay])
+        self.sums.forget(slots[~stay])
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories."""
-        self.samples[slots] = 0
-        self.samples[:, slots] = 0
+        self.sums.forget(slots)
 
     def rebuild(self, window: Window, slots: Slots) -> None:
         """Compute all samples of trajectories anew from the window."""
-        self._fit(window.capacity)
-        self.forget(slots)
+        self.sums.fit(window.capacity)
+        self.sums.forget(slots)
         slots = slots[window.counts(slots) >= _MIN_OBSERVATIONS]
         first, last = window.times[slots, window.start[slots]], window.times[slots, window.stop[slots] - 1]
         self._sweep(window, slots, first - 1, last)
@@ -138,39 +100,100 @@ class PairSums:
         comparable
             bool [n, n]; whether a pair has the two samples that a variance takes.
         """
-        self._fit(window.capacity)
-        variance, comparable, drowned = self._read(slots)
+        self.sums.fit(window.capacity)
+        variance, comparable, drowned = self.sums.read(slots)
         if drowned.any():
             self.rebuild(window, slots[_cover(drowned)])
-            variance, comparable, _ = self._read(slots)
+            variance, comparable, _ = self.sums.read(slots)
         return variance, comparable
 
-    def _read(self, slots: Slots) -> tuple[Floats, Bools, Bools]:
-        """Variances, which are comparable, and which have drowned in rounding.
-
-        One wild observation that comes and leaves would otherwise spoil its pairs for good.
-        """
-        pairs = self._at(slots[:, None], slots)
-        comparable = self.samples.reshape(-1)[pairs] >= _MIN_SAMPLES
-        weight = np.where(comparable, self.weight.reshape(-1)[pairs], 1.0)
-        first, second = self.first.reshape(-1)[pairs], self.second.reshape(-1)[pairs]
-        squares = second - first**2 / weight
-        most = np.maximum(self.peak.reshape(-1)[pairs], second)
-        variance = np.where(comparable, np.maximum(squares, 0.0) / weight, 0.0)
-        return variance, comparable, comparable & (squares < _SOUND * most)
-
-    def _fit(self, capacity: int) -> None:
-        extra = capacity - len(self.samples)
-        if extra:
-            self.samples = np.pad(self.samples, (0, extra))
-            for name in _SUMS:
-                setattr(self, name, np.pad(getattr(self, name), (0, extra)))
-
     def _extend(self, window: Window, slots: Slots, stamp_ns: int, late: Insertions | None) -> None:
-        """Add what the newest observation of each slot has made possible: it, and its last segment."""
-        before = window.times[slots, window.stop[slots] - 2]
-        after = np.where(stamp_ns - before <= window.gap_ns, before, stamp_ns - 1)
-        self._sweep(window, slots, after, np.full(len(slots), stamp_ns), late=late)
+        """Add what the newest observation of each slot brings; its second brings the first one in."""
+        if not len(slots):
+            return
+        left = window.stop[slots] - 2
+        self._add_segments(window, slots, left, 1)
+        self._add_points(window, slots, stamp_ns, 1, late=late)
+        begun = window.times[slots, left]
+        young = left == window.start[slots]
+        for first in np.unique(begun[young]).tolist():
+            # What lies inside a segment that is new as well has come with that segment.
+            inside = slots[begun < first]
+            self._add_points(window, slots[young & (begun == first)], first, 1, late=late, without=inside)
+
+    def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
+        """Take out what the oldest observations of each slot have brought."""
+        first = window.start[slots]
+        left = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        self._add_segments(window, np.repeat(slots, counts), left, -1)
+        begin = window.times[slots, first + counts]
+        for stamp in instants(window, slots, _EARLIEST, int(begin.max()) - 1).tolist():
+            inside = slots[stamp < begin]
+            here = inside[window.times[inside, locate(window, inside, stamp)] == stamp]
+            self._add_points(window, here, stamp, -1, without=inside)
+
+    def _add_points(
+        self,
+        window: Window,
+        slots: Slots,
+        stamp_ns: int,
+        sign: int,
+        *,
+        late: Insertions | None = None,
+        without: Slots | None = None,
+    ) -> None:
+        """Samples of observations made at one instant against the states of others there.
+
+        Not against the interpolated states of `without`; with `late`, against the states before its
+        observations came.
+        """
+        if not len(slots):
+            return
+        others = _taking_part(window)
+        states = states_at(window, others, stamp_ns)
+        if late is not None:
+            late.undo(states, np.searchsorted(others, late.slots), stamp_ns, window.gap_ns)
+        if without is not None:
+            rows = np.searchsorted(others, without)
+            states.held[rows] &= states.observed[rows]
+        changing = np.zeros(len(others), np.bool_)
+        changing[np.searchsorted(others, slots)] = True
+        self._add_instant(others, states, changing, sign)
+
+    def _add_segments(self, window: Window, slots: Slots, left: Slots, sign: int) -> None:
+        """Samples of observations of others inside the segments that begin at `left` of each slot."""
+        begin, end = window.times[slots, left], window.times[slots, left + 1]
+        short = end - begin <= window.gap_ns
+        others = _taking_part(window)
+        for start in np.unique(begin[short]).tolist():
+            chosen = np.flatnonzero(short & (begin == start))
+            those, index = observations_between(window, others, start, int(end[chosen].max()))
+            if not len(those):
+                continue
+            step = max(1, _MOST_AT_ONCE // len(those))
+            for k in range(0, len(chosen), step):
+                part = chosen[k : k + step]
+                self._add_inside(window, slots[part], left[part], those, index, sign)
+
+    def _add_inside(
+        self, window: Window, slots: Slots, left: Slots, those: Slots, index: Slots, sign: int
+    ) -> None:
+        """Samples between segments (n) and observations (m, by slot), where one is inside the other."""
+        begin, end = window.times[slots, left, None], window.times[slots, left + 1, None]
+        stamps = window.times[those, index]
+        inside = (begin < stamps) & (stamps < end)
+        fraction = (stamps - begin) / (end - begin)
+        start, goal = window.positions[slots, left], window.positions[slots, left + 1]
+        there = window.positions[those, index]
+        square = np.zeros(inside.shape)
+        for c in range(window.dim):
+            square += (start[:, c, None] + fraction * (goal - start)[:, c, None] - there[:, c]) ** 2
+        # The speed at an interpolated instant is that of the segment.
+        mine = velocity_weight(window.speed[slots, left + 1], self._v_move)
+        theirs = velocity_weight(window.speed[those, index], self._v_move)
+        unique, runs = np.unique(those, return_index=True)
+        pairs = self.sums.at(slots[:, None], unique)
+        self.sums.add_runs(pairs, runs, np.sqrt(square), np.maximum.outer(mine, theirs), inside, sign)
 
     def _sweep(
         self,
@@ -182,13 +205,13 @@ class PairSums:
         sign: int = 1,
         late: Insertions | None = None,
     ) -> None:
-        """Add or take out the samples of slots at instants in (after, until] of each.
+        """Add or take out the samples of slots at all instants in (after, until] of each.
 
         With `late`, the states are those before its observations came.
         """
         if not len(slots):
             return
-        others = np.flatnonzero(window.used & (window.stop - window.start >= _MIN_OBSERVATIONS))
+        others = _taking_part(window)
         rows = np.searchsorted(others, slots)
         for stamp in instants(window, others, int(after.min()), int(until.max())).tolist():
             states = states_at(window, others, stamp)
@@ -208,34 +231,26 @@ class PairSums:
         witnesses = np.flatnonzero(rest & states.observed)
         # One exponential per state: w is monotonic in v, so the faster of two has the larger.
         if len(seen) > 1:
-            i, j = _each_pair(len(seen))
+            i, j = each_pair(len(seen))
             w = np.maximum(weight[seen[i]], weight[seen[j]])
-            self._add(self._at(slots[seen[i]], slots[seen[j]]), pdist(states.position[seen]), w, sign)
+            pairs = self.sums.at(slots[seen[i]], slots[seen[j]])
+            self.sums.add(pairs, pdist(states.position[seen]), w, sign)
         for these, those in ((seen, around), (filled, witnesses)):
             if len(these) and len(those):
                 w = np.maximum.outer(weight[these], weight[those])
                 d = cdist(states.position[these], states.position[those])
-                self._add(self._at(slots[these, None], slots[those]), d, w, sign)
+                self.sums.add(self.sums.at(slots[these, None], slots[those]), d, w, sign)
 
-    def _add(self, pairs: Slots, distance: Floats, weight: Floats, sign: int) -> None:
-        samples = self.samples.reshape(-1)[pairs]
-        fresh = samples == 0
-        if fresh.any():
-            self._begin(pairs[fresh], distance[fresh])
-        distance = distance - self.shift.reshape(-1)[pairs]
-        weight = sign * weight
-        self.samples.reshape(-1)[pairs] = samples + sign
-        self.weight.reshape(-1)[pairs] += weight
-        weight = weight * distance
-        self.first.reshape(-1)[pairs] += weight
-        self.second.reshape(-1)[pairs] += weight * distance
 
-    def _begin(self, pairs: Slots, distance: Floats) -> None:
-        """The first sample of pairs, or the first after all have gone."""
-        self.shift.reshape(-1)[pairs] = distance
-        for sums in (self.weight, self.first, self.second, self.peak):
-            sums.reshape(-1)[pairs] = 0.0
+def _taking_part(window: Window) -> Slots:
+    return np.flatnonzero(window.used & (window.stop - window.start >= _MIN_OBSERVATIONS))
 
-    def _at(self, these: Slots, those: Slots) -> Slots:
-        """Where pairs of slots are in the flattened matrices, which are faster to index than by two."""
-        return np.minimum(these, those) * len(self.samples) + np.maximum(these, those)
+
+def _cover(pairs: Bools) -> list[int]:
+    """Few rows of a symmetric bool [n, n] that have a part in every pair marked."""
+    left, found = pairs.copy(), []
+    while left.any():
+        worst = int(left.sum(axis=0).argmax())
+        left[worst] = left[:, worst] = False
+        found.append(worst)
+    return found

@@ -7,6 +7,7 @@ import numpy as np
 from .window import Bools, Floats, Slots, Stamps, Window
 
 _STEPS_BACK = 3
+_FIRST_CUT = 8
 
 
 @dataclass
@@ -46,12 +47,14 @@ def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
 def _bisect(window: Window, slots: Slots, stamp_ns: int | Stamps, low: Slots, high: Slots) -> Slots:
     """Bisection of all slots at once: times[low - 1] <= stamp < times[high]."""
     last = window.times.shape[1] - 1
+    # The other questions are about the oldest observations, so the first cut is made near them.
+    middle = np.minimum(low + _FIRST_CUT, (low + high) // 2)
     while (low < high).any():
-        middle = (low + high) // 2
         before = window.times[slots, np.minimum(middle, last)] <= stamp_ns
         open_ = low < high
         low = np.where(open_ & before, middle + 1, low)
         high = np.where(open_ & ~before, middle, high)
+        middle = (low + high) // 2
     return low - 1
 
 
@@ -79,10 +82,16 @@ def states_at(window: Window, slots: Slots, stamp_ns: int) -> States:
 
 def instants(window: Window, slots: Slots, after_ns: int, until_ns: int) -> Stamps:
     """Distinct times in (after, until] at which any of the slots was observed, ascending, int64 [k]."""
+    those, index = observations_between(window, slots, after_ns, until_ns + 1)
+    return np.unique(window.times[those, index])
+
+
+def observations_between(window: Window, slots: Slots, after_ns: int, before_ns: int) -> tuple[Slots, Slots]:
+    """Observations of slots at times in (after, before): their slots and indices [m], slot by slot."""
     first = locate(window, slots, after_ns) + 1
-    counts = locate(window, slots, until_ns) + 1 - first
+    counts = locate(window, slots, before_ns - 1) + 1 - first
     starts = np.repeat(first - np.cumsum(counts) + counts, counts)
-    return np.unique(window.times[np.repeat(slots, counts), starts + np.arange(len(starts))])
+    return np.repeat(slots, counts), starts + np.arange(len(starts))
 
 
 @dataclass(frozen=True)

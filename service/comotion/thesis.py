@@ -18,7 +18,7 @@ from .clustering import make_clustering
 from .config import FusionConfig
 from .engine import NO_HYPOTHESIS, IdAllocator, Partition, Rows, SpaceSpec
 from .events import Membership, changes
-from .pairs import PairSums
+from .pairs import Pairs
 from .propagation import follow, propagate
 from .states import locate
 from .window import Floats, Slots, Window
@@ -47,7 +47,7 @@ class ThesisEngine:
         v_move = config.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().v_move_for(spec.unit) or math.inf
-        self._pairs = PairSums(v_move)
+        self._pairs = Pairs(v_move)
         self._cluster = make_clustering(config.clustering, config.stop_affinity)
         self._label: NDArray[np.int64] = np.zeros(0, np.int64)
         self._born_ns: dict[int, int] = {}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from comotion.engine import Rows
-from comotion.pairs import PairSums
+from comotion.pairs import Pairs
 from comotion.window import Window
 
 from . import thesis as literal
@@ -26,14 +26,14 @@ class SideBySide:
     span: int = 1000 * MS
     gap: int = 500 * MS
     window: Window = field(init=False)
-    sums: PairSums = field(init=False)
+    pairs: Pairs = field(init=False)
     slots: dict[int, int] = field(default_factory=dict)
     lists: dict[int, literal.Trajectory] = field(default_factory=dict)
     oldest: int = -(2**63)
 
     def __post_init__(self) -> None:
         self.window = Window(self.dim, self.span, self.gap)
-        self.sums = PairSums(self.v_move)
+        self.pairs = Pairs(self.v_move)
 
     def observe(self, stamp: int, points: dict[int, Point]) -> None:
         """One instant: {track: position}; new tracks are opened."""
@@ -48,7 +48,7 @@ class SideBySide:
         slots = self.slots_of(points)
         positions = np.array(list(points.values()), float)
         stored = self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
-        self.sums.observed(self.window, Rows(stamp, slots[stored], in_order=True))
+        self.pairs.observed(self.window, Rows(stamp, slots[stored], in_order=True))
 
     def slots_of(self, tracks: object) -> np.ndarray:
         return np.array([self.slots[track] for track in tracks], np.intp)  # type: ignore[attr-defined]
@@ -67,7 +67,7 @@ class SideBySide:
         self.oldest = max(oldest, self.oldest)
         slots, counts = self.window.evictable(self.oldest)
         if len(slots):
-            self.sums.evicting(self.window, slots, counts)
+            self.pairs.evicting(self.window, slots, counts)
             self.window.evict(slots, counts)
         for track, known in list(self.lists.items()):
             known.oldest = self.oldest
@@ -77,14 +77,14 @@ class SideBySide:
     def forget(self, track: int) -> None:
         del self.lists[track]
         slot = np.array([self.slots.pop(track)])
-        self.sums.forget(slot)
+        self.pairs.forget(slot)
         self.window.close(slot)
 
     def check(self) -> None:
         """Assert that samples are the same ones in number, and variances equal to 1e-6."""
         tracks = sorted(self.slots)
         slots = self.slots_of(tracks)
-        variance, comparable = self.sums.variance(self.window, slots)
+        variance, comparable = self.pairs.variance(self.window, slots)
         np.testing.assert_array_equal(variance, variance.T)
         for a, i in enumerate(tracks):
             for b, j in enumerate(tracks[:a]):
@@ -94,5 +94,5 @@ class SideBySide:
                 if expected is None:
                     continue
                 low, high = sorted((slots[a], slots[b]))
-                assert self.sums.samples[low, high] == len(literal.samples(*pair, self.gap)), (i, j)
+                assert self.pairs.sums.samples[low, high] == len(literal.samples(*pair, self.gap)), (i, j)
                 assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)

@@ -40,7 +40,7 @@ def test_the_variance_of_a_steady_departure_is_that_of_its_distances():
     both = SideBySide(2, None)
     for k in range(5):
         both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0 + 0.1 * k, 0.0)})
-    variance, comparable = both.sums.variance(both.window, both.slots_of([0, 1]))
+    variance, comparable = both.pairs.variance(both.window, both.slots_of([0, 1]))
     assert comparable[0, 1]
     assert variance[0, 1] == pytest.approx(np.var([1.0, 1.1, 1.2, 1.3, 1.4]))
 
@@ -49,13 +49,13 @@ def test_an_instant_at_which_both_are_observed_is_one_sample():
     both = SideBySide(2, None)
     for k in range(4):
         both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0, 0.0)})
-    assert both.sums.samples[0, 1] == 4
+    assert both.pairs.sums.samples[0, 1] == 4
     # The same instants, told one trajectory at a time.
     apart = SideBySide(2, None)
     for k in range(4):
         apart.observe(at(100 * k), {0: (0.0, 0.0)})
         apart.observe(at(100 * k), {1: (1.0, 0.0)})
-    assert apart.sums.samples[0, 1] == 4
+    assert apart.pairs.sums.samples[0, 1] == 4
 
 
 def test_a_late_second_observation_changes_the_speed_of_the_first():
@@ -76,7 +76,7 @@ def test_a_late_observation_before_all_others_becomes_the_first():
         both.observe(at(ms), {1: (1.0, 0.0)})
     both.observe(at(50), {1: (1.4, 0.0)})
     both.check()
-    assert both.sums.samples[0, 1] == 5
+    assert both.pairs.sums.samples[0, 1] == 5
 
 
 def test_eviction_takes_the_samples_before_the_new_common_interval():
@@ -85,10 +85,10 @@ def test_eviction_takes_the_samples_before_the_new_common_interval():
         both.observe(at(ms), {0: (0.0, math.sin(ms))})
     for ms in (0, 100, 200, 300, 400):
         both.observe(at(ms), {1: (1.0, 0.0)})
-    assert both.sums.samples[0, 1] == 41
+    assert both.pairs.sums.samples[0, 1] == 41
     # The slow one now starts at 100 ms: what the fast one saw at 10 to 90 ms is common no more.
     both.evict(at(10))
-    assert both.sums.samples[0, 1] == 31
+    assert both.pairs.sums.samples[0, 1] == 31
     both.check()
 
 
@@ -103,7 +103,7 @@ def test_what_is_left_with_one_observation_cannot_be_compared_until_the_next():
         both.check()
         if ms == 1000:
             assert len(both.lists[1].times()) == 1
-    assert both.sums.samples[0, 1] == 2
+    assert both.pairs.sums.samples[0, 1] == 2
 
 
 def test_nothing_is_interpolated_across_a_gap():
@@ -114,7 +114,7 @@ def test_nothing_is_interpolated_across_a_gap():
             points[1] = (1.0, 0.001 * ms)
         both.observe(at(ms), points)
     both.check()
-    assert both.sums.samples[0, 1] == 6 + 10
+    assert both.pairs.sums.samples[0, 1] == 6 + 10
 
 
 @pytest.mark.parametrize("wild", [(0, 1000), (1000,)])
@@ -140,7 +140,7 @@ def test_a_reused_slot_starts_empty():
     both.forget(1)
     both.observe(at(1000), {0: (0.0, 0.0), 2: (5.0, 0.0)})
     assert both.slots[2] == slot
-    _, comparable = both.sums.variance(both.window, both.slots_of([0, 2]))
+    _, comparable = both.pairs.variance(both.window, both.slots_of([0, 2]))
     assert not comparable[0, 1]
     both.observe(at(1100), {0: (0.0, 0.0), 2: (5.5, 0.0)})
     both.check()
