@@ -60,7 +60,6 @@ class Pairs:
         late = Insertions.at(window, slots[middle], index[middle]) if middle.any() else None
         self._extend(window, slots[newest & (window.counts(slots) >= _MIN_OBSERVATIONS)], stamp, late)
         if late is not None:
-            self.sums.note_peak()
             self._sweep(window, late.slots, late.t_left, late.t_right, sign=-1, late=late)
             self._sweep(window, late.slots, late.t_left, late.t_right)
         self.rebuild(window, slots[early])

@@ -146,6 +146,30 @@ def test_a_reused_slot_starts_empty():
     both.check()
 
 
+@pytest.mark.parametrize("step", [0, 30])
+def test_a_reused_slot_starts_empty_between_sources_out_of_step(step):
+    both = SideBySide(2, None)
+    for ms in range(0, 500, 100):
+        both.observe(at(ms), {0: (0.0, 0.0)})
+        both.observe(at(ms + step), {1: (0.01 * ms, 0.0)})
+    slot = both.slots[1]
+    both.forget(1)
+    for ms in range(500, 800, 100):
+        both.observe(at(ms), {0: (0.0, 0.0)})
+        both.observe(at(ms + step), {2: (5.0 + 1e-3 * ms, 0.0)})
+    assert both.slots[2] == slot
+    both.check()
+
+
+@pytest.mark.parametrize("step", [0, 30])
+def test_small_motion_far_apart_keeps_its_digits(step):
+    both = SideBySide(2, 0.1)
+    for ms in range(0, 1000, 100):
+        both.observe(at(ms), {0: (0.0, 0.0)})
+        both.observe(at(ms + step), {1: (1e6 + 1e-3 * math.sin(ms), 0.0)})
+    both.check()
+
+
 def test_the_matrices_grow_with_the_window():
     both = SideBySide(3, 0.1)
     rng = np.random.default_rng(1)
