@@ -27,7 +27,7 @@ _LIT = 0.985  # a ray from the light that gets this far has reached the point it
 _SHADOW_STEP = 2  # the shadow is cast for every second pixel each way; penumbrae are soft anyway
 # A lamp of some size, and walls that reflect it: with hard shadows a tracker follows their borders.
 _PENUMBRA = 0.012  # of the image's width
-_SHADOW_DEPTH = 0.6
+_SHADOW_DEPTH = 0.45
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,17 +64,24 @@ def plain(rng: np.random.Generator, height: int, width: int, colour: Colour, sca
 
 
 def planks(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
-    """Boards with grain, knots and butt joints, along the width."""
-    image = _filled(height, width, colour)
+    """Boards with grain, knots and butt joints, along the height.
+
+    On the table: across the way things go, else trackers slide along a joint with whatever crosses it.
+    """
+    return np.ascontiguousarray(np.rot90(_boards(rng, width, height, colour, scale)))
+
+
+def _boards(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
+    image, seam = _filled(height, width, colour), tuple((colour * 0.5).tolist())
     board = max(8, int(0.11 * scale))
     for top in range(0, height, board):
         bottom, left = min(top + board, height), 0
         while left < width:
             right = min(width, left + int(rng.uniform(0.35, 0.8) * scale) + 1)
             image[top:bottom, left:right] = _board(rng, bottom - top, right - left, colour, scale)
-            cv2.line(image, (right, top), (right, bottom), tuple((colour * 0.35).tolist()), 1)
+            cv2.line(image, (right, top), (right, bottom), seam, 1)
             left = right
-        cv2.line(image, (0, top), (width, top), tuple((colour * 0.35).tolist()), 2)
+        cv2.line(image, (0, top), (width, top), seam, 2)
     return image
 
 
