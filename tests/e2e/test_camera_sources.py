@@ -60,7 +60,7 @@ def recording(tmp_path: Path) -> Path:
     with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
         for k in range(20):
             depth = None if 6 <= k < 10 else np.full(SHAPE, DEPTH, np.float32)
-            writer.write(Frame(10**18 + k * 33_333_333, scene(k), depth, objects(k)))
+            writer.write(Frame(10**18 + k * 33_333_000, scene(k), depth, objects(k)))
     return tmp_path / "rgbd"
 
 
@@ -107,7 +107,7 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
     got = [batches.next() for _ in range(20)]
     assert [batch.seq for batch in got] == list(range(20))
     assert {(batch.space, batch.unit, batch.dim) for batch in got} == {("world", "m", 3)}
-    assert got[3].stamp_ns == 10**18 + 3 * 33_333_333
+    assert got[3].stamp_ns == 10**18 + 3 * 33_333_000
     assert [len(batch.ids) > 0 for batch in got] == [not 6 <= k < 10 for k in range(20)]
     # Positions are where the features are in the world; those of the board move with it.
     step = SPEED * 19 * DEPTH / CAMERA.fx

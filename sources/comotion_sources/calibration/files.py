@@ -202,6 +202,21 @@ def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | N
     return "\n".join(parts)
 
 
+def format_camera_info(camera: Intrinsics) -> str:
+    """Write intrinsics as ROS's camera_info YAML."""
+    matrix = ", ".join(repr(float(value)) for value in camera.matrix.ravel())
+    # ROS has 5 coefficients where there are none; longer ones are those of its rational model.
+    coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
+    model = _ROS_MODELS[0] if coefficients.size <= 5 else _ROS_MODELS[1]
+    return (
+        f"image_width: {camera.width}\n"
+        f"image_height: {camera.height}\n"
+        f"distortion_model: {model}\n"
+        f"camera_matrix: {{rows: 3, cols: 3, data: [{matrix}]}}\n"
+        f"distortion_coefficients: {{rows: 1, cols: {coefficients.size}, data: {_list(coefficients)}}}\n"
+    )
+
+
 def _list(values: Any) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 

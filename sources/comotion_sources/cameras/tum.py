@@ -2,14 +2,18 @@
 
 ::
 
-    rgb.txt   depth.txt    lines "time file"; time in seconds, file relative to the folder
-    rgb/*.png depth/*.png  8-bit colour; 16-bit depth in 1/5000 m, 0 = missing
-    camera.toml            ours, optional: calibration, names of the true objects
-    objects.txt objects/*.png   ours, optional: true object + 1 of each pixel, 16-bit, 0 = unknown
+    rgb.txt   depth.txt     lines "time file": time in seconds, file relative to the folder
+    rgb/*.png depth/*.png   8-bit colour; 16-bit depth in 1/5000 m, 0 = missing
+    groundtruth.txt         lines "time tx ty tz qx qy qz qw": the camera (optical axes) in the world
+
+Beside them, optional, what the layout has no place for::
+
+    camera_info.yaml        intrinsics, as ROS writes them
+    objects.txt             lines "number name": the true objects
+    objects/*.png           named like those of rgb/: 16-bit, number of the object + 1, 0 = unknown
 """
 
 import logging
-import tomllib
 from collections.abc import Iterator, Mapping
 from io import TextIOBase
 from pathlib import Path
@@ -20,7 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.files import Calibration, calibration_of, format_calibration
+from ..calibration.files import CalibrationError, format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
 from .files import DEFAULT_RATE, read_image, stamp_ns
 from .types import CameraError, Frame
@@ -29,7 +33,8 @@ DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
 """Longest time between an image and the depth that is taken for it."""
 
-_CALIBRATION = "camera.toml"
+_MOVED = 1e-3
+_HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
 _log = logging.getLogger(__name__)
 
 Listing = list[tuple[int, Path]]
@@ -49,6 +54,9 @@ class TumFolder:
     ------
     CameraError
         If a list is missing or malformed, or the calibration in it is.
+
+    The intrinsics are those of ``camera_info.yaml``; the extrinsics those of ``groundtruth.txt`` if
+    the camera stands still all the time.
     """
 
     live = False
@@ -58,11 +66,11 @@ class TumFolder:
         self._folder = folder
         self._images = _listing(folder, "rgb.txt")
         self._depths = _Nearest(_listing(folder, "depth.txt"))
-        objects = folder / "objects.txt"
-        self._truths = _Nearest(_listing(folder, "objects.txt") if objects.is_file() else [])
         if not self._images:
             raise CameraError(f"{folder / 'rgb.txt'}: lists no image")
-        self.intrinsics, self.extrinsics, self.objects = _read_camera(folder / _CALIBRATION)
+        self.intrinsics = _read_intrinsics(folder / "camera_info.yaml")
+        self.extrinsics = _read_still_pose(folder / "groundtruth.txt")
+        self.objects: Mapping[int, str] = _read_names(folder / "objects.txt")
         gaps = np.diff([stamp for stamp, _ in self._images])
         gaps = gaps[gaps > 0]
         self.rate: float | None = float(1e9 / np.median(gaps)) if gaps.size else DEFAULT_RATE
@@ -80,7 +88,7 @@ class TumFolder:
                 continue
             depth = self._depth(stamp, image.shape[:2])
             self.counters["depth_missing"] += depth is None
-            yield Frame(stamp, image, depth, self._objects(stamp, image.shape[:2]))
+            yield Frame(stamp, image, depth, self._truth(path, image.shape[:2]))
 
     def close(self) -> None:
         """Let an iteration end at its next frame."""
@@ -90,8 +98,8 @@ class TumFolder:
         raw = _read_16_bit(self._depths.at(stamp), shape)
         return None if raw is None else np.asarray(raw / np.float32(DEPTH_SCALE), np.float32)
 
-    def _objects(self, stamp: int, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
-        raw = _read_16_bit(self._truths.at(stamp), shape)
+    def _truth(self, path: Path, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
+        raw = _read_16_bit(self._folder / "objects" / f"{path.stem}.png", shape)
         return None if raw is None else raw.astype(np.int32) - 1
 
 
@@ -109,23 +117,60 @@ class _Nearest:
         return self._listing[index][1] if abs(int(self._stamps[index]) - stamp) <= ASSOCIATION_NS else None
 
 
-def _listing(folder: Path, name: str) -> Listing:
-    path = folder / name
+def _rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a list with their numbers, without comments."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text file"
         raise CameraError(f"{path}: {reason}") from None
+    return (
+        (number, line.strip())
+        for number, line in enumerate(lines, 1)
+        if line.strip() and line.lstrip()[0] != "#"
+    )
+
+
+def _listing(folder: Path, name: str) -> Listing:
     entries = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
+    for number, line in _rows(folder / name):
         try:
             time, file = line.split(maxsplit=1)
-            entries.append((stamp_ns(time), folder / file.strip()))
+            entries.append((stamp_ns(time), folder / file))
         except ValueError:
-            raise CameraError(f"{path}: line {number} is not 'time file'") from None
+            raise CameraError(f"{folder / name}: line {number} is not 'time file'") from None
     return entries
+
+
+def _read_names(path: Path) -> dict[int, str]:
+    names = {}
+    for number, line in _rows(path) if path.is_file() else ():
+        key, _, name = line.partition(" ")
+        if not key.isdecimal() or not name:
+            raise CameraError(f"{path}: line {number} is not 'number name'")
+        names[int(key)] = name
+    return names
+
+
+def _read_intrinsics(path: Path) -> Intrinsics | None:
+    try:
+        return read_calibration(path).intrinsics if path.is_file() else None
+    except CalibrationError as error:
+        raise CameraError(str(error)) from None
+
+
+def _read_still_pose(path: Path) -> Extrinsics | None:
+    """Read the pose of a camera that does not move, None for one that does."""
+    poses = []
+    for number, line in _rows(path) if path.is_file() else ():
+        try:
+            poses.append([float(value) for value in line.split()[1:8]])
+            first = Extrinsics.from_quaternion(poses[0][3:], poses[0][:3])
+        except ValueError:
+            raise CameraError(f"{path}: line {number} is not 'time tx ty tz qx qy qz qw'") from None
+        if len(poses[-1]) != 7 or np.abs(np.subtract(poses[-1], poses[0])).max() > _MOVED:
+            return None
+    return first if poses else None
 
 
 def _read_16_bit(path: Path | None, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
@@ -139,19 +184,6 @@ def _read_16_bit(path: Path | None, shape: tuple[int, ...]) -> NDArray[np.uint16
     return np.asarray(image, np.uint16)
 
 
-def _read_camera(path: Path) -> tuple[Intrinsics | None, Extrinsics | None, Mapping[int, str]]:
-    if not path.is_file():
-        return None, None, {}
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        names = content.pop("objects", {})
-        objects = {int(number): str(name) for number, name in names.items()}
-        calibration = calibration_of(content) if content else Calibration()
-    except (OSError, ValueError, AttributeError, TypeError) as error:
-        raise CameraError(f"{path}: {' '.join(str(error).split())}") from None
-    return calibration.intrinsics, calibration.extrinsics, objects
-
-
 class TumWriter:
     """Writes frames as a TUM RGB-D folder; a context manager.
 
@@ -160,12 +192,12 @@ class TumWriter:
     folder
         Made if need be; must not hold a recording yet.
     intrinsics, extrinsics, objects
-        Written to ``camera.toml``, so that the folder can be used by itself.
+        Written along, so that the folder can be used by itself.
 
     Raises
     ------
     CameraError
-        If the folder holds a recording already.
+        If the folder exists and is not empty.
     """
 
     def __init__(
@@ -175,25 +207,34 @@ class TumWriter:
         extrinsics: Extrinsics | None = None,
         objects: Mapping[int, str] | None = None,
     ) -> None:
-        if is_tum_folder(folder):
-            raise CameraError(f"{folder}: holds a recording already")
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise CameraError(f"{folder}: exists already")
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
+        self._pose = _pose_text(extrinsics)
         self._lists: dict[str, TextIOBase] = {}
         for kind in ("rgb", "depth"):
             self._list(kind)
-        _write_camera(folder / _CALIBRATION, intrinsics, extrinsics, objects or {})
+        if intrinsics is not None:
+            (folder / "camera_info.yaml").write_text(format_camera_info(intrinsics), encoding="utf-8")
+        if objects:
+            names = "".join(f"{number} {name}\n" for number, name in objects.items())
+            (folder / "objects.txt").write_text(names, encoding="utf-8")
 
     def write(self, frame: Frame) -> None:
-        """Append a frame."""
-        self._put("rgb", frame.stamp_ns, frame.image)
+        """Append a frame; its stamp is kept to the microsecond."""
+        micros = frame.stamp_ns // 1000
+        time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
+        self._put("rgb", time, frame.image)
         if frame.depth is not None:
             units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
             # What does not fit is beyond the sensor's range: missing.
             units[(units < 0) | (units > 65535)] = 0
-            self._put("depth", frame.stamp_ns, units.astype(np.uint16))
+            self._put("depth", time, units.astype(np.uint16))
         if frame.objects is not None:
-            self._put("objects", frame.stamp_ns, (frame.objects + 1).astype(np.uint16))
+            self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
+        if self._pose:
+            self._note("groundtruth", f"{time} {self._pose}")
 
     def close(self) -> None:
         """Finish the lists."""
@@ -210,32 +251,30 @@ class TumWriter:
 
     def _list(self, kind: str) -> TextIOBase:
         if kind not in self._lists:
-            (self._folder / kind).mkdir(exist_ok=True)
             self._lists[kind] = (self._folder / f"{kind}.txt").open("w", encoding="utf-8")
-            self._lists[kind].write("# timestamp filename\n")
+            self._lists[kind].write(f"# {_HEADS[kind]}\n")
         return self._lists[kind]
 
-    def _put(self, kind: str, stamp: int, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        time = f"{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
+    def _put(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+        self._note(kind, f"{time} {self._write_image(kind, time, image)}")
+
+    def _note(self, kind: str, line: str) -> None:
         listing = self._list(kind)
-        ok, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-        if not ok:
-            raise CameraError(f"{self._folder}: the {kind} image could not be encoded")
-        (self._folder / kind / f"{time}.png").write_bytes(encoded.tobytes())
-        listing.write(f"{time} {kind}/{time}.png\n")
+        listing.write(f"{line}\n")
         # Line by line, so that a recording that is cut short can be read up to there.
         listing.flush()
 
+    def _write_image(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
+        name = f"{kind}/{time}.png"
+        ok, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        if not ok:
+            raise CameraError(f"{self._folder / name}: the image could not be encoded")
+        (self._folder / kind).mkdir(exist_ok=True)
+        (self._folder / name).write_bytes(encoded.tobytes())
+        return name
 
-def _write_camera(
-    path: Path,
-    intrinsics: Intrinsics | None,
-    extrinsics: Extrinsics | None,
-    objects: Mapping[int, str],
-) -> None:
-    text = format_calibration(intrinsics, extrinsics)
-    if objects:
-        escaped = {k: v.replace("\\", "\\\\").replace('"', '\\"') for k, v in objects.items()}
-        text += "\n[objects]\n" + "".join(f'{number} = "{name}"\n' for number, name in escaped.items())
-    if text:
-        path.write_text(text, encoding="utf-8")
+
+def _pose_text(extrinsics: Extrinsics | None) -> str:
+    if extrinsics is None:
+        return ""
+    return " ".join(f"{value:.9f}" for value in (*extrinsics.translation, *extrinsics.quaternion))
