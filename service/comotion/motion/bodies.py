@@ -15,6 +15,10 @@ FIT_ITERATIONS = 4
 # one that is not would win by being empty.
 _COVERED = 0.6
 _UNCOVERED = 0.7
+# Members that fit worse than this many tolerances say nothing of their body.
+_LOOSEST = 9.0
+# Deformation is alike from frame to frame: looseness is paid once, not at each frame.
+_LOOSE_PRICE = 1.5
 
 
 @dataclass(frozen=True)
@@ -129,20 +133,16 @@ def _cost(frames: Frames, body: Body, config: MotionConfig) -> Floats:
     """Row costs under a body, whose tolerance follows its members' residual.
 
     Soft things are bodies too: a body that fits its own members worse than the noise says is given
-    a wider tolerance, for all trajectories alike, at the price of one log per coordinate.
+    a wider tolerance, for all trajectories alike, at the price of a log per coordinate.
     """
     cost, squared = residuals(frames, body, frames.tolerance, config)
-    if body.static or config.looseness == 0:
+    if body.static:
         return cost
     own = frames.tolerance[body.rows]
     excess = float(np.minimum(squared[body.rows] / (own * frames.dim), _LOOSEST).mean())
-    widening = min(max(0.5 + config.looseness * excess, 1.0), _LOOSEST) - 1.0
-    if widening == 0.0:
+    widening = config.looseness * (min(excess, _LOOSEST) - 1)
+    if widening <= 0:
         return cost
     wide = frames.tolerance + widening * own.mean()
     cost, _ = residuals(frames, body, wide, config)
     return np.asarray(cost + 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance))
-
-
-_LOOSEST = 9.0
-_LOOSE_PRICE = 1.5

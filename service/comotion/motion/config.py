@@ -32,7 +32,7 @@ class MotionConfig(BaseModel):
     pose_price: Positive = Field(
         1.6, description="price of a degree of freedom of a pose, in halves of a nat"
     )
-    birth_price: Positive = Field(5.0, description="nat; price of a hypothesis beside its poses")
+    birth_price: Positive = Field(15.0, description="nat; price of a hypothesis beside its poses")
     stay: Annotated[float, Field(ge=0, le=100)] = Field(
         2.0, description="nat; preference of a trajectory for its hypothesis"
     )
