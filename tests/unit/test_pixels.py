@@ -203,6 +203,16 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     assert (found.confidence <= 1).all()
 
 
+def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
+    rng = np.random.default_rng(13)
+    x = rng.uniform(0, 100, (1, 35, 2))
+    x[:, 20:] += [250, 0]
+    moving = (np.arange(35) >= 20)[None, :, None]
+    positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
+    found = group(frames_of(positions), PixelParameters())
+    np.testing.assert_array_equal(found.labels == found.labels[0], np.arange(35) < 20)
+
+
 def test_everything_at_rest_is_one_group():
     rng = np.random.default_rng(6)
     positions = np.repeat(rng.uniform(0, 400, (1, 50, 2)), 24, axis=0) + rng.normal(0, 0.2, (24, 50, 2))

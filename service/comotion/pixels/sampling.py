@@ -7,6 +7,9 @@ from .keyframes import Floats32, KeyFrames
 
 Indices = NDArray[np.intp]
 
+# Among few trajectories the "nearest" are of every body, and one affine motion fits two bodies.
+_SHARE = 4
+
 
 def sample_members(
     frames: KeyFrames,
@@ -46,7 +49,8 @@ def sample_members(
     groups = []
     for k, reach in enumerate(reaches):
         mine = slice(k * share, (k + 1) * share)
-        groups.append(_pick(distance[mine], seeds[mine], min(reach, total - 1), members, rng))
+        near = min(reach, max(total // _SHARE, members), total - 1)
+        groups.append(_pick(distance[mine], seeds[mine], near, members, rng))
     return groups
 
 
