@@ -23,6 +23,16 @@ Examples:
   comotion reproduce fusion --workcell shelf --method thesis --set sigma_switch=0.04 --json
 """
 
+PIXELS_EPILOG = """
+Examples:
+
+  comotion reproduce pixels --data recordings --out pixels
+
+  comotion reproduce pixels --data recordings --no-baselines --json
+
+The folder holds hopkins155/, kt3dmoseg/, mtpv/ or video/ikeasmall01.npz, those that are there are used.
+"""
+
 app = typer.Typer(help="Run the project's experiments again.", no_args_is_help=True)
 
 
@@ -77,6 +87,50 @@ def fusion(
         period=period,
     )
     _report(results, out, as_json=json_)
+
+
+@app.command("pixels", epilog=PIXELS_EPILOG)
+def pixels(
+    data: Annotated[
+        Path,
+        typer.Option("--data", metavar="DIR", envvar="COMOTION_DATA", help="Folder of the recordings."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go. [default: nowhere]"),
+    ] = None,
+    baselines: Annotated[bool, typer.Option(help="Run the baselines too.")] = True,
+    cross_validate: Annotated[bool, typer.Option(help="Cross-validate over scenes too.")] = True,
+    json_: options.Json = False,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Grouping of image features on labelled recordings, beside baselines that are told K."""
+    from rich.console import Console
+
+    from comotion_experiments.pixels import find_data_sets, report, run_benchmark
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is no folder")
+    status = Console(stderr=True)
+    found = run_benchmark(
+        find_data_sets(data),
+        baselines=baselines,
+        cross_validate=cross_validate,
+        progress=lambda what: status.print(what, style="dim", highlight=False),
+    )
+    values = json.dumps(found.as_json(), indent=2)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "pixels.md").write_text(report.markdown(found))
+        (out / "pixels.json").write_text(values + "\n")
+    if json_:
+        print(values)
+        return
+    console = Console(width=max(130, Console().width))
+    console.print(report.table(found))
+    for line in report.lines(found):
+        console.print(line, highlight=False)
 
 
 def _check(out: Path) -> None:

@@ -1,0 +1,157 @@
+"""Runs the sequences and adds up."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from comotion.pixels.parameters import PixelParameters
+from comotion_clients.metrics import isolate, misclassification, nmi
+
+from .methods import engine, one_object, spectral_distance, spectral_interaction
+from .sequences import Sequence
+
+LENGTHS: tuple[int | None, ...] = (None, 10, 20, 30)
+BASELINES = {
+    "one object": one_object,
+    "spectral, distance variance, K given": spectral_distance,
+    "spectral, shape interaction, K given": spectral_interaction,
+}
+OURS = "comotion, K unknown"
+# What cross-validation chooses from: the threshold that decides K.
+_GRID = tuple(PixelParameters().merge_similarity * f for f in (0.6, 0.8, 1.0, 1.25, 1.6))
+_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """Means over the sequences of a data set at one length; error and exactness in per cent."""
+
+    data_set: str
+    method: str
+    frames: int | None
+    sequences: int
+    error: float
+    median_error: float
+    nmi: float
+    k_exact: float
+    ms: float
+
+
+@dataclass
+class Benchmark:
+    """All results."""
+
+    rows: list[Row] = field(default_factory=list)
+    cross_validated: dict[str, float] = field(default_factory=dict)
+    singles: tuple[int, int] = (0, 0)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        good, count = self.singles
+        return {
+            "rows": [asdict(row) for row in self.rows],
+            "cross_validated_error": self.cross_validated,
+            "single_objects": {"one_hypothesis": good, "of": count},
+        }
+
+
+@dataclass(frozen=True)
+class _Scored:
+    error: float
+    nmi: float
+    exact: bool
+    seconds: float
+
+
+def run_benchmark(
+    data_sets: Mapping[str, list[Sequence]],
+    *,
+    baselines: bool = True,
+    cross_validate: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Benchmark:
+    """Score the engine and the baselines on whole sequences and on their first frames.
+
+    Parameters
+    ----------
+    data_sets
+        By name, see :func:`~comotion_experiments.pixels.sequences.find_data_sets`.
+    baselines, cross_validate
+        Whether to do these too.
+    progress
+        Told what comes next.
+    """
+    found = Benchmark()
+    for name, sequences in data_sets.items():
+        for frames in LENGTHS:
+            progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
+            parts = [s if frames is None else s.first(frames) for s in sequences]
+            found.rows.append(_row(name, OURS, frames, _ours(parts, PixelParameters())))
+            for title, method in BASELINES.items() if baselines else ():
+                scored = [_score(part, method(part), 0.0) for part in parts]
+                found.rows.append(_row(name, title, frames, scored))
+        if cross_validate and len({s.scene for s in sequences}) >= _FOLDS:
+            progress(f"{name}, cross-validation")
+            found.cross_validated[name] = _cross_validate(sequences)
+    if "Hopkins155" in data_sets:
+        progress("single objects")
+        found.singles = _singles(data_sets["Hopkins155"])
+    return found
+
+
+def _ours(sequences: Iterable[Sequence], parameters: PixelParameters) -> list[_Scored]:
+    return [_score(sequence, *engine(sequence, parameters)) for sequence in sequences]
+
+
+def _score(sequence: Sequence, labels: np.ndarray[Any, np.dtype[np.int64]], seconds: float) -> _Scored:
+    known = sequence.truth > 0
+    mine, truth = isolate(labels[known], -1), sequence.truth[known]
+    exact = len(np.unique(labels[known & (labels >= 0)])) == len(np.unique(truth))
+    return _Scored(100 * misclassification(mine, truth), nmi(mine, truth), exact, seconds)
+
+
+def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> Row:
+    errors = [s.error for s in scored]
+    return Row(
+        data_set=name,
+        method=method,
+        frames=frames,
+        sequences=len(scored),
+        error=float(np.mean(errors)),
+        median_error=float(np.median(errors)),
+        nmi=float(np.mean([s.nmi for s in scored])),
+        k_exact=100 * float(np.mean([s.exact for s in scored])),
+        ms=1e3 * float(np.median([s.seconds for s in scored])),
+    )
+
+
+def _cross_validate(sequences: list[Sequence]) -> float:
+    """Mean error where the merge threshold is chosen on other scenes.
+
+    Sequences of one scene share footage and go into the same fold.
+    """
+    scenes = sorted({s.scene for s in sequences})
+    fold = np.array([scenes.index(s.scene) % _FOLDS for s in sequences])
+    errors = np.array(
+        [
+            [s.error for s in _ours(sequences, replace(PixelParameters(), merge_similarity=value))]
+            for value in _GRID
+        ]
+    )
+    held_out = [errors[errors[:, fold != k].mean(axis=1).argmin(), fold == k] for k in range(_FOLDS)]
+    return float(np.concatenate(held_out).mean())
+
+
+def _singles(sequences: list[Sequence]) -> tuple[int, int]:
+    """How many motions, each alone, are one hypothesis."""
+    good = count = 0
+    for sequence in sequences:
+        if sequence.scene != sequence.name:
+            continue
+        for motion in np.unique(sequence.truth[sequence.truth > 0]).tolist():
+            labels, _ = engine(sequence.of(sequence.truth == motion), PixelParameters())
+            good += len(np.unique(labels)) == 1
+            count += 1
+    return good, count

@@ -1,0 +1,95 @@
+"""What is compared: the core's engine, and baselines that are easy to state."""
+
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion import FusionConfig
+from comotion.engine import IdAllocator, Rows, SpaceSpec
+from comotion.pixels.engine import PixelEngine
+from comotion.pixels.interaction import subspace
+from comotion.pixels.keyframes import KeyFrames, spread
+from comotion.pixels.parameters import PixelParameters
+from comotion.window import Window
+
+from .sequences import Sequence
+
+Labels = NDArray[np.int64]
+_GAP_NS = 500_000_000
+_KEY_FRAMES = 24
+_SIGMA_SWITCH_PX = 8.0
+
+
+def engine(sequence: Sequence, parameters: PixelParameters) -> tuple[Labels, float]:
+    """One update of the core's engine over a whole sequence, the dead trajectories listed too.
+
+    Returns
+    -------
+    Labels int64 [N], −1 undetermined, and the seconds that the update took.
+    """
+    stamps = np.round((sequence.times - sequence.times[0]) * 1e9).astype(np.int64)
+    window = Window(2, int(stamps[-1]) + 1, _GAP_NS)
+    core = PixelEngine(
+        FusionConfig(), SpaceSpec("camera/pixels", "px", 2), IdAllocator(), parameters=parameters
+    )
+    slots = window.open(sequence.positions.shape[1], 0)
+    for stamp, x in zip(stamps.tolist(), sequence.positions, strict=True):
+        seen = np.flatnonzero(np.isfinite(x).all(axis=1))
+        if len(seen):
+            window.insert(slots[seen], stamp, x[seen], np.full(len(seen), np.nan), None)
+            core.observed(window, Rows(stamp, slots[seen], in_order=True))
+    begin = time.perf_counter()
+    partition = core.update(window, slots, int(stamps[-1]))
+    return partition.labels, time.perf_counter() - begin
+
+
+def one_object(sequence: Sequence) -> Labels:
+    """Everything is one object."""
+    return np.zeros(len(sequence.truth), np.int64)
+
+
+def spectral_distance(sequence: Sequence) -> Labels:
+    """Spectral clustering of exp(−γ var of the distance), the thesis' affinity (3.4), K given."""
+    frames = _key_frames(sequence)
+    x, seen = frames.positions, frames.visible.astype(np.float32)
+    common = seen.T @ seen
+    first, second = np.zeros_like(common), np.zeros_like(common)
+    for frame, visible in zip(x, seen, strict=True):
+        square = (frame[:, None, 0] - frame[None, :, 0]) ** 2 + (frame[:, None, 1] - frame[None, :, 1]) ** 2
+        square *= visible[:, None] * visible
+        first += np.sqrt(square)
+        second += square
+    variance = second / np.maximum(common, 1) - (first / np.maximum(common, 1)) ** 2
+    affinity = np.exp(-np.log(2) * np.maximum(variance, 0) / _SIGMA_SWITCH_PX**2)
+    return _spectral(np.where(common < 2, 0.5, affinity), sequence.objects())
+
+
+def spectral_interaction(sequence: Sequence) -> Labels:
+    """Spectral clustering of shape interaction |v_i·v_j|⁴ at rank 4K, K given."""
+    frames = _key_frames(sequence)
+    vectors = subspace(frames, min(4 * sequence.objects(), 2 * len(frames.positions)), 6, 60)
+    vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), 1e-12)
+    return _spectral(np.abs(vectors.T @ vectors).astype(np.float64) ** 4, sequence.objects())
+
+
+def _key_frames(sequence: Sequence) -> KeyFrames:
+    x = sequence.positions[spread(len(sequence.positions), _KEY_FRAMES)]
+    seen: NDArray[np.bool_] = np.isfinite(x[..., 0]) & np.isfinite(x[..., 1])
+    return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen)
+
+
+def _spectral(affinity: NDArray[Any], count: int) -> Labels:
+    from sklearn.cluster import SpectralClustering
+
+    if count < 2:
+        return np.zeros(len(affinity), np.int64)
+    with warnings.catch_warnings():
+        # A graph in several parts is a fair result of a baseline, not a reason to stop.
+        warnings.simplefilter("ignore")
+        found = SpectralClustering(
+            count, affinity="precomputed", assign_labels="cluster_qr", random_state=0
+        ).fit_predict(affinity)
+    return np.asarray(found, np.int64)

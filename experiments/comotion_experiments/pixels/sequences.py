@@ -1,0 +1,80 @@
+"""Labelled sequences of image trajectories, and parts of them."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_sources.recordings.npz import read_npz
+
+DATA_SETS = {
+    "Hopkins155": "hopkins155/*.npz",
+    "KT3DMoSeg": "kt3dmoseg/*.npz",
+    "MTPV": "mtpv/*.npz",
+    "ikeasmall01": "video/ikeasmall01.npz",
+}
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Trajectories of one recording.
+
+    Attributes
+    ----------
+    name
+        File name less the suffix.
+    positions
+        float64 [F, N, 2], px; NaN where unobserved.
+    times
+        float64 [F], s.
+    truth
+        int64 [N]; object from 1 on, less than 1 where not scored.
+    """
+
+    name: str
+    positions: NDArray[np.float64]
+    times: NDArray[np.float64]
+    truth: NDArray[np.int64]
+
+    @property
+    def scene(self) -> str:
+        """What it shares with other sequences of the same footage: Hopkins' ``_g12`` are subsets."""
+        return re.sub(r"_g\d+$", "", self.name)
+
+    def first(self, frames: int) -> "Sequence":
+        """The first frames, with the trajectories seen in them."""
+        short = replace(self, positions=self.positions[:frames], times=self.times[:frames])
+        seen: NDArray[np.bool_] = np.isfinite(short.positions[..., 0])
+        return short.of(np.asarray(seen.any(axis=0)))
+
+    def of(self, tracks: NDArray[np.bool_]) -> "Sequence":
+        """Some of the trajectories (bool [N])."""
+        return replace(self, positions=self.positions[:, tracks], truth=self.truth[tracks])
+
+    def objects(self) -> int:
+        """Number of true objects."""
+        return len(np.unique(self.truth[self.truth > 0]))
+
+
+def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:
+    """The data sets that are there.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or a file is no labelled recording of image positions.
+    """
+    found = {name: [_read(path) for path in sorted(folder.glob(glob))] for name, glob in DATA_SETS.items()}
+    found = {name: sequences for name, sequences in found.items() if sequences}
+    if not found:
+        raise ValueError(f"{folder}: holds none of {', '.join(DATA_SETS.values())}")
+    return found
+
+
+def _read(path: Path) -> Sequence:
+    recording = read_npz(path)
+    if recording.dim != 2 or recording.labels is None:
+        raise ValueError(f"{path}: is no labelled recording of image positions")
+    return Sequence(path.stem, recording.positions, recording.times, recording.labels.astype(np.int64))
