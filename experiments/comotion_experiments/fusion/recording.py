@@ -28,7 +28,10 @@ _COVERED = ".covered"
 _MAKERS = (
     *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "tracker")),
     *(f"proprioception.{name}" for name in ("kinematics", "packer")),
-    *(f"workcell.{name}" for name in ("atlas", "render", "scene", "sensor", "textures", "viewpoint")),
+    *(
+        f"workcell.{name}"
+        for name in ("atlas", "render", "scene", "sensor", "shapes", "textures", "viewpoint")
+    ),
 )
 
 
