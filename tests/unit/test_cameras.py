@@ -403,13 +403,32 @@ def test_frames_that_come_late_or_twice_are_counted() -> None:
         assert paced.counters["duplicates"] == 3
 
 
-def test_a_recording_that_cannot_keep_up_leaves_frames_out() -> None:
+def test_a_recording_that_is_held_up_leaves_frames_out_to_catch_up() -> None:
     paced, clock = pacer()
-    assert paced.admit(0) is not None
+    start = clock.now + 7
+    assert paced.admit(0) == start
     clock.now += 1_000 * MS
     assert paced.admit(40 * MS) is None
-    assert paced.admit(900 * MS) is not None
-    assert paced.counters["overruns"] == 1
+    assert paced.admit(900 * MS) == start + 900 * MS
+    assert (paced.counters["overruns"], paced.counters["slips"]) == (1, 0)
+
+
+def test_a_recording_that_is_slower_than_the_clock_is_played_slower() -> None:
+    for stamps, shown in (("now", 60), ("original", 100)):
+        paced, clock = pacer(stamps=stamps)
+        got = []
+        for k in range(100):
+            got.append(paced.admit(k * 33 * MS))
+            clock.now += 90 * MS  # what it takes to read the next frame
+        stamped = [stamp for stamp in got if stamp is not None]
+        assert len(stamped) >= shown * 0.6
+        assert (np.diff(stamped) > 0).all()
+        assert paced.counters["slips"] > 3
+        if stamps == "original":
+            assert got == [k * 33 * MS for k in range(100)]
+        else:
+            # Never older than the frames may be late.
+            assert clock.now - stamped[-1] < 1_000 * MS
 
 
 def test_a_second_pass_follows_the_first() -> None:

@@ -8,7 +8,10 @@ from typing import Literal
 Stamps = Literal["now", "original"]
 
 LATE_NS = 200_000_000
-"""A frame of a recording later than this is left out: fresh ones are worth more than old ones."""
+"""A frame of a recording may be late by this."""
+
+PATIENCE = 5
+"""Frames left out in a row to catch up; then the recording is slower than the clock, and so is the play."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +21,8 @@ class Pacing:
     Attributes
     ----------
     realtime
-        Play recordings at their own pace; False: as fast as they can be tracked, leaving none out.
+        Play recordings at their own pace, or slower where the machine is; False: as fast as they can
+        be tracked, leaving none out.
     stamps
         Of recordings: ``now``, as if taken while played, or ``original``, the file's own (media time
         from 0 where it has none).
@@ -56,7 +60,7 @@ class Pacer:
     wall: Callable[[], int] = time.time_ns
     monotonic: Callable[[], int] = time.monotonic_ns
     counters: dict[str, int] = field(
-        default_factory=lambda: {"late": 0, "duplicates": 0, "thinned": 0, "overruns": 0}
+        default_factory=lambda: dict.fromkeys(("late", "duplicates", "thinned", "overruns", "slips"), 0)
     )
     _last_ns: int | None = None
     _next_ns: int | None = None
@@ -65,6 +69,7 @@ class Pacer:
     _elapsed_ns: int = 0
     _start_wall_ns: int = 0
     _start_ns: int = 0
+    _missed: int = 0
 
     def admit(self, stamp_ns: int) -> int | None:
         """Wait until a frame is due; its published stamp, or None when it is left out.
@@ -93,14 +98,28 @@ class Pacer:
         if self._pass_first_ns is None:
             self._pass_first_ns = stamp_ns
         played = stamp_ns - self._pass_first_ns + self._elapsed_ns
-        if self.pacing.realtime:
-            early = self._start_ns + played - self.monotonic()
-            if early < -LATE_NS:
-                self.counters["overruns"] += 1
-                return None
+        if self.pacing.realtime and not self._in_time(played):
+            return None
+        return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
+
+    def _in_time(self, played: int) -> bool:
+        """Wait until a frame is due; whether it is to be shown."""
+        early = self._start_ns + played - self.monotonic()
+        if early >= -LATE_NS:
+            self._missed = 0
             if early > 0:
                 self.wait(early / 1e9)
-        return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
+            return True
+        # With stamps of its own a recording may be played late; with those of now it must catch up.
+        if self.pacing.stamps == "now" and self._missed < PATIENCE:
+            self._missed += 1
+            self.counters["overruns"] += 1
+            return False
+        self._missed = 0
+        self.counters["slips"] += 1
+        self._start_ns -= early
+        self._start_wall_ns -= early
+        return True
 
     def _thinned(self, stamp_ns: int) -> bool:
         if self.pacing.rate is None:
