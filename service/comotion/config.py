@@ -13,7 +13,8 @@ Unit = Literal["m", "px"]
 _SIGMA_SWITCH: dict[Unit, float] = {"m": 0.02, "px": 8.0}
 _V_MOVE: dict[Unit, float] = {"m": 0.1, "px": 20.0}
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+# Bounded away from zero: its square must not vanish.
+Positive = Annotated[float, Field(ge=1e-9, le=1e9)]
 
 
 class FusionConfig(BaseModel):
