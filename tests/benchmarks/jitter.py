@@ -1,7 +1,7 @@
 """Live jitter and restart time of the whole path, with real processes. Prints; asserts nothing.
 
     python tests/benchmarks/jitter.py                             # figure 4.4 as three sources
-    python tests/benchmarks/jitter.py RECORDING --set sigma_switch=0.01
+    python tests/benchmarks/jitter.py RECORDING --set method=thesis --set sigma_switch=0.01
 
 Starts router, three sources and the service under the launcher, measures the intervals of the
 updates where a client receives them, then kills the service by SIGKILL and measures how long its
@@ -34,16 +34,16 @@ Arrival = tuple[float, HypothesisUpdate]
 def system(arguments: argparse.Namespace, endpoint: str, folder: Path) -> str:
     if arguments.recording is None:
         source, start = "source simulator fig4_4", f"--start-at {time.time() + 4:.0f}"
-        fusion, rates = arguments.set or ["sigma_switch=0.01", "v_move=null"], [f"--rate {r}" for r in RATES]
+        rates = [f"--rate {rate}" for rate in RATES]
     else:
         # Its own rate, half of it and a third.
         source, start = f"source replay '{Path(arguments.recording).resolve()}'", "--start-at aligned"
-        fusion, rates = arguments.set, [""] * len(RATES)
+        rates = [""] * len(RATES)
     parts = [
         f'[process.s{k}]\nrun = "{source} {rate} --part {k}/{len(rates)} --name s{k} --loop {start}"'
         for k, rate in enumerate(rates, 1)
     ]
-    options = " ".join(f"--set {value}" for value in fusion)
+    options = " ".join(f"--set {value}" for value in arguments.set)
     return "\n".join(
         [
             f'connect = ["{endpoint}"]\n[router]\nlisten = ["{endpoint}"]',

@@ -15,11 +15,13 @@ Examples:
 
   comotion demo --duration 60 --out /tmp/demo
 
-  comotion demo 3d_async --set sigma_switch=0.02
+  comotion demo --method thesis
+
+  comotion demo 3d_async
 """
 
-_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
-"""What the thesis uses for its figure 4.4: equal weights and a switch at 0.01."""
+_THESIS_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
+"""What the thesis uses for its figure 4.4: a switch at 0.01 and equal weights."""
 
 
 def demo(
@@ -42,7 +44,8 @@ def demo(
     from ..demo import DemoOptions, demo_processes, free_endpoint, show_summary
     from ..launcher import launch
 
-    settings = assignments or (_FIG_4_4 if simulated == "fig4_4" else ())
+    as_in_thesis = method == "thesis" and simulated == "fig4_4"
+    settings = assignments or (_THESIS_FIG_4_4 if as_in_thesis else ())
     fusion = [word for setting in settings for word in ("--set", setting)]
     fusion += ["--method", method] if method else []
     how = DemoOptions(simulated=simulated, seed=seed, fusion=fusion, out=out)
