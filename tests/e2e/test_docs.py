@@ -119,7 +119,7 @@ def test_commands_exist_with_their_options(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     words = shlex.split(line)
-    chosen = words[:2] if words[0] == "source" else words[:1]
+    chosen = words[:2] if words[0] in {"source", "reproduce"} else words[:1]
     assert run([*chosen, "--help"]) == 0
     text = capsys.readouterr().out
     for option in (word for word in words if word.startswith("--")):
