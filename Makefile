@@ -16,7 +16,7 @@ $(STAMP): pyproject.toml requirements.txt
 	@test -n "$(PYTHON)" || { echo "comotion needs Python 3.11 or newer on the PATH" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[mocap,plot]' --group dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[metrics,mocap,plot,record]' --group dev
 	@touch $@
 
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end

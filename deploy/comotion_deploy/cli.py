@@ -7,7 +7,7 @@ from importlib import metadata
 
 import typer
 
-from .commands import calibrate, config, demo, evaluate, reproduce, router, serve, source, up, watch
+from .commands import calibrate, config, demo, evaluate, record, reproduce, router, serve, source, up, watch
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -41,6 +41,7 @@ app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
+app.command("record", epilog=record.EPILOG)(record.record)
 app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
 app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.add_typer(reproduce.app, name="reproduce")

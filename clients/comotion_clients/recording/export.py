@@ -1,0 +1,228 @@
+"""A recording as Foxglove shows it: points, poses, labels, images, events and numbers in JSON.
+
+| topic | schema |
+|---|---|
+| ``/features/<space>`` | foxglove.PointCloud, coloured by hypothesis |
+| ``/hypotheses/<space>`` | foxglove.PosesInFrame: centroid, and rotation since birth |
+| ``/labels/<space>`` | foxglove.SceneUpdate: id, state, size and velocity |
+| ``/tf`` | foxglove.FrameTransforms: frames ``hypothesis-<id>`` |
+| ``/images/<source>`` | foxglove.CompressedImage, where previews were recorded |
+| ``/events`` | foxglove.Log |
+| ``/numbers`` | comotion.Numbers: counts, confidence, lag, and NMI where truth was recorded |
+| ``/health/<component>`` | comotion.Health: rates, ages, counters, rejections |
+
+Log times stay those of the recording; the time stamps inside are those of acquisition.
+"""
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from comotion_schemas import (
+    DecodeError,
+    HypothesisUpdate,
+    Message,
+    ObservationBatch,
+    Preview,
+    Status,
+    TruthBatch,
+    decode,
+)
+from comotion_schemas.recording import MESSAGE_ENCODING, SCHEMA_ENCODING, kind_of
+
+from ..metrics import Truth
+from ..scoring import Observed, Tally
+from . import foxglove
+from .disk import create
+
+Json = dict[str, Any]
+
+
+@dataclass
+class Exported:
+    """What was written: messages by topic; `invalid` payloads were left out."""
+
+    messages: dict[str, int] = field(default_factory=dict)
+    invalid: int = 0
+
+    def as_json(self) -> Json:
+        """Plain values."""
+        return asdict(self)
+
+    def lines(self, target: Path) -> list[str]:
+        """The result in words."""
+        total = sum(self.messages.values())
+        lines = [f"{target}: {total} messages on {len(self.messages)} topics"]
+        lines += [f"  {topic}: {count}" for topic, count in sorted(self.messages.items())]
+        if self.invalid:
+            lines.append(f"left out as not valid: {self.invalid}")
+        return lines
+
+
+def export(source: Path, target: Path) -> Exported:
+    """Turn a recording into a file for Foxglove.
+
+    Parameters
+    ----------
+    source
+        A recording of ``comotion record``; what holds no update has nothing to show.
+    target
+        The new file; it must not exist.
+
+    Raises
+    ------
+    ValueError
+        If the recording is damaged or holds no update of a service.
+    OSError
+        If a file cannot be read or written, or `target` exists.
+    """
+    with source.open("rb") as file, os.fdopen(create(target), "wb") as output:
+        try:
+            exporter = _Exporter(Writer(output))
+            for log_ns, message in _messages(file, source, exporter.exported):
+                exporter.add(log_ns, message)
+            exporter.close()
+            if not exporter.exported.messages.get("/numbers"):
+                raise ValueError(f"{source}: it holds no hypotheses; was the service recorded?")
+        except BaseException:
+            target.unlink()
+            raise
+    return exporter.exported
+
+
+def _messages(file: BinaryIO, source: Path, exported: Exported) -> Iterator[tuple[int, Message]]:
+    try:
+        for _, channel, logged in make_reader(file, validate_crcs=True).iter_messages():
+            if channel.message_encoding != MESSAGE_ENCODING or kind_of(channel.topic) is None:
+                continue
+            try:
+                yield logged.log_time, decode(logged.data)
+            except DecodeError:
+                exported.invalid += 1
+    except (McapError, RuntimeError) as error:
+        raise ValueError(
+            f"{source}: damaged or never completed ({type(error).__name__}); "
+            f"try: comotion record --repair {source}"
+        ) from None
+
+
+class _Exporter:
+    """Turns messages into those of Foxglove, as they come."""
+
+    def __init__(self, writer: Writer) -> None:
+        self.exported = Exported()
+        self._writer = writer
+        self._writer.start()
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._observed = Observed()
+        self._tally = Tally(Truth())
+        self._told: set[tuple[int, str, int]] = set()
+
+    def add(self, log_ns: int, message: Message) -> None:
+        """Take in one message of the recording."""
+        match message:
+            case ObservationBatch():
+                self._observed.add(message)
+            case TruthBatch():
+                self._tally.truth.add(message)
+            case HypothesisUpdate():
+                self._update(log_ns, message)
+            case Preview():
+                self._put(
+                    f"/images/{message.source}", "foxglove.CompressedImage", log_ns, foxglove.image(message)
+                )
+            case Status():
+                self._put(f"/health/{message.component}", "comotion.Health", log_ns, foxglove.health(message))
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._writer.finish()
+
+    def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
+        score = self._tally.add(update, self._observed)
+        scored = score.scored > 0 and not math.isnan(score.nmi)
+        self._put(
+            "/numbers",
+            "comotion.Numbers",
+            log_ns,
+            foxglove.numbers(
+                update,
+                score.nmi if scored else None,
+                score.misclassification if scored else None,
+            ),
+        )
+        space_of = self._spaces(update)
+        for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
+            self._draw(log_ns, update, space, space_of)
+        moved = foxglove.transforms(update, {h.space: self._scale(h.space) for h in update.hypotheses})
+        if moved["transforms"]:
+            self._put("/tf", "foxglove.FrameTransforms", log_ns, moved)
+        self._events(log_ns, update)
+
+    def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
+        scale = self._scale(space)
+        members = np.array([name == space for name in space_of], bool)
+        rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
+        cloud = foxglove.point_cloud(update, space, rows, scale)
+        self._put(f"/features/{space}", "foxglove.PointCloud", log_ns, cloud)
+        poses = foxglove.poses(update, space, scale)
+        self._put(f"/hypotheses/{space}", "foxglove.PosesInFrame", log_ns, poses)
+        self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, foxglove.labels(update, space, scale))
+
+    def _spaces(self, update: HypothesisUpdate) -> list[str]:
+        """Coordinate space of every source of an update.
+
+        Known from its batches; where those were not recorded, from the hypotheses of its tracks.
+        """
+        found = []
+        for number, source in enumerate(update.sources):
+            known = self._observed.spaces.get(source.name)
+            found.append(known.name if known else _space_of_tracks(update, number))
+        return found
+
+    def _scale(self, space: str) -> float:
+        units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
+        return foxglove.PIXEL_M if units == {"px"} else 1.0
+
+    def _events(self, log_ns: int, update: HypothesisUpdate) -> None:
+        """An event is repeated for 2 s; it is told once."""
+        for event in update.events:
+            key = (event.stamp_ns, event.kind, event.hypothesis)
+            if key not in self._told:
+                self._told.add(key)
+                self._put("/events", "foxglove.Log", log_ns, foxglove.log_line(event))
+
+    def _put(self, topic: str, schema: str, log_ns: int, content: Json) -> None:
+        self._writer.add_message(
+            channel_id=self._channel(topic, schema),
+            log_time=log_ns,
+            publish_time=log_ns,
+            data=json.dumps(content, allow_nan=False, separators=(",", ":")).encode(),
+        )
+        self.exported.messages[topic] = self.exported.messages.get(topic, 0) + 1
+
+    def _channel(self, topic: str, schema: str) -> int:
+        if topic not in self._channels:
+            if schema not in self._schemas:
+                data = json.dumps(foxglove.SCHEMAS[schema]).encode()
+                self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, data)
+            self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
+        return self._channels[topic]
+
+
+def _space_of_tracks(update: HypothesisUpdate, source: int) -> str:
+    spaces = {h.id: h.space for h in update.hypotheses}
+    for hypothesis in update.track_hypothesis[update.track_source == source].tolist():
+        if hypothesis in spaces:
+            return spaces[hypothesis]
+    return "unknown"

@@ -1,0 +1,54 @@
+"""How the messages of a scene lie in an MCAP file: what writers and readers of recordings agree on.
+
+| MCAP | holds |
+|---|---|
+| profile | ``comotion`` |
+| topic of a channel | the Zenoh key |
+| message encoding | ``msgpack`` |
+| schema | name ``comotion.<Message>/1``, encoding ``jsonschema``: the header's JSON Schema |
+| message data | the payload, byte for byte, also one that is not valid |
+| log time | receipt, by the recorder's wall clock |
+| publish time | the acquisition stamp in the payload; the log time where there is none |
+| sequence | the payload's ``seq``, its lower 32 bits; 0 where there is none |
+| metadata ``comotion`` | scene, number of the file, version; at the end of a file what was lost |
+
+Times in MCAP are unsigned: a stamp before 1970 is replaced by the log time.
+"""
+
+from .codec import Message
+from .keys import Keys, stream_kind
+from .messages import TruthBatch
+from .qos import Kind
+
+PROFILE = "comotion"
+MESSAGE_ENCODING = "msgpack"
+SCHEMA_ENCODING = "jsonschema"
+METADATA = "comotion"
+LOSSES = "comotion.losses"
+SUFFIX = ".mcap"
+_SEQUENCE_MASK = 0xFFFF_FFFF
+
+
+def kind_of(key: str) -> Kind | None:
+    """Kind of a key that carries messages; None for any other."""
+    chunks = key.split("/")
+    if len(chunks) == 4 and key == f"{'/'.join(chunks[:3])}/hypotheses" and key.startswith("comotion/@v1/"):
+        return "hypotheses"
+    return stream_kind(key)
+
+
+def key_of(keys: Keys, kind: Kind) -> str:
+    """Key, or key expression, of all messages of a kind in a scene."""
+    return keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
+
+
+def publish_time(message: Message | None, log_ns: int) -> int:
+    """MCAP's publish time: when what a message tells was acquired."""
+    if message is None or isinstance(message, TruthBatch) or message.stamp_ns < 0:
+        return log_ns
+    return message.stamp_ns
+
+
+def sequence(message: Message | None) -> int:
+    """MCAP's sequence number of a message."""
+    return int(getattr(message, "seq", 0)) & _SEQUENCE_MASK
