@@ -33,6 +33,14 @@ Examples:
 The folder holds hopkins155/, kt3dmoseg/, mtpv/ or video/ikeasmall01.npz, those that are there are used.
 """
 
+ACCURACY_EPILOG = """
+Examples:
+
+  comotion reproduce accuracy --data recordings/mocap --out docs
+
+  comotion reproduce accuracy --seeds 0 --no-robustness --out report
+"""
+
 app = typer.Typer(help="Run the project's experiments again.", no_args_is_help=True)
 
 
@@ -131,6 +139,41 @@ def pixels(
     console.print(report.table(found))
     for line in report.lines(found):
         console.print(line, highlight=False)
+
+
+@app.command("accuracy", epilog=ACCURACY_EPILOG)
+def accuracy(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="Folder of labelled .npz recordings. [default: none]"),
+    ] = None,
+    seeds: Annotated[str, typer.Option("--seeds", help="Seeds of scenes, e.g. 0-4 or 0,3.")] = "0-4",
+    robustness: Annotated[bool, typer.Option(help="Halve and double every parameter too.")] = True,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where accuracy.md and its picture go.")
+    ] = Path("docs"),
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Accuracy of the default method beside the thesis', on scenes and recordings."""
+    from rich.console import Console
+
+    from comotion_experiments import accuracy as study
+    from comotion_experiments.accuracy import report
+    from comotion_experiments.inputs import parse_seeds
+
+    _check(out)
+    cases = study.scene_cases() + study.displaced_cases()
+    cases += study.recorded_cases(data) if data is not None else []
+    status = Console(stderr=True)
+    results = study.run_experiment(
+        study.Experiment(cases, parse_seeds(seeds), robustness),
+        progress=lambda what: status.print(what, style="dim", highlight=False),
+    )
+    (out / "images").mkdir(parents=True, exist_ok=True)
+    report.save_reliability(out / "images" / "reliability.png", results)
+    (out / "accuracy.md").write_text(report.markdown(results, "images/reliability.png"))
+    print(f"written: {out / 'accuracy.md'}")
 
 
 def _check(out: Path) -> None:

@@ -1,0 +1,14 @@
+"""The accuracy report: the default method beside that of the thesis, on scenes and recordings."""
+
+from .cases import Case, displaced_cases, recorded_cases, scene_cases
+from .experiment import Experiment, Results, run_experiment
+
+__all__ = [
+    "Case",
+    "Experiment",
+    "Results",
+    "displaced_cases",
+    "recorded_cases",
+    "run_experiment",
+    "scene_cases",
+]

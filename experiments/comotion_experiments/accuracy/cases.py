@@ -1,0 +1,136 @@
+"""What the report is about: scenes, scenes with badly calibrated sources, and recordings."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import ObservationBatch
+from comotion_sources import simulator
+from comotion_sources.recordings import read_recording, recording_batches
+
+from ..offline import Message
+
+THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
+SPATIAL_SCENES = (
+    "3d_2",
+    "3d_3",
+    "3d_4",
+    "3d_5",
+    "3d_rotation",
+    "3d_outliers",
+    "3d_gaps",
+    "3d_async",
+    "3d_camera",
+    "3d_pose",
+    "3d_late",
+    "3d_static",
+)
+# Extrinsics (mm, degrees) and clock (ms) of the second source.
+DISPLACEMENTS = ((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0), (0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20))
+_DISPLACED_SCENE = "3d_3"
+_RATES = (15.0, 30.0)
+_RECORDED_SECONDS = 60.0
+# The standard deviation at which the thesis method's affinity switches: the best for each scene.
+_SWITCH = {"fig4_1": 0.02}
+_SWITCH_ELSE = 0.01
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line of the report.
+
+    Attributes
+    ----------
+    name, group
+        What it is called, and which table it belongs to.
+    open
+        Messages of a seed.
+    seeded
+        Whether seeds make a difference.
+    duration
+        Seconds to run, None: all.
+    sigma_switch
+        m; for the thesis method.
+    """
+
+    name: str
+    group: str
+    open: Callable[[int], Iterable[Message]]
+    seeded: bool = True
+    duration: float | None = None
+    sigma_switch: float = _SWITCH_ELSE
+
+
+def scene_cases() -> list[Case]:
+    """The thesis' scenes and the 3-D set."""
+    return [_scene(name, "thesis scenes") for name in THESIS_SCENES] + [
+        _scene(name, "3-D set") for name in SPATIAL_SCENES
+    ]
+
+
+def _scene(name: str, group: str) -> Case:
+    spec = simulator.load_scene(name)
+    return Case(
+        name=name,
+        group=group,
+        open=lambda seed: simulator.batches(simulator.simulate(spec, seed=seed)),
+        sigma_switch=_SWITCH.get(name, _SWITCH_ELSE),
+    )
+
+
+def displaced_cases() -> list[Case]:
+    """A scene seen by two sources, the second with wrong extrinsics, a wrong clock, or both."""
+    return [_displaced(*one) for one in DISPLACEMENTS]
+
+
+def _displaced(millimetres: float, degrees: float, milliseconds: float) -> Case:
+    spec = simulator.load_scene(_DISPLACED_SCENE)
+
+    def messages(seed: int) -> Iterator[Message]:
+        rng = np.random.default_rng([seed, 7])
+        axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+        turn = Rotation.from_rotvec(axis * np.radians(degrees)).as_matrix()
+        given = list(simulator.batches(simulator.simulate(spec, seed=seed, rates=_RATES)))
+        last = max(m.source for m in given)
+        moved = [_moved(m, last, turn, way * millimetres * 1e-3, round(milliseconds * 1e6)) for m in given]
+        truths = [m for m in moved if not isinstance(m, ObservationBatch)]
+        observed = [m for m in moved if isinstance(m, ObservationBatch)]
+        return iter([*truths, *sorted(observed, key=lambda m: m.stamp_ns)])
+
+    return Case(
+        name=f"{millimetres:g} mm, {degrees:g}°, {milliseconds:g} ms", group="two sources", open=messages
+    )
+
+
+def _moved(message: Message, source: str, turn: np.ndarray, shift: np.ndarray, delay_ns: int) -> Message:
+    if not isinstance(message, ObservationBatch) or message.source != source:
+        return message
+    positions = (message.positions.astype(np.float64) @ turn.T + shift).astype(np.float32)
+    return replace(message, positions=positions, stamp_ns=message.stamp_ns + delay_ns)
+
+
+def recorded_cases(folder: Path) -> list[Case]:
+    """Labelled marker recordings (.npz) in a folder.
+
+    Raises
+    ------
+    ValueError
+        If there are none, or one is unreadable.
+    """
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise ValueError(f"{folder}: no .npz recordings")
+    return [_recorded(path) for path in paths]
+
+
+def _recorded(path: Path) -> Case:
+    return Case(
+        name=path.stem,
+        group="recordings",
+        open=lambda _: recording_batches(read_recording(str(path))),
+        seeded=False,
+        duration=_RECORDED_SECONDS,
+    )

@@ -1,0 +1,89 @@
+"""All runs of the report."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from comotion import FusionConfig
+from comotion.motion.config import MotionConfig
+
+from .cases import Case
+from .linkage import linkage_nmi
+from .motion import MotionErrors, motion_errors
+from .study import Array, Outcome, run_case
+
+DEFAULT, THESIS = "comotion", "thesis"
+# Where the robustness table looks: what each parameter could hurt, short enough to be run for all.
+ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
+_ROBUST_SECONDS = 10.0
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run: cases, seeds, and whether to vary the parameters too."""
+
+    cases: Sequence[Case]
+    seeds: Sequence[int]
+    robustness: bool = True
+
+
+@dataclass
+class Results:
+    """Outcomes by case name and method, in the order of seeds; and the rest of the report."""
+
+    experiment: Experiment
+    outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
+    linkage: dict[str, Array] = field(default_factory=dict)
+    motion: MotionErrors = field(default_factory=MotionErrors)
+    robustness: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+
+def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
+    """Run everything; `progress` is told what is next."""
+    results = Results(experiment)
+    for case in experiment.cases:
+        progress(case.name)
+        seeds = experiment.seeds if case.seeded else (0,)
+        for method in (DEFAULT, THESIS):
+            config = _config(method, case)
+            results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
+        if case.group == "recordings":
+            results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
+    progress("pose and twist")
+    results.motion = motion_errors(list(experiment.seeds))
+    if experiment.robustness:
+        results.robustness = _robustness(experiment, progress)
+    return results
+
+
+def _config(method: str, case: Case) -> FusionConfig:
+    if method == DEFAULT:
+        return FusionConfig()
+    return FusionConfig(method="thesis", sigma_switch=case.sigma_switch, v_move=None)
+
+
+def _robustness(experiment: Experiment, progress: Progress) -> dict[str, tuple[float, float, float]]:
+    """Mean NMI with each parameter as it is, halved and doubled."""
+    cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
+    base = _mean_of(cases, MotionConfig())
+    found = {}
+    for name, value in MotionConfig().model_dump().items():
+        progress(f"robustness: {name}")
+        half, double = (_mean_of(cases, MotionConfig(**_scaled(name, value, k))) for k in (0.5, 2.0))
+        found[name] = (half, base, double)
+    return found
+
+
+def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:
+    scaled = value * factor
+    if isinstance(value, int):
+        scaled = max(round(scaled), 2)
+    return {name: min(scaled, 1.0) if name == "outlier_share" else scaled}
+
+
+def _mean_of(cases: Sequence[Case], motion: MotionConfig) -> float:
+    config = FusionConfig(motion=motion)
+    return float(np.mean([run_case(case, config, 0, _ROBUST_SECONDS).mean for case in cases]))

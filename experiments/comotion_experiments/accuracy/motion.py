@@ -1,0 +1,114 @@
+"""Accuracy of pose since birth and of twist, on simulated bodies whose motion is known."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth
+from comotion_schemas import Hypothesis, HypothesisUpdate
+from comotion_sources import simulator
+
+from ..offline import run_offline
+from .study import PERIOD, Array, objects_of
+
+SPEEDS = (0.2, 0.4)
+_BODY = {
+    "features": 10,
+    "size": [0.3, 0.3, 0.3],
+    "sigma": 0.005,
+    "motion": {"kind": "sines", "within": 0.6, "amplitude": 0.35, "rotation": 1.5},
+}
+_SCENE: dict[str, Any] = {
+    "title": "bodies of 10 features at 5 mm",
+    "dim": 3,
+    "duration": 12.0,
+    "bodies": [
+        {
+            "name": "background",
+            "features": 20,
+            "size": [1.6, 1.6, 1.0],
+            "sigma": 0.005,
+            "motion": {"kind": "rest", "at": [0, 0, 0]},
+        },
+        {"name": "one", **_BODY},
+        {"name": "two", **_BODY},
+    ],
+}
+_STEP = 1e-3
+
+
+@dataclass
+class MotionErrors:
+    """Errors of every update and body: rad, m, m/s, rad/s; `speed` m/s of the truth."""
+
+    rotation: list[float] = field(default_factory=list)
+    translation: list[float] = field(default_factory=list)
+    linear: list[float] = field(default_factory=list)
+    angular: list[float] = field(default_factory=list)
+    speed: list[float] = field(default_factory=list)
+
+    def medians(self) -> dict[str, float]:
+        """Medians, in the units of the report: degrees, mm, shares and degrees per second."""
+        speed = np.array(self.speed)
+        fast = (speed >= SPEEDS[0]) & (speed <= SPEEDS[1])
+        return {
+            "rotation, degrees": float(np.degrees(np.median(self.rotation))),
+            "translation of the centroid, mm": float(1e3 * np.median(self.translation)),
+            "velocity at 0.2 to 0.4 m/s, %": float(100 * np.median((np.array(self.linear) / speed)[fast])),
+            "angular velocity, degrees/s": float(np.degrees(np.median(self.angular))),
+        }
+
+
+def motion_errors(seeds: list[int]) -> MotionErrors:
+    """Run the scene for each seed with the default method."""
+    found = MotionErrors()
+    for seed in seeds:
+        _run(seed, found)
+    return found
+
+
+def _run(seed: int, found: MotionErrors) -> None:
+    spec = simulator.SceneSpec.model_validate(_SCENE)
+    (simulation,) = simulator.simulate(spec, seed=seed)
+    truth = Truth()
+
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        del score
+        objects = objects_of(update, truth)
+        for hypothesis in update.hypotheses:
+            members = objects[update.track_hypothesis == hypothesis.id]
+            body = Counter(members[members >= 0].tolist()).most_common(1)
+            if body and body[0][0] > 0:
+                _compare(simulation, body[0][0], hypothesis, update.stamp_ns, found)
+
+    run_offline(
+        simulator.batches(simulation), FusionConfig(), truth=truth, period=PERIOD, on_update=on_update
+    )
+
+
+def _compare(
+    simulation: simulator.Simulation, body: int, hypothesis: Hypothesis, stamp_ns: int, found: MotionErrors
+) -> None:
+    if hypothesis.pose is None or hypothesis.twist is None:
+        return
+    now, born = stamp_ns * 1e-9, hypothesis.born_ns * 1e-9
+    poses = simulation.poses(body, np.array([born, now - _STEP, now, now + _STEP]))
+    R, t = poses.rotations, poses.translations
+    turned = Rotation.from_quat(np.asarray(hypothesis.pose.rotation)).as_matrix()
+    moved = turned @ t[0] + np.asarray(hypothesis.pose.translation)
+    found.rotation.append(_angle(turned.T @ R[2] @ R[0].T))
+    found.translation.append(float(np.linalg.norm(moved - t[2])))
+    centroid = R[2].T @ (np.asarray(hypothesis.centroid) - t[2])
+    velocity = ((R[3] - R[1]) @ centroid + t[3] - t[1]) / (2 * _STEP)
+    spin = Rotation.from_matrix(R[3] @ R[1].T).as_rotvec() / (2 * _STEP)
+    found.linear.append(float(np.linalg.norm(np.asarray(hypothesis.twist.linear) - velocity)))
+    found.angular.append(float(np.linalg.norm(np.asarray(hypothesis.twist.angular) - spin)))
+    found.speed.append(float(np.linalg.norm(velocity)))
+
+
+def _angle(R: Array) -> float:
+    return float(np.linalg.norm(Rotation.from_matrix(R).as_rotvec()))

@@ -1,0 +1,99 @@
+"""One run of one case: scores over time, and how right confident assignments were."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth, contingency
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+
+from ..offline import run_offline
+from .cases import Case
+
+PERIOD = 1 / 3
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Figures of a run.
+
+    `seconds`, `nmi`, `hypotheses` float64 [updates]; `confidence` and `right` float64 and bool [n] of
+    every assignment of a track whose object is known.
+    """
+
+    seconds: Array
+    nmi: Array
+    hypotheses: Array
+    switches: float
+    confidence: Array
+    right: NDArray[np.bool_]
+    milliseconds: float
+
+    @property
+    def mean(self) -> float:
+        """Mean NMI over all updates."""
+        return float(np.nanmean(self.nmi))
+
+
+@dataclass
+class _Collector:
+    truth: Truth
+    confidence: list[Array] = field(default_factory=list)
+    right: list[NDArray[np.bool_]] = field(default_factory=list)
+
+    def add(self, update: HypothesisUpdate, score: Score) -> None:
+        del score
+        objects = objects_of(update, self.truth)
+        labels = update.track_hypothesis
+        known = (objects >= 0) & (labels != UNDETERMINED)
+        if known.any():
+            self.confidence.append(update.track_confidence[known].astype(np.float64))
+            self.right.append(rightly_assigned(labels[known], objects[known]))
+
+
+def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
+    """True object of each track of an update, -1 where unknown, int32 [N]."""
+    found = np.full(len(update.track_id), -1, np.int32)
+    for k, source in enumerate(update.sources):
+        mine = update.track_source == k
+        found[mine] = truth.objects((source.name, source.session), update.track_id[mine])
+    return found
+
+
+def rightly_assigned(labels: NDArray[np.uint32], objects: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whether each track's hypothesis is the one that stands for its object, bool [N].
+
+    Hypotheses and objects are matched one to one with as many right tracks as can be.
+    """
+    counts = contingency(labels, objects)
+    rows, columns = linear_sum_assignment(counts, maximize=True)
+    hypotheses, true = np.unique(labels), np.unique(objects)
+    stands_for = dict(zip(hypotheses[rows].tolist(), true[columns].tolist(), strict=True))
+    return np.array([stands_for.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
+
+
+def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
+    """Run a case through the core."""
+    truth = Truth()
+    collector = _Collector(truth)
+    run = run_offline(
+        case.open(seed),
+        config,
+        truth=truth,
+        period=PERIOD,
+        duration=case.duration if duration is None else duration,
+        on_update=collector.add,
+    )
+    return Outcome(
+        seconds=run.seconds,
+        nmi=run.nmi,
+        hypotheses=np.array([s.hypotheses for s in run.scores], np.float64),
+        switches=run.summary.switches_per_100,
+        confidence=np.concatenate([*collector.confidence, np.zeros(0)]),
+        right=np.concatenate([*collector.right, np.zeros(0, np.bool_)]),
+        milliseconds=float(np.median(run.update_ms)),
+    )
