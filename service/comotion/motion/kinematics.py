@@ -1,7 +1,7 @@
 """Pose since birth and twist now, from the poses of a body over the frames.
 
 A pose at one frame is as noisy as that frame's observations. Poses are therefore read off a local
-quadratic, by least squares over a short span: at the newest frame from the span before it, in the
+cubic, by least squares over a short span: at the newest frame from the span before it, in the
 past from both sides.
 """
 
@@ -19,9 +19,12 @@ from .bodies import Body
 from .frames import Frames
 from .tracks import Ints
 
-# Longer is quieter, shorter follows jerk: at 0.6 s a motion of 0.2 Hz is bent by a third of a degree.
-_SPAN = 0.6
-_DEGREE = 2
+# Longer is quieter, shorter follows jerk. Measured on bodies of 10 features at 5 mm: a quadratic over
+# 0.6 s errs by 1.2 degrees and 6.9 % of the velocity, a cubic over 1.6 s by 1.0 degrees and 5.9 %.
+_SPAN = 1.6
+_DEGREE = 3
+# Rotation vectors far from zero wrap and do not add; what has turned further, rad, is left out.
+_TURN = 2.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ def local_motion(frames: Frames, body: Body, at_ns: int, point: Floats) -> Local
         return None
     middle = body.R[near[np.argmin(np.abs(seconds[near]))]]
     turns = Rotation.from_matrix(body.R[near] @ middle.T).as_rotvec()
+    within = np.linalg.norm(turns, axis=1) < _TURN
+    near, turns = near[within], turns[within]
     places = body.R[near] @ point + body.t[near]
     value, slope = _polynomial(seconds[near], np.hstack([places, turns]))
     R = Rotation.from_rotvec(value[3:]).as_matrix() @ middle
