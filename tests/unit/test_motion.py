@@ -1,0 +1,320 @@
+"""The rigid-motion method: its parts against slow references, its invariants, and short scenes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion, FusionConfig
+from comotion.motion.bodies import Costs, fit
+from comotion.motion.config import MotionConfig
+from comotion.motion.frames import Frames
+from comotion.motion.identity import match
+from comotion.motion.kinematics import align
+from comotion.motion.rotation import planar_rotation, spatial_rotation
+from comotion.motion.sampling import difference_noise, distance_deviation, resample
+from comotion.motion.selection import select
+from comotion_clients.metrics import Truth
+from comotion_experiments.accuracy.study import objects_of
+from comotion_experiments.offline import run_offline
+from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_sources import simulator
+
+PERIOD = 1 / 3
+NS = 1_000_000_000
+
+
+def messages(scene, seed=0, **kwargs):
+    return simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=seed, **kwargs))
+
+
+def updates_of(stream, config=None, duration=None, scale=1.0):
+    """Updates and scores of a scene, whose unit may be stretched."""
+    found = []
+    scaled = (_scaled(m, scale) for m in stream)
+    run_offline(
+        scaled,
+        config or FusionConfig(),
+        period=PERIOD,
+        duration=duration,
+        on_update=lambda update, score: found.append((update, score)),
+    )
+    return found
+
+
+def _scaled(message, scale):
+    if scale == 1.0 or isinstance(message, TruthBatch):
+        return message
+    from dataclasses import replace
+
+    return replace(message, positions=(message.positions * scale).astype(np.float32))
+
+
+def frames_of(y, w=None, noise=1e-6, dim=3):
+    n, count = y.shape[:2]
+    w = np.ones((n, count)) if w is None else w
+    variance = np.full(n, noise)
+    return Frames(
+        dim=dim,
+        stamps=np.arange(count, dtype=np.int64) * (NS // 15),
+        y=y,
+        w=w,
+        owner=np.arange(n),
+        weight=np.ones(n),
+        noise=variance,
+        tolerance=variance,
+        life=(w > 0).sum(1),
+        alive=np.ones(n, bool),
+    )
+
+
+@given(st.integers(0, 10_000), st.integers(3, 8))
+@settings(max_examples=40, deadline=None)
+def test_spatial_rotation_is_the_best_one(seed, n):
+    rng = np.random.default_rng(seed)
+    b, y = rng.normal(size=(2, n, 3))
+    H = (y - y.mean(0)).T @ (b - b.mean(0))
+    found = np.zeros((3, 3))
+    spatial_rotation(H, found)
+    expected, _ = Rotation.align_vectors(y - y.mean(0), b - b.mean(0))
+    assert np.trace(found.T @ H) == pytest.approx(np.trace(expected.as_matrix().T @ H), rel=1e-9, abs=1e-9)
+    assert np.linalg.det(found) == pytest.approx(1.0)
+
+
+def test_planar_rotation_never_mirrors():
+    rng = np.random.default_rng(1)
+    b = np.pad(rng.normal(size=(6, 2)), ((0, 0), (0, 1)))
+    mirrored = b * [-1, 1, 1]
+    found = np.zeros((3, 3))
+    planar_rotation(mirrored.T @ b, found)
+    assert np.linalg.det(found[:2, :2]) == pytest.approx(1.0)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30, deadline=None)
+def test_resampling_is_linear_and_stops_at_gaps(seed):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.integers(20, 900, 30)) * 1_000_000
+    positions = rng.normal(size=(30, 3))
+    stamps = np.sort(rng.integers(times[0], times[-1], 50))
+    y, w = np.zeros((1, 50, 3)), np.zeros((1, 50))
+    gap = np.array([500_000_000])
+    resample(times, positions, np.array([0]), np.array([30]), stamps, gap, np.array([0]), y, w)
+    for f, t in enumerate(stamps):
+        left = np.searchsorted(times, t, side="right") - 1
+        broken = times[left] != t and times[left + 1] - times[left] > gap[0]
+        assert (w[0, f] == 0) == broken or times[left] == t
+        if w[0, f] > 0:
+            expected = [np.interp(t, times, positions[:, c]) for c in range(3)]
+            np.testing.assert_allclose(y[0, f], expected, atol=1e-9)
+
+
+def test_noise_ignores_motion_and_uneven_sampling():
+    rng = np.random.default_rng(0)
+    times = np.cumsum(rng.integers(5, 60, 2000)) * 1_000_000
+    t = times * 1e-9
+    path = np.stack([0.3 * np.sin(t), 0.2 * t, np.cos(0.7 * t)], 1)
+    squared, count = difference_noise(
+        times,
+        path + rng.normal(0, 0.004, path.shape),
+        np.array([0]),
+        np.array([2000]),
+        np.array([NS]),
+        10_000,
+    )
+    assert count[0] == 1997
+    assert np.sqrt(squared[0] / 2.366) == pytest.approx(0.004, rel=0.08)
+
+
+def test_distance_deviation_is_that_of_the_definition():
+    rng = np.random.default_rng(2)
+    y, w = rng.normal(size=(5, 40, 3)), (rng.uniform(size=(5, 40)) < 0.6).astype(float)
+    w[4, 1:] = 0
+    found = distance_deviation(y, w)
+    for i in range(5):
+        for j in range(i + 1, 5):
+            both = (w[i] > 0) & (w[j] > 0)
+            distance = np.linalg.norm(y[i] - y[j], axis=1)[both]
+            if both.sum() < 2:
+                assert np.isnan(found[i, j])
+            else:
+                assert found[i, j] == pytest.approx(distance.std(ddof=1))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_fit_finds_the_motion_with_missing_and_wrong_observations(dim):
+    rng = np.random.default_rng(3)
+    n, count = 9, 40
+    b = rng.uniform(-0.2, 0.2, (n, 3))
+    turn = np.outer(np.linspace(0, 2.5, count), [0, 0, 1] if dim == 2 else [0.3, -0.5, 0.8])
+    R = Rotation.from_rotvec(turn).as_matrix()
+    t = np.stack([np.linspace(0, 1, count), np.sin(np.linspace(0, 2, count)), np.zeros(count)], 1)
+    if dim == 2:
+        b[:, 2] = 0
+    y = np.einsum("fij,nj->nfi", R, b) + t
+    y[..., :dim] += rng.normal(0, 1e-3, (n, count, dim))
+    w = (rng.uniform(size=(n, count)) < 0.7).astype(float)
+    y[0, 10:14, :dim] += 0.1
+    body = fit(frames_of(y, w, 1e-6, dim), np.arange(n))
+    assert body.posed.all()
+    step = body.R[1:] @ body.R[:-1].transpose(0, 2, 1)
+    true = R[1:] @ R[:-1].transpose(0, 2, 1)
+    error = Rotation.from_matrix(step @ true.transpose(0, 2, 1)).magnitude()
+    assert np.median(error) < 0.02
+    assert error.max() < 0.1
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=50, deadline=None)
+def test_selection_is_no_worse_than_any_single_body(seed):
+    rng = np.random.default_rng(seed)
+    body = rng.exponential(5, (12, 5))
+    costs = Costs(body, np.full(12, 6.0), np.array([0.0, *rng.exponential(10, 4)]))
+    chosen = select(costs)
+
+    def total(columns):
+        return np.minimum(costs.outlier, body[:, columns].min(1)).sum() + costs.opening[columns].sum()
+
+    assert chosen[0] == 0
+    assert total(chosen) <= min(total([0]), *(total([0, k]) for k in range(1, 5))) + 1e-9
+    assert all(total(chosen) <= total([c for c in chosen if c != k]) + 1e-9 for k in chosen[1:])
+
+
+def test_identity_follows_the_most_shared_trajectories():
+    labels = np.array([0, 0, 0, 1, 1, -1])
+    before = np.array([7, 7, 9, 9, 9, 4])
+    assert match(labels, before, 2) == {0: 7, 1: 9}
+
+
+def test_alignment_recovers_a_rigid_transform():
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(6, 3))
+    R = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
+    found, t = align(points, points @ R.T + [1, 2, 3], 3)
+    np.testing.assert_allclose(found, R, atol=1e-9)
+    np.testing.assert_allclose(t, [1, 2, 3], atol=1e-9)
+
+
+def test_nothing_asks_for_a_scale():
+    plain = updates_of(messages("fig4_4"), duration=4)
+    large = updates_of(messages("fig4_4"), duration=4, scale=1024.0)
+    for (a, _), (b, _) in zip(plain, large, strict=True):
+        np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
+
+
+def test_same_batches_give_the_same_updates_bit_for_bit():
+    first, second = (updates_of(messages("3d_async"), duration=3) for _ in range(2))
+    for (a, _), (b, _) in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
+        np.testing.assert_array_equal(a.track_confidence, b.track_confidence)
+        assert a.hypotheses == b.hypotheses
+        assert a.events == b.events
+
+
+def test_a_static_scene_is_one_hypothesis_always():
+    for update, score in updates_of(messages("3d_static", seed=1), duration=8):
+        assert score.hypotheses == 1
+        assert {h.state for h in update.hypotheses} <= {"static", "undetermined"}
+    assert update.hypotheses[0].state == "static"
+
+
+def test_a_body_is_told_apart_a_third_of_a_second_after_it_starts():
+    scored = [(u.stamp_ns / 1e9, s) for u, s in updates_of(messages("fig4_3"))]
+    assert all(s.hypotheses == 1 for t, s in scored if t < 10.05)
+    assert all(s.nmi == 1.0 for t, s in scored if t > 10.3)
+
+
+@pytest.mark.parametrize(("scene", "least"), [("fig4_1", 0.96), ("3d_3", 0.985), ("3d_pose", 0.985)])
+def test_scenes_are_grouped(scene, least):
+    scores = [s.nmi for _, s in updates_of(messages(scene), duration=None if scene == "fig4_1" else 7)]
+    assert np.mean(scores) >= least
+
+
+def test_outliers_are_undetermined_and_split_nothing():
+    truth = Truth()
+    alone, wrong, total = 0, 0, 0
+
+    def on_update(update, score):
+        nonlocal alone, wrong, total
+        if update.stamp_ns < 3 * NS:
+            return
+        objects = objects_of(update, truth)
+        stray = np.array([truth.names[o].startswith("outlier") for o in objects.tolist()])
+        total += int(stray.sum())
+        alone += int((update.track_hypothesis[stray] == 0xFFFFFFFF).sum())
+        wrong += int((update.track_hypothesis[~stray] == 0xFFFFFFFF).sum())
+
+    run_offline(messages("3d_outliers"), FusionConfig(), truth=truth, period=PERIOD, on_update=on_update)
+    assert total > 0
+    assert alone / total > 0.85
+    assert wrong == 0
+
+
+def test_a_wrongly_calibrated_source_does_not_separate_a_body():
+    from comotion_experiments.accuracy.cases import displaced_cases
+
+    case = next(c for c in displaced_cases() if c.name.startswith("10 mm"))
+    scores = [s for _, s in updates_of(case.open(0), duration=7)]
+    assert np.mean([s.nmi for s in scores[9:]]) > 0.97
+
+
+def test_identities_survive_a_restart():
+    config = FusionConfig()
+    batches = [m for m in messages("3d_3") if isinstance(m, ObservationBatch)]
+    straight, broken = Fusion(config, session="0" * 16), Fusion(config, session="0" * 16)
+    for batch in batches:
+        if batch.stamp_ns > 6 * NS:
+            break
+        straight.ingest(batch)
+        broken.ingest(batch)
+        if batch.stamp_ns % (NS // 3) < NS // 15:
+            a = straight.update(batch.stamp_ns)
+            b = broken.update(batch.stamp_ns)
+        if abs(batch.stamp_ns - 3 * NS) < NS // 30:
+            broken = Fusion.restore(config, broken.snapshot())
+    np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
+    for one, two in zip(a.hypotheses, b.hypotheses, strict=True):
+        assert (one.id, one.born_ns) == (two.id, two.born_ns)
+        np.testing.assert_allclose(one.pose.translation, two.pose.translation, atol=1e-6)
+
+
+def test_events_agree_with_the_ids():
+    alive = set()
+    for update, _ in updates_of(messages("3d_4"), duration=6):
+        new = [e for e in update.events if e.stamp_ns == update.stamp_ns]
+        for event in new:
+            if event.kind in ("born", "split"):
+                assert event.hypothesis not in alive
+                alive.add(event.hypothesis)
+            alive -= set(event.others) if event.kind == "merged" else set()
+            alive -= {event.hypothesis} if event.kind == "ended" else set()
+        assert {h.id for h in update.hypotheses} <= alive
+
+
+def test_motion_parameters_are_checked():
+    with pytest.raises(ValueError, match="pose_price"):
+        MotionConfig(pose_price=0)
+    assert FusionConfig(motion={"looseness": 0.4}).motion.looseness == 0.4
+
+
+def test_published_sigma_is_used():
+    from comotion.motion.noise import noise_variance
+    from comotion.motion.tracks import Tracks
+
+    times = np.arange(20, dtype=np.int64) * (NS // 15)
+    tracks = Tracks(
+        dim=3,
+        times=times,
+        positions=np.random.default_rng(0).normal(0, 0.01, (20, 3)),
+        sigma=np.full(20, 0.02),
+        quaternions=None,
+        offsets=np.array([0, 20]),
+        key=np.array([1]),
+        source=np.array([0]),
+        alive=np.array([True]),
+        period=np.array([1 / 15]),
+    )
+    one = np.array([0])
+    found = noise_variance(tracks, tracks.positions, one, np.array([NS]), 6.0, on_arm=False)
+    assert found[0] == pytest.approx(0.02**2)
