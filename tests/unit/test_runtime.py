@@ -47,10 +47,10 @@ class TestHeadStart:
             head_start.note(40)
         assert head_start.ns == 80
 
-    def test_never_exceeds_half_a_period(self) -> None:
+    def test_leaves_a_fifth_of_the_period_to_take_in_data(self) -> None:
         head_start = HeadStart(1000)
         head_start.note(900)
-        assert head_start.ns == 500
+        assert head_start.ns == 800
 
 
 class TestEventClock:
