@@ -56,8 +56,10 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
     """
     try:
         import pyrealsense2 as library
-    except ImportError:
+    except ModuleNotFoundError:
         raise CameraError("pyrealsense2 is not installed: pip install pyrealsense2") from None
+    except ImportError as error:  # it is there, a library of the system is not
+        raise CameraError(f"pyrealsense2 cannot be loaded: {' '.join(str(error).split())}") from None
     config, pipeline = library.config(), library.pipeline()
     if serial:
         config.enable_device(serial)
