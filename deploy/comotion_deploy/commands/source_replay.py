@@ -2,12 +2,15 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .. import options
-from ..errors import UserError
+from ..errors import UserError, missing_extra
+
+if TYPE_CHECKING:
+    from comotion_schemas.transport import SessionSettings
 
 EPILOG = """
 Examples:
@@ -23,7 +26,11 @@ Examples:
   comotion source replay take.npz --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
 
   comotion source replay take.npz --stamps original   # for: comotion serve --clock event
+
+  comotion source replay scene.mcap --start 10 --end 40   # what comotion record has written, all its sources
 """
+_NOT_FOR_MCAP = ("rate", "split", "part", "name")
+_MCAP_ONLY = ("start", "end")
 
 
 class StampsChoice(StrEnum):
@@ -34,7 +41,10 @@ class StampsChoice(StrEnum):
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: .c3d or .npz.")],
+    ctx: typer.Context,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A recording: .c3d or .npz; .mcap of a whole scene.")
+    ],
     speed: Annotated[
         float, typer.Option("--speed", envvar="COMOTION_SPEED", help="Recorded seconds per second.")
     ] = 1.0,
@@ -50,6 +60,12 @@ def replay(
             help="Drop frames down to this rate, for all sources or for each. Default: that of the "
             "recording; its 1/K for the K-th of several sources.",
         ),
+    ] = None,
+    start: Annotated[
+        float, typer.Option("--start", envvar="COMOTION_START", min=0, help="s to begin at (.mcap).")
+    ] = 0.0,
+    end: Annotated[
+        float | None, typer.Option("--end", envvar="COMOTION_END", min=0, help="s to end at (.mcap).")
     ] = None,
     split: Annotated[
         int,
@@ -107,7 +123,22 @@ def replay(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
-    """Publish a recording, with its truth where it has labels, as one source or several."""
+    """Publish a recording, with its truth where it has labels, as one source or several.
+
+    A recorded scene (.mcap) is published as the sources it was recorded from, byte for byte with
+    --stamps original. The space bar pauses it.
+    """
+    if file.suffix.lower() == ".mcap":
+        _refuse(ctx, _NOT_FOR_MCAP, "does not go with a recorded scene (.mcap)")
+        _replay_scene(
+            file,
+            {"speed": speed, "loop": loop, "start": start, "end": end, "duration": duration},
+            stamps,
+            start_at,
+            (scene, options.session_settings(connect, listen), ready_file),
+        )
+        return
+    _refuse(ctx, _MCAP_ONLY, "goes with a recorded scene (.mcap) only")
     from comotion_sources import parts, player
     from comotion_sources import replay as process
     from comotion_sources.recordings import read_recording
@@ -115,7 +146,7 @@ def replay(
     chosen = parts.parse_part(part) if part else None
     if chosen is not None and split not in {1, chosen.count}:
         raise UserError(f"--part {part} and --split {split} do not agree")
-    start = player.parse_start(start_at)
+    when = player.parse_start(start_at)
     rates = parts.parse_rates(rate) if rate else None
     recording = read_recording(file)
     streams = process.choose_streams(
@@ -130,8 +161,38 @@ def replay(
     process.run(
         recording,
         streams,
-        process.schedule(speed=speed, stamps=stamps.value, loop=loop, duration=duration, start_at=start),
+        process.schedule(speed=speed, stamps=stamps.value, loop=loop, duration=duration, start_at=when),
         scene=scene,
         settings=options.session_settings(connect, listen),
         ready_file=ready_file,
     )
+
+
+def _replay_scene(
+    file: Path,
+    when: "dict[str, Any]",
+    stamps: StampsChoice,
+    start_at: str,
+    where: "tuple[str, SessionSettings, Path | None]",
+) -> None:
+    try:
+        from comotion_sources import message_replay, player
+        from comotion_sources.message_player import MessageSchedule
+    except ImportError as error:
+        raise missing_extra("record", error) from None
+    instant = player.parse_start(start_at)
+    if instant == "aligned":
+        raise UserError("--start-at aligned does not go with a recorded scene (.mcap)")
+    schedule = MessageSchedule(
+        **when, stamps=stamps.value, start_at=None if instant == "now" else float(instant)
+    )
+    scene, settings, ready_file = where
+    message_replay.run(file, schedule, scene=scene, settings=settings, ready_file=ready_file)
+
+
+def _refuse(ctx: typer.Context, names: tuple[str, ...], why: str) -> None:
+    """An option that has no effect is a misunderstanding; the environment and files may set it."""
+    for name in names:
+        source = ctx.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise UserError(f"--{name} {why}")

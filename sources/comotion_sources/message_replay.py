@@ -1,0 +1,162 @@
+"""Replay of a recorded scene as a process: all its sources, each on its own keys."""
+
+import contextlib
+import logging
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.keys import StreamKind
+from comotion_schemas.qos import Kind
+from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
+
+from .message_player import KINDS, MessagePlayer, MessageSchedule
+from .progress import shown_progress
+from .recordings.messages import Logged, MessageLog
+
+_log = logging.getLogger(__name__)
+
+
+class _Source:
+    """One recorded source on the wire again: its presence and the publishers of its streams."""
+
+    def __init__(
+        self,
+        first: Logged,
+        scene: str,
+        settings: SessionSettings | None,
+        message: str,
+        ready_file: Path | None,
+    ) -> None:
+        self.counters = {"batches": 0, "skipped": 0}
+        self._message = message
+        self._publishers: dict[Kind, Publisher] = {}
+        decoded = first.decode()
+        self.component = Component(
+            role="source",
+            name=first.name,
+            scene=scene,
+            settings=settings,
+            status=self._status,
+            ready_file=ready_file,
+            session_id=None if decoded is None else decoded.session,
+        )
+
+    def open(self, stack: ExitStack, kinds: set[StreamKind]) -> None:
+        """Appear in the scene."""
+        component = stack.enter_context(self.component)
+        for kind in sorted(kinds):
+            publisher = stream_publisher(component.session, component.keys, kind, component.name)
+            stack.callback(publisher.undeclare)
+            self._publishers[kind] = publisher
+
+    def put(self, kind: Kind, payload: bytes) -> None:
+        self._publishers[kind].put(payload)
+        self.counters["batches"] += kind == "obs"
+
+    def _status(self) -> StatusFields:
+        return StatusFields(counters=dict(self.counters), message=self._message)
+
+
+class _Scene:
+    """Every source of the recording; the wire of a player."""
+
+    def __init__(self, sources: dict[str, _Source]) -> None:
+        self._sources = sources
+
+    def put(self, kind: Kind, name: str, payload: bytes) -> None:
+        self._sources[name].put(kind, payload)
+
+    def skipped(self, name: str) -> None:
+        self._sources[name].counters["skipped"] += 1
+
+
+def run(
+    path: Path,
+    schedule: MessageSchedule,
+    *,
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    ready_file: Path | None = None,
+) -> None:
+    """Publish a recorded scene until it ends, or a signal or the schedule stops it.
+
+    Observations, truth, joint states and previews are published; hypotheses and statuses are not:
+    a service makes them anew.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, damaged or holds nothing to publish.
+    ValueError
+        If the scene is no valid name, or the recording is shorter than the start.
+    """
+    with MessageLog(path) as log, ExitStack() as stack:
+        sources, streams = _sources(log, scene, settings, ready_file)
+        for name, source in sources.items():
+            source.open(stack, streams[name])
+        last = next(reversed(sources.values()))
+        read_key = stack.enter_context(keyboard())
+        _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(sources))
+        with shown_progress(path.stem, log.seconds) as progress:
+            player = MessagePlayer(
+                log,
+                _Scene(sources),
+                schedule,
+                # Signals reach the component that was entered last.
+                last.component.stop,
+                read_key=read_key,
+                progress=progress,
+            )
+            last.component.ready()
+            player.run()
+        skipped = sum(source.counters["skipped"] for source in sources.values())
+        if skipped:
+            _log.warning("%d messages were left out: late, or not valid and so without a stamp", skipped)
+
+
+def _sources(
+    log: MessageLog, scene: str, settings: SessionSettings | None, ready_file: Path | None
+) -> tuple[dict[str, _Source], dict[str, set[StreamKind]]]:
+    first: dict[str, Logged] = {}
+    streams: dict[str, set[StreamKind]] = {}
+    for logged in log.messages(KINDS):
+        first.setdefault(logged.name, logged)
+        if logged.kind != "hypotheses":
+            streams.setdefault(logged.name, set()).add(logged.kind)
+    if not first:
+        raise ValueError(f"{log.path}: it holds nothing that a source has published")
+    message, names = f"replays {log.path.stem}", sorted(first)
+    return {
+        name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)
+        for name in names
+    }, streams
+
+
+@contextlib.contextmanager
+def keyboard() -> Iterator[Callable[[], str]]:
+    """Single key presses without echo, where there is a terminal; answers "" when there is none."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        yield lambda: ""
+        return
+    import termios
+    import tty
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield (
+            lambda: (
+                os.read(descriptor, 1).decode(errors="replace")
+                if select.select([descriptor], [], [], 0)[0]
+                else ""
+            )
+        )
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
