@@ -1,5 +1,6 @@
 """``comotion evaluate FILES``: recordings and scenes through the core, with a table of scores."""
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,10 +13,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from comotion import FusionConfig
+from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary, finite_or_none
+from comotion_schemas import HypothesisUpdate, encode
 
 from .inputs import Input
-from .offline import Run, run_offline
+from .offline import OnUpdate, Run, run_offline
 from .plot import Trace, save_plot
 
 _MEANS = (
@@ -32,7 +35,7 @@ _MEANS = (
 
 @dataclass(frozen=True)
 class Evaluated:
-    """One input and its run, less the bulk of it."""
+    """One input and its run, less the bulk of it; `digest`: SHA-256 of all updates as on the wire."""
 
     name: str
     seed: int | None
@@ -40,6 +43,7 @@ class Evaluated:
     ms_per_update: float
     ms_p99: float
     seconds: float
+    digest: str
 
     def values(self) -> dict[str, Any]:
         """Everything as plain numbers."""
@@ -77,18 +81,28 @@ def evaluate_inputs(
     """
     results: list[Evaluated] = []
     for one in _with_progress(inputs, shown=progress):
-        trace = Trace()
+        trace, digest = Trace(), hashlib.sha256()
         try:
-            run = run_offline(one.open(), config, period=period, duration=duration, on_update=trace.add)
+            run = run_offline(
+                one.open(), config, period=period, duration=duration, on_update=_tee(trace, digest)
+            )
         except ValueError as error:
             raise ValueError(f"{one.name}: {error}") from None
-        results.append(_evaluated(one, run))
+        results.append(_evaluated(one, run, digest.hexdigest()))
         if plot is not None:
             _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
     return results
 
 
-def _evaluated(one: Input, run: Run) -> Evaluated:
+def _tee(trace: Trace, digest: "hashlib._Hash") -> OnUpdate:
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        trace.add(update, score)
+        digest.update(encode(update))
+
+    return on_update
+
+
+def _evaluated(one: Input, run: Run, digest: str) -> Evaluated:
     return Evaluated(
         name=one.name,
         seed=one.seed,
@@ -96,6 +110,7 @@ def _evaluated(one: Input, run: Run) -> Evaluated:
         ms_per_update=float(run.update_ms.mean()),
         ms_p99=float(np.percentile(run.update_ms, 99)),
         seconds=float(run.seconds[-1]),
+        digest=digest,
     )
 
 
@@ -159,7 +174,13 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
         "config": config.model_dump(mode="json"),
         "period": config.period if period is None else period,
         "runs": [
-            {"file": r.name, "seed": r.seed, "seconds": r.seconds, **finite_or_none(r.values())}
+            {
+                "file": r.name,
+                "seed": r.seed,
+                "seconds": r.seconds,
+                **finite_or_none(r.values()),
+                "updates_sha256": r.digest,
+            }
             for r in results
         ],
         "overall": finite_or_none(overall(results)),

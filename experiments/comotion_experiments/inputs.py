@@ -1,12 +1,16 @@
 """What can be evaluated offline: recordings by path, simulated scenes as ``sim:NAME``."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from comotion.runtime.clocks import EventClock
+from comotion_schemas import TruthBatch
+from comotion_schemas.recording import SUFFIX
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
-from .offline import Message
+from .offline import Arrived, Incoming
 
 SIMULATED = "sim:"
 
@@ -20,7 +24,7 @@ class Input:
 
     name: str
     seed: int | None
-    open: Callable[[], Iterable[Message]]
+    open: Callable[[], Iterable[Incoming]]
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -54,8 +58,8 @@ def find_inputs(
     Parameters
     ----------
     names
-        Paths of recordings (.c3d, .npz), and simulated scenes: ``sim:`` and the name of one that
-        ships or the path of a TOML file.
+        Paths of recordings (.c3d, .npz, or .mcap of a whole scene), and simulated scenes: ``sim:``
+        and the name of one that ships or the path of a TOML file.
     seeds
         Of simulated scenes: one input per seed.
     split
@@ -67,6 +71,8 @@ def find_inputs(
     ------
     ValueError
         If a recording or scene is missing or unreadable, or the rates do not suit it.
+    ImportError
+        If the extra `record` is missing and there is an .mcap.
     """
     found: list[Input] = []
     for name in names:
@@ -84,7 +90,31 @@ def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -
 
 
 def _recorded(name: str, split: int, rates: Sequence[float] | None) -> Input:
+    if Path(name).suffix.lower() == SUFFIX:
+        if split != 1 or rates is not None:
+            raise ValueError(f"{name}: a recorded scene has the sources and rates it has")
+        return _recorded_scene(name)
     # Read twice: once to refuse what is unreadable before hours of work, once when its turn comes,
     # so that only one recording is in memory at a time.
     recording_batches(read_recording(name), split=split, rates=rates)
     return Input(name, None, lambda: recording_batches(read_recording(name), split=split, rates=rates))
+
+
+def _recorded_scene(name: str) -> Input:
+    from comotion_sources.recordings.messages import MessageLog
+
+    MessageLog(Path(name)).close()
+    return Input(name, None, lambda: _arrivals(name))
+
+
+def _arrivals(name: str) -> Iterator[Incoming]:
+    """A recorded scene as a service with an event clock takes it in, in the order of receipt."""
+    from comotion_sources.recordings.messages import logged_batches
+
+    clock = EventClock()
+    for log_ns, message in logged_batches(name):
+        if isinstance(message, TruthBatch):
+            yield message
+            continue
+        clock.observe(message.stamp_ns, log_ns)
+        yield Arrived(message, clock.now_ns())

@@ -1,5 +1,6 @@
 """The core offline: recorded or simulated messages in, scored updates out, as fast as it goes."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -15,6 +16,19 @@ from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 
 Message: TypeAlias = TruthBatch | ObservationBatch
+
+
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """A batch and what the clock says as it comes: for recordings, whose stamps are what they are."""
+
+    batch: ObservationBatch
+    now_ns: int
+
+
+Incoming: TypeAlias = Message | Arrived
+_LONGEST_GAP_NS = 600_000_000_000
+"""Of a longer time without data only so much is run through: nothing happens in it."""
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
@@ -83,7 +97,7 @@ class _Offline:
 
 
 def run_offline(
-    messages: Iterable[Message],
+    messages: Iterable[Incoming],
     config: FusionConfig,
     *,
     truth: Truth | None = None,
@@ -95,7 +109,7 @@ def run_offline(
     """Run messages through the core and score every update.
 
     The clock is simulated: updates are due every period after the first observation, and each sees
-    the batches stamped until then.
+    the batches stamped until then; of :class:`Arrived` ones those that have come until then.
 
     Parameters
     ----------
@@ -131,13 +145,14 @@ def run_offline(
     start_ns = _start(first)
     end_ns = None if duration is None else start_ns + round(duration * 1e9)
     due = 1
-    for batch in _chain(first, batches):
-        while batch.stamp_ns > (now_ns := start_ns + round(due * period * 1e9)) and not _over(now_ns, end_ns):
+    for arrived in _chain(first, batches):
+        due = max(due, math.ceil((arrived.now_ns - _LONGEST_GAP_NS - start_ns) / (period * 1e9)))
+        while arrived.now_ns > (now_ns := start_ns + round(due * period * 1e9)) and not _over(now_ns, end_ns):
             offline.update(now_ns)
             due += 1
-        if _over(batch.stamp_ns, end_ns):
+        if _over(arrived.now_ns, end_ns):
             break
-        offline.ingest(batch)
+        offline.ingest(arrived.batch)
     if not _over(now_ns := start_ns + round(due * period * 1e9), end_ns):
         offline.update(now_ns)
     if not offline.times:
@@ -157,20 +172,23 @@ def _over(time_ns: int, end_ns: int | None) -> bool:
     return end_ns is not None and time_ns > end_ns
 
 
-def _start(batch: ObservationBatch) -> int:
+def _start(arrived: Arrived) -> int:
+    batch = arrived.batch
     stamps = batch.stamps_ns
     return batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
 
 
-def _batches(messages: Iterable[Message], truth: Truth) -> Iterator[ObservationBatch]:
+def _batches(messages: Iterable[Incoming], truth: Truth) -> Iterator[Arrived]:
     """Pick the observations; truth is put aside as it comes."""
     for message in messages:
         if isinstance(message, TruthBatch):
             truth.add(message)
-        else:
+        elif isinstance(message, Arrived):
             yield message
+        else:
+            yield Arrived(message, message.stamp_ns)
 
 
-def _chain(first: ObservationBatch, rest: Iterator[ObservationBatch]) -> Iterator[ObservationBatch]:
+def _chain(first: Arrived, rest: Iterator[Arrived]) -> Iterator[Arrived]:
     yield first
     yield from rest

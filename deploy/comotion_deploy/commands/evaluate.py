@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from .. import options
-from ..errors import UserError
+from ..errors import UserError, missing_extra
 
 EPILOG = """
 Examples:
@@ -17,6 +17,8 @@ Examples:
   comotion evaluate recording.npz --method thesis --set sigma_switch=0.01
 
   comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
+
+  comotion evaluate take.mcap   # what comotion record has written
 
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
@@ -31,7 +33,8 @@ def evaluate(
         list[str] | None,
         typer.Argument(
             metavar="[FILES]...",
-            help="Recordings (.c3d, .npz) and simulated scenes (sim:NAME). Without any: the running scene.",
+            help="Recordings (.c3d, .npz, .mcap) and simulated scenes (sim:NAME). "
+            "Without any: the running scene.",
             show_default=False,
         ),
     ] = None,
@@ -101,9 +104,11 @@ def evaluate(
     from comotion_sources.parts import parse_rates
 
     config = options.fusion_config(ctx, method, assignments)
-    inputs = find_inputs(
-        files, seeds=parse_seeds(seeds), split=split, rates=parse_rates(rate) if rate else None
-    )
+    rates = parse_rates(rate) if rate else None
+    try:
+        inputs = find_inputs(files, seeds=parse_seeds(seeds), split=split, rates=rates)
+    except ImportError as error:
+        raise missing_extra("record", error) from None
     results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot)
     if json_:
         _print_json(as_json(results, config, period))
