@@ -222,11 +222,22 @@ def fusion_config(
     values = {_name(key): None if value == "null" else value for key, value in table.items()}
     if method is not None:
         values["method"] = method
-    values |= dict(_assignment(text) for text in assignments or ())
+    for text in assignments or ():
+        _set(values, *_assignment(text))
     try:
         return FusionConfig(**values)
     except ValidationError as error:
         raise UserError(_describe(error, sorted(FusionConfig.model_fields))) from None
+
+
+def _set(values: dict[str, Any], name: str, value: Any) -> None:
+    """Set a parameter; ``group.name`` is one of a group."""
+    group, dot, member = name.partition(".")
+    if not dot:
+        values[name] = value
+        return
+    before = values.get(group)
+    values[group] = {**(before if isinstance(before, dict) else {}), member: value}
 
 
 def _assignment(text: str) -> tuple[str, Any]:
@@ -241,7 +252,7 @@ def _assignment(text: str) -> tuple[str, Any]:
 
 def _describe(error: Any, names: list[str]) -> str:
     first = error.errors(include_url=False)[0]
-    name = ".".join(str(part) for part in first["loc"][:1])
-    if first["type"] == "extra_forbidden":
+    name = ".".join(str(part) for part in first["loc"][:2])
+    if first["type"] == "extra_forbidden" and "." not in name:
         return f"unknown fusion parameter {name!r}; one of {', '.join(names)}"
     return f"fusion parameter {name}: {first['msg']}, got {first['input']!r}"

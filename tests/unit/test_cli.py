@@ -255,3 +255,13 @@ class TestDemo:
         assert [math.isnan(v) for v in per_second] == [False, True, True, False]
         assert sparkline(per_second) == "▃..█"
         assert nmi_per_second([], []) == []
+
+
+def test_a_parameter_of_a_group_can_be_set_and_read_again(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    expected = effective(capsys, "--set", "motion.looseness=0.4")
+    assert expected["motion"]["looseness"] == 0.4  # type: ignore[index]
+    assert run(["config", "--set", "motion.looseness=0.4"]) == 0
+    (tmp_path / "c.toml").write_text(capsys.readouterr().out)
+    assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected

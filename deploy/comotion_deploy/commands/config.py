@@ -1,15 +1,21 @@
 """``comotion config``: the fusion parameters in effect."""
 
 import json
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
 from .. import options
 
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
 EPILOG = """
 Examples:
 
   comotion config --set sigma_switch=0.01 --set v_move=null
+
+  comotion config --set motion.looseness=0.4
 
   comotion config --json
 
@@ -31,8 +37,21 @@ def config(
     if json_:
         print(json.dumps(values, indent=2))
         return
-    print("[fusion]")
-    for name, field in FusionConfig.model_fields.items():
+    _print_table("fusion", FusionConfig, values)
+
+
+def _print_table(name: str, model: "type[BaseModel]", values: dict[str, Any]) -> None:
+    """Print the parameters of a model, those of nested ones as tables of their own after it."""
+    print(f"[{name}]")
+    nested = []
+    for key, field in model.model_fields.items():
+        if isinstance(values[key], dict):
+            nested.append(key)
+            continue
         print(f"# {field.description}")
         # JSON's strings, numbers and booleans are TOML's; only null is missing there.
-        print(f"{name} = {json.dumps('null' if values[name] is None else values[name])}")
+        print(f"{key} = {json.dumps('null' if values[key] is None else values[key])}")
+    for key in nested:
+        field = model.model_fields[key]
+        print(f"\n# {field.description}")
+        _print_table(f"{name}.{key}", cast("type[BaseModel]", field.annotation), values[key])
