@@ -1,6 +1,7 @@
 """Camera models, calibration files, targets and the pose between two cameras."""
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -63,6 +64,12 @@ def pose(rotation: tuple[float, ...], translation: tuple[float, ...]) -> Extrins
     return Extrinsics(Rotation.from_rotvec(rotation).as_matrix(), np.array(translation))
 
 
+@cache
+def all_rays(camera: Intrinsics, scale: int) -> np.ndarray:
+    y, x = np.mgrid[: camera.height * scale, : camera.width * scale]
+    return camera.rays((np.column_stack([x.ravel(), y.ravel()]) + 0.5) / scale - 0.5)
+
+
 @dataclass
 class Sheet:
     """A printed target: its image, and where its pixels are on the plane z = 0, in m."""
@@ -75,9 +82,7 @@ class Sheet:
     def seen(self, camera: Intrinsics, to_camera: Extrinsics) -> np.ndarray:
         """The view of the sheet, distortion included, at two times the resolution and averaged."""
         scale = 2
-        y, x = np.mgrid[: camera.height * scale, : camera.width * scale]
-        pixels = (np.column_stack([x.ravel(), y.ravel()]) + 0.5) / scale - 0.5
-        rays = camera.rays(pixels) @ to_camera.rotation
+        rays = all_rays(camera, scale) @ to_camera.rotation
         centre = -to_camera.rotation.T @ to_camera.translation
         with np.errstate(divide="ignore", invalid="ignore"):
             hit = centre + rays * (-centre[2] / rays[:, 2])[:, None]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.transport import SessionSettings
@@ -17,9 +16,10 @@ from ..calibration.files import Calibration, CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, CameraError, Frame, SceneCamera
-from ..markers.detector import MarkerDetector, MarkerOptions
+from ..markers.detector import MarkerOptions
 from .config import TrackerConfig
 from .feed import HypothesisFeed
+from .marker_output import MarkerOutput
 from .observer import CameraSpace, Observer, choose_space
 from .pacing import Pacer, Pacing
 from .preview import DelayedPreview, PreviewFile
@@ -112,7 +112,7 @@ class CameraProcess:
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
         self._stamp_ns: int | None = None
-        self._markers: _MarkerOutput | None = None
+        self._markers: MarkerOutput | None = None
         self._preview: DelayedPreview | None = None
         self._feed: HypothesisFeed | None = None
 
@@ -132,7 +132,15 @@ class CameraProcess:
         options, wire = self._options, self._wire
         rate = options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
-            self._markers = _MarkerOutput(options, self._intrinsics, self._extrinsics, wire, rate)
+            self._markers = MarkerOutput(
+                f"{options.name}-markers",
+                options.markers,
+                self._intrinsics,
+                self._extrinsics or Extrinsics(frame=f"{options.name}/optical"),
+                scene=wire.scene,
+                settings=wire.settings,
+                rate=rate,
+            )
             stack.enter_context(self._markers.publisher)
         # The source entered last is the one that signals reach.
         self._publisher = stack.enter_context(
@@ -302,47 +310,3 @@ def _space(
         extrinsics=extrinsics,
         name=options.space,
     )
-
-
-class _MarkerOutput:
-    """The markers a camera sees, as a source of their own: they are metric where its features may not be."""
-
-    def __init__(
-        self,
-        options: CameraOptions,
-        intrinsics: Intrinsics | None,
-        extrinsics: Extrinsics | None,
-        wire: Wire,
-        rate: float,
-    ) -> None:
-        if options.markers is None or intrinsics is None:
-            raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
-        self._detector = MarkerDetector(options.markers, intrinsics)
-        self._extrinsics = extrinsics or Extrinsics(frame=f"{options.name}/optical")
-        self._counters = {"refused": 0}
-        name = f"{options.name}-markers"
-        self.publisher = CameraPublisher(
-            name,
-            lambda: self._counters,
-            space=self._extrinsics.frame,
-            unit="m",
-            dim=3,
-            scene=wire.scene,
-            settings=wire.settings,
-            rate=rate,
-            message=f"{options.markers.dictionary} markers of {options.markers.size:g} m",
-        )
-
-    def publish(self, frame: Frame) -> None:
-        """Publish the poses of the markers in a frame; a frame without any says that time goes on."""
-        markers = self._detector.detect(frame.image)
-        self._counters["refused"] += markers.refused
-        poses = [self._extrinsics.after(pose) for pose in markers.poses]
-        count = len(poses)
-        self.publisher.observe(
-            stamp_ns=frame.stamp_ns,
-            ids=markers.numbers,
-            positions=np.array([pose.translation for pose in poses]).reshape(count, 3),
-            quaternions=np.array([pose.quaternion for pose in poses]).reshape(count, 4) if count else None,
-            sigma=markers.sigma if count else None,
-        )
