@@ -8,6 +8,7 @@ settings of the router in ``[zenoh]``.
 
 import json
 import logging
+import sys
 import tomllib
 from enum import StrEnum
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .errors import UserError, one_line
+from .errors import UserError, missing_extra, one_line
 
 if TYPE_CHECKING:
     from comotion import FusionConfig
@@ -48,6 +49,21 @@ def _start_logging(ctx: typer.Context, level: LogLevel) -> LogLevel:
     if not ctx.resilient_parsing:
         logging.basicConfig(level=level.upper(), format="%(levelname)s: %(message)s")
     return level
+
+
+def _expose_metrics(ctx: typer.Context, address: str | None) -> str | None:
+    if address is None or ctx.resilient_parsing:
+        return address
+    from comotion_schemas import metrics
+
+    host, port = metrics.parse_address(address)
+    try:
+        port = metrics.expose(host, port)
+    except ImportError as error:
+        raise missing_extra("metrics", error) from None
+    # Not logged: the level of logging may not be known yet.
+    print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
+    return address
 
 
 Scene = Annotated[
@@ -92,6 +108,16 @@ Log = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", envvar="COMOTION_JSON", help="Print the result as JSON.")]
+Metrics = Annotated[
+    str | None,
+    typer.Option(
+        "--metrics-port",
+        envvar="COMOTION_METRICS_PORT",
+        metavar="[HOST:]PORT",
+        callback=_expose_metrics,
+        help="Serve Prometheus metrics, on 127.0.0.1 unless a host is given; 0 takes a free port.",
+    ),
+]
 ReadyFile = Annotated[
     Path | None,
     typer.Option(

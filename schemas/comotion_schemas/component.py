@@ -24,6 +24,7 @@ from typing import Any, Self
 
 import zenoh
 
+from . import metrics
 from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
 from .messages import RejectionReason, Role, Status, StatusState
@@ -159,6 +160,7 @@ class Component:
         self.name = name
         self.session_id = session_id or new_session_id()
         self.stop = threading.Event()
+        self.last_status: Status | None = None
         self._live_key = self.keys.live(role, name)
         self._settings = settings or SessionSettings()
         self._status = status
@@ -166,6 +168,11 @@ class Component:
         self._overrides = overrides or {}
         self._exit = ExitStack()
         self._session: zenoh.Session | None = None
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene."""
+        return self.keys.scene
 
     @property
     def session(self) -> zenoh.Session:
@@ -183,6 +190,8 @@ class Component:
             token = self.session.liveliness().declare_token(self._live_key)
             stack.callback(token.undeclare)
             self._start_status(stack)
+            metrics.add(self)
+            stack.callback(metrics.remove, self)
             self._exit = stack.pop_all()
         return self
 
@@ -260,7 +269,8 @@ class Component:
     def _publish_status(self, publisher: Publisher, closing: threading.Event) -> None:
         due = time.monotonic()
         while True:
-            publisher.put(encode(self.status()))
+            self.last_status = self.status()
+            publisher.put(encode(self.last_status))
             due = max(due + STATUS_PERIOD_S, time.monotonic())
             if closing.wait(due - time.monotonic()):
                 return

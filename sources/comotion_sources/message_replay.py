@@ -5,6 +5,7 @@ import logging
 import os
 import select
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -35,6 +36,7 @@ class _Source:
     ) -> None:
         self.counters = {"batches": 0, "skipped": 0}
         self._message = message
+        self._reported = (time.monotonic(), 0)
         self._publishers: dict[Kind, Publisher] = {}
         decoded = first.decode()
         self.component = Component(
@@ -60,7 +62,11 @@ class _Source:
         self.counters["batches"] += kind == "obs"
 
     def _status(self) -> StatusFields:
-        return StatusFields(counters=dict(self.counters), message=self._message)
+        now, batches = time.monotonic(), self.counters["batches"]
+        before, reported = self._reported
+        self._reported = (now, batches)
+        rate = (batches - reported) / max(now - before, 1e-3)
+        return StatusFields(rates={"obs": rate}, counters=dict(self.counters), message=self._message)
 
 
 class _Scene:

@@ -10,7 +10,7 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
-from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode
+from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.transport import SessionSettings, stream_publisher
@@ -89,6 +89,7 @@ class SourcePublisher:
         self._rejected: dict[RejectionReason, int] = {}
         self._reported = (time.monotonic(), 0)
         self._last_put: float | None = None
+        self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
 
     @property
     def stop(self) -> threading.Event:
@@ -183,6 +184,8 @@ class SourcePublisher:
         self._counters["batches"] += 1
         self._counters["observations"] += len(message.ids)
         self._last_put = time.monotonic()
+        if self._lag is not metrics.OFF:
+            self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
 
     def count(self, name: str, amount: int = 1) -> None:
         """Add to a counter of this source's own; it appears in Status."""

@@ -80,6 +80,7 @@ def record(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Record everything a scene publishes to MCAP, exactly as it came.
 

@@ -61,6 +61,7 @@ def serve(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
     from comotion.runtime import server

@@ -60,6 +60,7 @@ def external_camera(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Publish what a second, fixed camera sees: features, and fiducial markers with their orientation."""
     from comotion_sources.klt.pacing import Pacing

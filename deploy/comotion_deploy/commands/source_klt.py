@@ -47,6 +47,7 @@ def klt(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Track the features of a camera, video or RGB-D recording and publish them."""
     from comotion_sources.klt.pacing import Pacing

@@ -108,6 +108,7 @@ def proprioception(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Publish the 6-DoF poses of a robot's links from its joint positions."""
     from comotion_sources.proprioception import Encoders, Kinematics, process

@@ -122,6 +122,7 @@ def replay(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Publish a recording, with its truth where it has labels, as one source or several.
 

@@ -102,6 +102,7 @@ def simulator(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Publish a simulated scene, with its truth, as one source or several."""
     from comotion_sources import parts, player, simulator

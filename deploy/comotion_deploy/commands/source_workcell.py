@@ -68,6 +68,7 @@ def workcell(
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
+    _metrics: options.Metrics = None,
 ) -> None:
     """Drive a workcell: publish the joint states of a simulated scene that cameras can look at."""
     from comotion_sources.workcell import process

@@ -17,6 +17,7 @@ from comotion_schemas import (
     Status,
     decode_as,
     encode,
+    metrics,
 )
 from comotion_schemas.component import Component, StatusFields, new_session_id
 from comotion_schemas.transport import SessionSettings, declare_publisher
@@ -144,6 +145,9 @@ class _Service:
             component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
         )
         self._due = {"health": 0, "collect": 0, "idle": 0}
+        who = {"scene": options.scene, "component": options.name, "role": "service"}
+        self._tick_time = metrics.histogram("tick_seconds", **who)
+        self._lag = metrics.histogram("watermark_lag_seconds", **who)
 
     def run(self) -> None:
         """Publish at every deadline until told to stop."""
@@ -174,9 +178,13 @@ class _Service:
                 self._use(spare)
                 continue
             update = self._fusion.update(self._clock.now_ns())
-            head_start.note(time.monotonic_ns() - began)
+            took = time.monotonic_ns() - began
+            head_start.note(took)
+            self._tick_time.observe(took / 1e9)
             self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
             self._last = self._publish(update)
+            if update.stamp_ns:  # 0 until the first observation
+                self._lag.observe((self._last.published_ns - update.stamp_ns) / 1e9)
             self._housekeeping(time.monotonic_ns())
             self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
 
