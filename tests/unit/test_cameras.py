@@ -403,6 +403,13 @@ def test_frames_that_come_late_or_twice_are_counted() -> None:
         assert paced.counters["duplicates"] == 3
 
 
+def test_a_device_whose_clock_is_set_back_goes_on() -> None:
+    paced, _ = pacer(live=True, rate=10.0)
+    stamps = [10_000 * MS, 10_100 * MS, 3_000 * MS, 3_100 * MS]
+    assert [paced.admit(stamp) for stamp in stamps] == stamps
+    assert paced.counters["clock_steps"] == 1
+
+
 def test_a_recording_that_is_held_up_leaves_frames_out_to_catch_up() -> None:
     paced, clock = pacer()
     start = clock.now + 7

@@ -10,6 +10,9 @@ Stamps = Literal["now", "original"]
 LATE_NS = 200_000_000
 """A frame of a recording may be late by this."""
 
+CLOCK_STEP_NS = 1_000_000_000
+"""A frame of a device that is older than the last one by more is of a clock that has been set back."""
+
 PATIENCE = 5
 """Frames left out in a row to catch up; then the recording is slower than the clock, and so is the play."""
 
@@ -60,7 +63,9 @@ class Pacer:
     wall: Callable[[], int] = time.time_ns
     monotonic: Callable[[], int] = time.monotonic_ns
     counters: dict[str, int] = field(
-        default_factory=lambda: dict.fromkeys(("late", "duplicates", "thinned", "overruns", "slips"), 0)
+        default_factory=lambda: dict.fromkeys(
+            ("late", "duplicates", "thinned", "overruns", "slips", "clock_steps"), 0
+        )
     )
     _last_ns: int | None = None
     _next_ns: int | None = None
@@ -76,6 +81,10 @@ class Pacer:
 
         A frame that is not newer than the one before is late or comes twice: it cannot be tracked.
         """
+        if self.live and self._last_ns is not None and stamp_ns < self._last_ns - CLOCK_STEP_NS:
+            # The device's clock has been set back: waiting for it to catch up would be for ever.
+            self.counters["clock_steps"] += 1
+            self._last_ns = self._next_ns = None
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self.counters["duplicates" if stamp_ns == self._last_ns else "late"] += 1
             return None

@@ -218,6 +218,8 @@ class CameraProcess:
         stamp = self._pacer.admit(frame.stamp_ns)
         if stamp is None or self._publisher.stop.is_set():
             return
+        if self._stamp_ns is not None and stamp <= self._stamp_ns:
+            self._end_features()  # the device's clock has been set back
         self._check_size(frame)
         self._note_depth(frame)
         self._events["frames"] += 1
