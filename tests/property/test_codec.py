@@ -48,7 +48,7 @@ def unique_ids(count):
 def quaternions(draw, rows):
     values = draw(floats(rows, 4, st.floats(-1, 1, width=32)))
     norms = np.linalg.norm(values, axis=1, keepdims=True)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(norms > 1e-3, values / norms, np.nan)
 
 
