@@ -40,9 +40,9 @@ class TrackerConfig(BaseModel):
     fb_absolute: NotNegative = 0.1
     """Forward-backward check: what is allowed in any case, px²; the thesis and its source have 0.5.
 
-    Chosen on four rendered scenes with truth: of the features alive after 1 s, 98.1 % are on the body they
+    Chosen on three rendered scenes with truth: of the features alive after 1 s, 98.1 % are on the body they
     were born on without depth (0.5: 97.7 %), and the tenth that drifts most drifts 8.0 mm (0.5: 9.5 mm; with
-    a share of 0.5: 10.7 mm). It costs 5 % of the features a second, which respawning makes up for.
+    a share of 0.5: 10.7 mm). It costs 6 % of the features a second, which respawning makes up for.
     """
     min_distance: NotNegative = 4.0
     """Of two features closer than this the younger one goes, px."""
