@@ -17,6 +17,7 @@ Log times stay those of the recording; the time stamps inside are those of acqui
 import json
 import math
 import os
+import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -25,7 +26,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.stream_reader import CRCValidationError
 from mcap.writer import Writer
+from zstandard import ZstdError
 
 from comotion_schemas import (
     DecodeError,
@@ -45,6 +48,17 @@ from . import foxglove
 from .disk import create
 
 Json = dict[str, Any]
+# What reading damaged bytes raises.
+_DAMAGED = (
+    McapError,
+    CRCValidationError,
+    ZstdError,
+    struct.error,
+    RuntimeError,
+    OSError,
+    KeyError,
+    UnicodeDecodeError,
+)
 
 
 @dataclass
@@ -108,7 +122,7 @@ def _messages(file: BinaryIO, source: Path, exported: Exported) -> Iterator[tupl
                 yield logged.log_time, decode(logged.data)
             except DecodeError:
                 exported.invalid += 1
-    except (McapError, RuntimeError) as error:
+    except _DAMAGED as error:
         raise ValueError(
             f"{source}: damaged or never completed ({type(error).__name__}); "
             f"try: comotion record --repair {source}"

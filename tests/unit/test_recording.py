@@ -1,0 +1,344 @@
+"""Recordings: exact payloads in whole chunks, whatever the disk does; repair and export."""
+
+import errno
+import json
+import os
+import struct
+from collections import Counter
+from pathlib import Path
+
+import jsonschema
+import pytest
+from mcap.reader import make_reader
+
+from comotion import Fusion, FusionConfig
+from comotion_clients.recording import disk
+from comotion_clients.recording.export import export
+from comotion_clients.recording.file import RecordingFile, StorageError
+from comotion_clients.recording.intake import Waiting
+from comotion_clients.recording.repair import repair
+from comotion_clients.recording.series import Arrival, Series, SeriesOptions
+from comotion_deploy.cli import run
+from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
+from comotion_schemas.export import json_schema
+from comotion_sources.simulator import batches, load_scene, simulate
+
+KEYS = Keys("lab")
+SECOND = 1_000_000_000
+BEGIN = 1_700_000_000 * SECOND
+
+
+def arrivals(seconds=3.0):
+    """What a recorder of a three-source scene hears: truth, observations, updates, and nonsense."""
+    simulation = simulate(load_scene("3d_async"))
+    fusion = Fusion(FusionConfig(), scene="lab")
+    due = BEGIN
+    for message in batches(simulation, epoch_ns=BEGIN):
+        if isinstance(message, TruthBatch):
+            yield Arrival("truth", KEYS.stream("truth", message.source), due, encode(message))
+            continue
+        if message.stamp_ns > BEGIN + seconds * SECOND:
+            return
+        fusion.ingest(message)
+        now = message.stamp_ns + 5_000_000
+        yield Arrival("obs", KEYS.stream("obs", message.source), now, encode(message))
+        if now >= due:
+            due += SECOND // 2
+            yield Arrival("hypotheses", KEYS.hypotheses, now, encode(fusion.update(now)))
+            yield Arrival("obs", KEYS.stream("obs", "simulator-1"), now, b"nonsense")
+
+
+SCENE = tuple(arrivals())
+
+
+def read(path):
+    """(topic, log time, payload) of a whole file, its checksums verified."""
+    with path.open("rb") as file:
+        found = make_reader(file, validate_crcs=True).iter_messages()
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+
+
+def as_read(items):
+    return [(a.key, a.log_ns, a.payload) for a in items]
+
+
+def record(path, items=SCENE, flush_every=50, **options):
+    series = Series(SeriesOptions(path=path, scene="lab", reserve_bytes=0, **options))
+    for number, arrival in enumerate(items, 1):
+        series.add(arrival)
+        if number % flush_every == 0:
+            series.flush()
+    series.close({"lost": 0})
+    return series
+
+
+def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_path):
+    series = record(tmp_path / "take.mcap")
+    assert sorted(read(series.path)) == sorted(as_read(SCENE))
+    with series.path.open("rb") as file:
+        reader = make_reader(file)
+        for schema, channel, message in reader.iter_messages(KEYS.stream("obs", "simulator-3")):
+            assert channel.message_encoding == "msgpack"
+            assert json.loads(schema.data) == json_schema(ObservationBatch)
+            assert message.publish_time == message.log_time - 5_000_000
+        assert reader.get_summary().statistics.message_count == len(SCENE)
+        assert [m.name for m in reader.iter_metadata()] == ["comotion", "comotion.losses"]
+    nonsense = sum(a.payload == b"nonsense" for a in SCENE)
+    assert series.tally.invalid == {"malformed": nonsense}
+    assert series.tally.lost == {}
+
+
+def test_an_existing_file_is_not_touched(tmp_path):
+    path = tmp_path / "take.mcap"
+    path.write_text("precious")
+    with pytest.raises(OSError, match=r"take\.mcap: File exists"):
+        record(path)
+    assert path.read_text() == "precious"
+
+
+def test_gaps_in_sequence_numbers_are_losses(tmp_path):
+    mine = [a for a in SCENE if a.key.endswith("obs/simulator-3") and a.payload != b"nonsense"]
+    series = record(tmp_path / "take.mcap", [*mine[:10], *mine[13:20], mine[15], *mine[21:30]])
+    assert series.tally.lost == {mine[0].key: 4}
+
+
+@pytest.mark.parametrize("options", [{"max_bytes": 20_000}, {"max_seconds": 1.0}], ids=str)
+def test_every_file_of_a_rotation_is_whole(tmp_path, options):
+    series = record(tmp_path / "take.mcap", **options)
+    assert len(series.paths) > 2
+    assert [p.name for p in series.paths[:2]] == ["take-001.mcap", "take-002.mcap"]
+    contents = [read(path) for path in series.paths]
+    known = []
+    for content in contents:
+        truth = [(key, data) for key, _, data in content if "/truth/" in key]
+        assert set(known) <= set(truth)
+        assert len(set(truth)) == len(truth)
+        known = truth
+        # The truth of before is stamped with the beginning of the file, not with its own past.
+        times = [t for _, t, _ in content]
+        assert times[-1] - times[0] < 2 * SECOND
+    assert sorted(known) == sorted((a.key, a.payload) for a in SCENE if a.kind == "truth")
+    others = sorted(item for content in contents for item in content if "/truth/" not in item[0])
+    assert others == sorted(item for item in as_read(SCENE) if "/truth/" not in item[0])
+
+
+def test_the_truth_of_an_ended_session_is_not_carried_on(tmp_path):
+    def truth(session, number):
+        batch = TruthBatch(source="cam", session=session, ids=[number], objects=[1], names={})
+        return Arrival("truth", KEYS.stream("truth", "cam"), BEGIN + number * SECOND, encode(batch))
+
+    series = record(
+        tmp_path / "take.mcap",
+        [truth("0" * 16, 0), truth("1" * 16, 1), truth("1" * 16, 2), truth("1" * 16, 9)],
+        max_seconds=5.0,
+    )
+    assert len(read(series.paths[1])) == 3
+
+
+class FullDisk:
+    """A disk that takes so many bytes and then no more, or fails in another way.
+
+    `freed`: what truncating a file gives back.
+    """
+
+    def __init__(self, monkeypatch, room, error=errno.ENOSPC, freed=0):
+        self.room, self.error, self.freed = room, error, freed
+        self._write, self._truncate = os.write, os.ftruncate
+        monkeypatch.setattr(disk.os, "write", self.write)
+        monkeypatch.setattr(disk.os, "ftruncate", self.truncate)
+
+    def truncate(self, descriptor, length):
+        self._truncate(descriptor, length)
+        self.room += self.freed
+
+    def write(self, descriptor, data):
+        taken = min(self.room, len(data))
+        if not taken and len(data):
+            raise OSError(self.error, os.strerror(self.error))
+        self.room -= taken
+        return self._write(descriptor, data[:taken])
+
+
+def fill(path):
+    """Record until the disk is full; answers with how many of the scene were flushed before."""
+    series = Series(SeriesOptions(path=path, scene="lab", reserve_bytes=0))
+    flushed = 0
+    for number, arrival in enumerate(SCENE, 1):
+        series.add(arrival)
+        if number % 50 == 0:
+            series.flush()
+            flushed = number
+    pytest.fail(f"the disk took all {flushed}")
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
+def test_a_write_that_fails_leaves_whole_chunks_and_an_index(tmp_path, monkeypatch, error):
+    path = tmp_path / "take.mcap"
+    # The space that the broken chunk gives back is enough for the index.
+    FullDisk(monkeypatch, 40_000, error, freed=40_000)
+    with pytest.raises(StorageError) as raised:
+        fill(path)
+    assert os.strerror(error) in str(raised.value)
+    content = read(path)
+    assert 100 <= len(content) < len(SCENE)
+    assert len(content) % 50 == 0
+    assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
+    assert f"the {len(content)} messages written before are intact, 50 newer ones are lost" in str(
+        raised.value
+    )
+
+
+def test_without_room_for_the_index_a_repair_is_all_it_takes(tmp_path, monkeypatch):
+    path = tmp_path / "take.mcap"
+    with monkeypatch.context() as patch:
+        FullDisk(patch, 40_000)
+        with pytest.raises(StorageError, match="no index: comotion record --repair"):
+            fill(path)
+    repaired = repair(path, tmp_path / "whole.mcap")
+    assert (repaired.damaged, repaired.skipped) == (0, 0)
+    content = read(tmp_path / "whole.mcap")
+    assert len(content) == repaired.messages > 100
+    assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
+
+
+def test_recording_stops_before_the_reserve_is_touched(tmp_path, monkeypatch):
+    free = [10_000_000]
+    monkeypatch.setattr("comotion_clients.recording.series.free_bytes", lambda folder: free[0])
+    series = Series(SeriesOptions(path=tmp_path / "take.mcap", scene="lab", reserve_bytes=1_000_000))
+    for arrival in SCENE[:100]:
+        series.add(arrival)
+    series.flush()
+    for arrival in SCENE[100:120]:
+        series.add(arrival)
+    free[0] = 900_000
+    with pytest.raises(StorageError, match=r"MiB free, .* are to stay free"):
+        series.flush()
+    series.abandon()
+    assert Counter(read(series.path)) == Counter(as_read(SCENE[:120]))
+    with pytest.raises(StorageError):
+        Series(SeriesOptions(path=tmp_path / "other.mcap", reserve_bytes=1_000_000))
+    assert not (tmp_path / "other.mcap").exists()
+
+
+def cut(path, share=0.8):
+    """What is left of a file when its recorder is killed: no index, and half a chunk."""
+    data = path.read_bytes()
+    target = path.with_name("cut.mcap")
+    target.write_bytes(data[: int(len(data) * share)])
+    return target
+
+
+def test_repair_of_a_cut_file_recovers_all_but_the_cut_chunk(tmp_path):
+    source = cut(record(tmp_path / "take.mcap").path)
+    repaired = repair(source, tmp_path / "whole.mcap")
+    content = read(tmp_path / "whole.mcap")
+    assert repaired.messages == len(content)
+    assert len(content) % 50 == 0
+    assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
+    assert len(content) >= 0.6 * len(SCENE)
+    assert repaired.skipped > 0
+
+
+@pytest.mark.parametrize("what", ["content", "length"])
+def test_repair_passes_over_a_damaged_chunk(tmp_path, what):
+    path = record(tmp_path / "take.mcap").path
+    data = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[3]
+    if what == "content":
+        data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    else:
+        struct.pack_into("<Q", data, chunk.chunk_start_offset + 1, 2**40)
+    path.write_bytes(data)
+    repaired = repair(path, tmp_path / "whole.mcap")
+    assert repaired.messages == len(read(tmp_path / "whole.mcap")) == len(SCENE) - 50
+    assert repaired.damaged + (repaired.skipped > 0) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 100, b"\x89MCAP0\r\n"], ids=len)
+def test_what_is_no_recording_is_one_clear_line(tmp_path, capsys, content):
+    path = tmp_path / "take.mcap"
+    path.write_bytes(content)
+    for arguments in (["record", "--repair"], ["record", "--export"], ["evaluate"], ["source", "replay"]):
+        assert run([*arguments, str(path)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("error: ")
+        assert "take.mcap" in line
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["take.txt"], "ends in .mcap"),
+        (["--out", "x.mcap"], "--out goes with"),
+        (["x.mcap", "--repair", "y.mcap"], "record nothing"),
+        (["--scene", "A"], "scene 'A'"),
+        (["x.mcap", "--reserve", "1e12"], "MiB are to stay free"),
+    ],
+    ids=str,
+)
+def test_misuse_is_one_clear_line(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert run(["record", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_waits_is_bounded_and_the_rest_is_counted():
+    waiting = Waiting(limit=100)
+    for number in range(5):
+        waiting.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
+    assert [a.log_ns for a in waiting.take(0.0)] == [0, 1]
+    assert waiting.dropped == {KEYS.stream("obs", "a"): 3}
+    small = Arrival("obs", KEYS.stream("obs", "a"), 9, bytes(90))
+    waiting.put(small)
+    assert waiting.take(0.0) == [small]
+    assert waiting.take(0.0) == []
+
+
+def test_the_export_is_what_foxglove_reads(tmp_path):
+    path = record(tmp_path / "take.mcap").path
+    exported = export(path, tmp_path / "fox.mcap")
+    updates = sum(a.kind == "hypotheses" for a in SCENE)
+    with (tmp_path / "fox.mcap").open("rb") as file:
+        seen = Counter()
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            definition = json.loads(schema.data)
+            jsonschema.Draft7Validator.check_schema(definition)
+            value = json.loads(message.data)
+            jsonschema.validate(value, definition)
+            seen[channel.topic] += 1
+            if channel.topic == "/features/world" and seen[channel.topic] == updates - 1:
+                assert len(set(colours_of(value))) >= 2
+            if channel.topic == "/numbers":
+                numbers = value
+    assert seen == exported.messages
+    assert seen["/numbers"] == updates
+    assert {"/features/world", "/hypotheses/world", "/labels/world", "/events"} <= set(seen)
+    assert numbers["nmi"] is not None
+    assert exported.invalid == sum(a.payload == b"nonsense" for a in SCENE)
+
+
+def colours_of(cloud):
+    """Colours of the points, read by the fields that the message itself describes."""
+    import base64
+
+    data, stride = base64.b64decode(cloud["data"]), cloud["point_stride"]
+    assert len(data) % stride == 0
+    offsets = {f["name"]: f["offset"] for f in cloud["fields"]}
+    points = [data[i : i + stride] for i in range(0, len(data), stride)]
+    for point in points:
+        x, y, z = (struct.unpack_from("<f", point, offsets[axis])[0] for axis in "xyz")
+        assert max(abs(x), abs(y), abs(z)) < 100
+    return [tuple(point[offsets[name]] for name in ("red", "green", "blue")) for point in points]
+
+
+def test_a_key_without_messages_is_refused(tmp_path: Path):
+    with (
+        RecordingFile(tmp_path / "x.mcap", scene="lab") as file,
+        pytest.raises(ValueError, match="no messages"),
+    ):
+        file.add(KEYS.query("status"), BEGIN, b"", None)
