@@ -15,7 +15,8 @@ from .log_lines import LogLines
 from .processes import ProcessSpec
 
 OWN_NAME = "launcher"
-READY_S = 60.0
+READY_S = 180.0
+"""The first start of the service on a machine compiles for a while."""
 _POLL_S = 0.05
 
 

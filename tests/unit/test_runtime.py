@@ -11,6 +11,7 @@ from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Health
 from comotion.runtime.intake import Rejection
+from comotion.runtime.rehearsal import rehearse
 from comotion.runtime.state_file import StateSchedule, StateWriter, load_fusion, write_atomically
 from comotion.runtime.ticker import HeadStart, Ticker
 from comotion.stats import Stats
@@ -149,6 +150,24 @@ class TestHealth:
         stats.lost += 1
         assert fields.rejected == {}
         assert fields.counters["lost"] == 0
+
+
+class TestRehearsal:
+    def test_every_kind_of_space_is_rehearsed_step_by_step(self, monkeypatch) -> None:
+        updates = []
+        update = Fusion.update
+
+        def spy(fusion: Fusion, now_ns: int):
+            updates.append(update(fusion, now_ns))
+            return updates[-1]
+
+        monkeypatch.setattr(Fusion, "update", spy)
+        steps = sum(1 for _ in rehearse(FusionConfig()))
+        assert steps == len(updates)
+        assert {h.space for u in updates for h in u.hypotheses} == {"m", "px"}
+        # Bodies are told apart, features die and are born: all of a method has something to do.
+        assert max(len(u.hypotheses) for u in updates) >= 3
+        assert len({int(i) for u in updates for i in u.track_id}) > 30
 
 
 class TestStateSchedule:

@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -28,6 +29,7 @@ from .clocks import ClockName, make_clock
 from .health import Health
 from .intake import Intake
 from .queries import Queryables, handlers
+from .rehearsal import rehearse
 from .state_file import StateSchedule, StateWriter, load_fusion
 from .ticker import HeadStart, Ticker
 
@@ -35,6 +37,7 @@ DEFAULT_NAME = "fusion"
 _SLICE_NS = 20_000_000
 _HEALTH_NS = 500_000_000
 _HANGING_NS = 3_000_000_000
+_PATIENCE_S = 3.0
 _COLLECT_NS = 1_000_000_000
 _log = logging.getLogger(__name__)
 
@@ -80,7 +83,8 @@ def serve(options: ServeOptions) -> None:
         session_id=session_id,
     ) as component:
         _require_alone(component)
-        _Service(options, fusion, component, monitor).run()
+        if _prepare(component, options.config):
+            _Service(options, fusion, component, monitor).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -104,12 +108,23 @@ def _require_alone(component: Component) -> None:
         raise ValueError(f"scene {component.keys.scene!r} is already served by {other.component!r}")
 
 
+def _prepare(component: Component, config: FusionConfig) -> bool:
+    """Compile and import what the method needs; False when told to stop meanwhile."""
+    patience = threading.Timer(_PATIENCE_S, _log.info, ("compiling the methods, once on this machine",))
+    patience.daemon = True
+    patience.start()
+    try:
+        return not any(component.stop.is_set() for _ in rehearse(config))
+    finally:
+        patience.cancel()
+
+
 class _Monitor:
     """Hands the loop's report to the Status thread, and notices when the loop hangs."""
 
     def __init__(self) -> None:
-        self._fields = StatusFields(message="starting")
-        self._alive_ns = time.monotonic_ns()
+        self._fields = StatusFields(message="preparing")
+        self._alive_ns: int | None = None
 
     def report(self, fields: StatusFields) -> None:
         self._fields = fields
@@ -118,7 +133,8 @@ class _Monitor:
         self._alive_ns = monotonic_ns
 
     def status(self) -> StatusFields:
-        fields, silence = self._fields, time.monotonic_ns() - self._alive_ns
+        fields, alive_ns = self._fields, self._alive_ns
+        silence = 0 if alive_ns is None else time.monotonic_ns() - alive_ns
         if silence <= _HANGING_NS:
             return fields
         return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s")
