@@ -1,0 +1,219 @@
+"""A three-source scene recorded, replayed, evaluated offline, and a recorder that is killed."""
+
+import hashlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zenoh
+from mcap.reader import make_reader
+
+from comotion import FusionConfig
+from comotion_experiments.inputs import find_inputs
+from comotion_experiments.offline import run_offline
+from comotion_schemas import Keys, Status, decode, encode
+from comotion_schemas.transport import stream_publisher
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+ROOT = Path(__file__).parents[2]
+PERIOD = 0.25
+"""s between offline updates: enough of them, and quick."""
+
+
+def read(path: Path) -> dict[str, list[bytes]]:
+    """Payloads by key, in the order of receipt."""
+    found: dict[str, list[bytes]] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            found.setdefault(channel.topic, []).append(message.data)
+    return found
+
+
+def of_sources(found: dict[str, list[bytes]]) -> dict[str, list[bytes]]:
+    return {key: payloads for key, payloads in found.items() if "/obs/" in key or "/truth/" in key}
+
+
+def evaluated(path: Path) -> list[bytes]:
+    (scene,) = find_inputs([str(path)])
+    updates: list[bytes] = []
+    run_offline(
+        scene.open(),
+        FusionConfig(),
+        period=PERIOD,
+        on_update=lambda update, _: updates.append(encode(update)),
+    )
+    return updates
+
+
+@pytest.fixture
+def recorded(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
+) -> Path:
+    """A short scene of three sources and a service, with one payload that is no message."""
+    path = tmp_path / "take.mcap"
+    statuses = listen(session, KEYS.stream("status", "recorder"), "status")
+    start("serve", "--connect", endpoint)
+    recorder = start("record", path, "--connect", endpoint)
+    stream_publisher(session, KEYS, "obs", "noise").put(b"nonsense")
+    assert start("source", "simulator", "3d_async", "--duration", "3", "--connect", endpoint).wait() == 0
+    told: Status = statuses.until(lambda s: s.counters["messages"] > 300 and s.rejected)
+    assert told.role == "recorder"
+    assert told.rejected == {"malformed": 1}
+    assert told.rates["hypotheses"] > 0
+    recorder.interrupt()
+    assert recorder.wait() == 0
+    assert "recorded although not valid: 1 malformed" in recorder.lines
+    return path
+
+
+def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Path, tmp_path: Path) -> None:
+    first = read(recorded)
+    sources = of_sources(first)
+    assert first[KEYS.stream("obs", "noise")] == [b"nonsense"]
+    kinds = Counter(key.split("/")[3] for key in first)
+    assert kinds == {"obs": 4, "truth": 3, "hypotheses": 1, "status": 5}
+
+    # Offline: the same updates, in this process twice and in a fresh one with other hash seeds.
+    updates = evaluated(recorded)
+    assert len(updates) >= 10
+    assert evaluated(recorded) == updates
+    fresh = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "comotion_deploy",
+            "evaluate",
+            str(recorded),
+            "--json",
+            "--period",
+            str(PERIOD),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONHASHSEED": "77"},
+    )
+    (run,) = json.loads(fresh.stdout)["runs"]
+    assert run["updates_sha256"] == hashlib.sha256(b"".join(updates)).hexdigest()
+
+    # Live: published again byte for byte, which a second recorder notes.
+    again = tmp_path / "again.mcap"
+    recorder = start("record", again, "--name", "second", "--connect", endpoint)
+    replay = start(
+        "source",
+        "replay",
+        recorded,
+        "--stamps",
+        "original",
+        "--speed",
+        "2",
+        "--connect",
+        endpoint,
+        ready=False,
+    )
+    assert replay.wait() == 0
+    recorder.interrupt()
+    assert recorder.wait() == 0
+    second = of_sources(read(again))
+    assert second.keys() == sources.keys()
+    for key, payloads in second.items():
+        # A loaded machine may lose a batch on the way; what came is what was sent, in its order.
+        sent = iter(sources[key])
+        assert all(payload in sent for payload in payloads)
+        assert len(payloads) >= 0.9 * len(sources[key])
+
+
+def test_a_killed_recorder_loses_at_most_the_last_second(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
+) -> None:
+    path = tmp_path / "take.mcap"
+    statuses = listen(session, KEYS.stream("status", "recorder"), "status")
+    batches = listen(session, KEYS.stream("obs", "simulator-3"), "obs")
+    recorder = start("record", path, "--connect", endpoint)
+    start("source", "simulator", "3d_async", "--loop", "--connect", endpoint)
+    first = batches.next()
+    last = batches.until(lambda batch: batch.stamp_ns - first.stamp_ns > 3 * 10**9)
+    recorder.signal(signal.SIGKILL)
+    assert recorder.wait() == -signal.SIGKILL
+    assert statuses.drain()
+
+    assert start("record", "--repair", path, ready=False).wait() == 0
+    saved = [decode(p) for p in read(tmp_path / "take-repaired.mcap")[KEYS.stream("obs", "simulator-3")]]
+    assert [batch.seq for batch in saved] == sorted({batch.seq for batch in saved})
+    # The last chunk holds what came within a second; a loaded machine is late with it.
+    assert last.stamp_ns - saved[-1].stamp_ns < 2.5 * 10**9
+    assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
+
+
+def test_rotation_and_a_full_disk(
+    start: Callable,
+    endpoint: str,
+    session: zenoh.Session,
+    listen: Callable,
+    track: Callable,
+    tmp_path: Path,
+) -> None:
+    statuses = listen(session, KEYS.stream("status", "recorder"), "status")
+    track(endpoint, rate=50.0)
+    recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
+    statuses.until(lambda s: s.counters["files"] > 2)
+    recorder.interrupt()
+    assert recorder.wait() == 0
+    files = sorted(tmp_path.glob("take-*.mcap"))
+    assert [path.name for path in files[:3]] == ["take-001.mcap", "take-002.mcap", "take-003.mcap"]
+    for path in files:
+        assert read(path)
+
+    free = os.statvfs(tmp_path).f_bavail * os.statvfs(tmp_path).f_frsize
+    full = start(
+        "record", tmp_path / "x.mcap", "--reserve", free / 2**20 + 1000, "--connect", endpoint, ready=False
+    )
+    assert full.wait() == 2
+    assert full.lines[-1].startswith("error: ")
+    assert "are to stay free" in full.lines[-1]
+
+
+def scrape(line: str) -> str:
+    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=10) as reply:
+        return reply.read().decode()
+
+
+def test_metrics_of_service_and_sources_feed_the_dashboard(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable
+) -> None:
+    statuses = listen(session, KEYS.stream("status", "fusion"), "status")
+    service = start("serve", "--metrics-port", "0", "--connect", endpoint)
+    source = start(
+        "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
+    )
+    stream_publisher(session, KEYS, "obs", "noise").put(b"nonsense")
+    # Two Statuses later the first of them is what a scrape tells.
+    for _ in range(2):
+        statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
+    pages = [
+        scrape(p.wait_line(lambda line: line.startswith("metrics at http://127."))) for p in (service, source)
+    ]
+    told = "\n".join(pages)
+    assert (
+        'comotion_rejected_total{component="fusion",reason="malformed",role="service",scene="default"} 1.0'
+        in told
+    )
+    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
+    dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
+    queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
+    names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
+    assert len(names) > 10
+    for name in sorted(names):
+        assert f"\n{name}" in told, name
+    for page in pages:
+        ticks = [line for line in page.splitlines() if line.startswith("comotion_tick_seconds_count")]
+        assert len(ticks) == (page is pages[0])
