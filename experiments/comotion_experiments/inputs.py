@@ -1,18 +1,22 @@
 """What can be evaluated offline: recordings by path, simulated scenes as ``sim:NAME``."""
 
+import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from comotion.runtime.clocks import EventClock
-from comotion_schemas import TruthBatch
+from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.recording import SUFFIX
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
-from .offline import Arrived, Incoming
+from .offline import Arrived, Incoming, Message
 
 SIMULATED = "sim:"
+_LATEST_NS = 10_000_000_000
+_Waiting: TypeAlias = tuple[tuple[int, str, str, int, int], int, ObservationBatch]
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,7 @@ def find_inputs(
     seeds: Sequence[int] = (0,),
     split: int = 1,
     rates: Sequence[float] | None = None,
+    as_received: bool = False,
 ) -> list[Input]:
     """Resolve what the user named; everything is checked before anything runs.
 
@@ -66,6 +71,8 @@ def find_inputs(
         Divide the markers of recordings among so many sources.
     rates
         Hz of every source, or of all; of a scene as many as it is to have sources.
+    as_received
+        Feed recorded scenes in the order of receipt instead of that of acquisition.
 
     Raises
     ------
@@ -79,7 +86,7 @@ def find_inputs(
         if name.startswith(SIMULATED):
             found += _simulated(name, seeds, rates)
         else:
-            found.append(_recorded(name, split, rates))
+            found.append(_recorded(name, split, rates, as_received=as_received))
     return found
 
 
@@ -89,32 +96,61 @@ def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -
     return [Input(name, seed, lambda run=run: simulator.batches(run)) for seed, run in runs]  # type: ignore[misc]
 
 
-def _recorded(name: str, split: int, rates: Sequence[float] | None) -> Input:
+def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_received: bool) -> Input:
     if Path(name).suffix.lower() == SUFFIX:
         if split != 1 or rates is not None:
             raise ValueError(f"{name}: a recorded scene has the sources and rates it has")
-        return _recorded_scene(name)
+        return _recorded_scene(name, as_received=as_received)
     # Read twice: once to refuse what is unreadable before hours of work, once when its turn comes,
     # so that only one recording is in memory at a time.
     recording_batches(read_recording(name), split=split, rates=rates)
     return Input(name, None, lambda: recording_batches(read_recording(name), split=split, rates=rates))
 
 
-def _recorded_scene(name: str) -> Input:
+def _recorded_scene(name: str, *, as_received: bool) -> Input:
     from comotion_sources.recordings.messages import MessageLog
 
     MessageLog(Path(name)).close()
-    return Input(name, None, lambda: _arrivals(name))
+    return Input(name, None, lambda: _arrivals(name, as_received=as_received))
 
 
-def _arrivals(name: str) -> Iterator[Incoming]:
-    """A recorded scene as a service with an event clock takes it in, in the order of receipt."""
+def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
+    """A recorded scene as a service with an event clock takes it in."""
     from comotion_sources.recordings.messages import logged_batches
 
-    clock = EventClock()
-    for log_ns, message in logged_batches(name):
+    clock, logged = EventClock(), logged_batches(name)
+    for log_ns, message in logged if as_received else in_order_of_acquisition(logged):
         if isinstance(message, TruthBatch):
             yield message
             continue
         clock.observe(message.stamp_ns, log_ns)
         yield Arrived(message, clock.now_ns())
+
+
+def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[tuple[int, Message]]:
+    """Sort batches by their stamps, with as much memory as 10 s of a recording take.
+
+    Two recordings of the same messages give the same order, however these were held up on their
+    way; truth comes first. What came more than 10 s after later data stays behind it.
+
+    Parameters
+    ----------
+    logged
+        (receipt in ns, message), in the order of receipt.
+    """
+    waiting: list[_Waiting] = []
+    for number, (log_ns, message) in enumerate(logged):
+        if isinstance(message, TruthBatch):
+            yield log_ns, message
+            continue
+        place = (message.stamp_ns, message.source, message.session, message.seq, number)
+        heapq.heappush(waiting, (place, log_ns, message))
+        while log_ns - waiting[0][1] > _LATEST_NS:
+            yield _popped(waiting)
+    while waiting:
+        yield _popped(waiting)
+
+
+def _popped(waiting: list[_Waiting]) -> tuple[int, ObservationBatch]:
+    _, log_ns, batch = heapq.heappop(waiting)
+    return log_ns, batch

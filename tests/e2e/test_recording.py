@@ -42,8 +42,8 @@ def of_sources(found: dict[str, list[bytes]]) -> dict[str, list[bytes]]:
     return {key: payloads for key, payloads in found.items() if "/obs/" in key or "/truth/" in key}
 
 
-def evaluated(path: Path) -> list[bytes]:
-    (scene,) = find_inputs([str(path)])
+def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
+    (scene,) = find_inputs([str(path)], as_received=as_received)
     updates: list[bytes] = []
     run_offline(
         scene.open(),
@@ -86,6 +86,7 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
     updates = evaluated(recorded)
     assert len(updates) >= 10
     assert evaluated(recorded) == updates
+    assert evaluated(recorded, as_received=True) == evaluated(recorded, as_received=True)
     fresh = subprocess.run(
         [
             sys.executable,
@@ -130,6 +131,8 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
         sent = iter(sources[key])
         assert all(payload in sent for payload in payloads)
         assert len(payloads) >= 0.9 * len(sources[key])
+    if second == sources:
+        assert evaluated(again) == updates
 
 
 def test_a_killed_recorder_loses_at_most_the_last_second(

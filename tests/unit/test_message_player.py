@@ -6,6 +6,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, decode, encode
 from comotion_sources.errors import RecordingError
 from comotion_sources.message_player import MessagePlayer, MessageSchedule, Restamp
@@ -214,3 +215,22 @@ def test_a_recording_that_breaks_off_names_the_repair(tmp_path):
     path.write_bytes(data)
     with pytest.raises(RecordingError, match="comotion record --repair"):
         list(logged_batches(path))
+
+
+def test_the_order_of_acquisition_does_not_depend_on_that_of_receipt():
+    rng = np.random.default_rng(3)
+    items = [(i.log_ns, i.decode()) for i in scene(seconds=30) if i.decode() is not None]
+    orders = []
+    for _ in range(2):
+        held_up = sorted(((t + int(rng.integers(0, 2 * SECOND)), m) for t, m in items), key=lambda x: x[0])
+        orders.append([m.stamp_ns for _, m in in_order_of_acquisition(held_up) if hasattr(m, "seq")])
+    assert orders[0] == orders[1] == sorted(orders[0])
+    assert len(orders[0]) == len(items) - 1
+
+
+def test_a_stamp_from_another_time_holds_nothing_up():
+    wrong = (BEGIN + SECOND, batch("wrong", 0, BEGIN + 10**15))
+    items = [(i.log_ns, i.decode()) for i in scene(seconds=30) if i.decode() is not None]
+    found = list(in_order_of_acquisition([*items[:15], wrong, *items[15:]]))
+    assert found[-1] == wrong
+    assert len(found) == len(items) + 1

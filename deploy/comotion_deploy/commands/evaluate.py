@@ -23,7 +23,7 @@ Examples:
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
 
-_OFFLINE_ONLY = ("method", "assignments", "period", "seeds", "split", "rate")
+_OFFLINE_ONLY = ("method", "assignments", "period", "seeds", "split", "rate", "as_received")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
@@ -72,6 +72,15 @@ def evaluate(
             "--rate", envvar="COMOTION_RATE", metavar="HZ[,HZ...]", help="Rate of the sources, or of each."
         ),
     ] = None,
+    as_received: Annotated[
+        bool,
+        typer.Option(
+            "--as-received",
+            envvar="COMOTION_AS_RECEIVED",
+            help="Feed recorded scenes (.mcap) in the order of receipt, with what came late. "
+            "Default: in that of acquisition.",
+        ),
+    ] = False,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -106,7 +115,9 @@ def evaluate(
     config = options.fusion_config(ctx, method, assignments)
     rates = parse_rates(rate) if rate else None
     try:
-        inputs = find_inputs(files, seeds=parse_seeds(seeds), split=split, rates=rates)
+        inputs = find_inputs(
+            files, seeds=parse_seeds(seeds), split=split, rates=rates, as_received=as_received
+        )
     except ImportError as error:
         raise missing_extra("record", error) from None
     results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot)
