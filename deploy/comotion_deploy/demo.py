@@ -21,9 +21,14 @@ _REPORT_S = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """What the demo shows: `simulated` is a scene of the simulator, `fusion` options of serve."""
+    """What the demo shows: `simulated` is a scene of the simulator, `fusion` options of serve.
+
+    The scene is slowed down so that one pass lasts longer than `duration`: between two passes the
+    bodies would jump.
+    """
 
     simulated: str = "fig4_4"
+    duration: float = 30.0
     seed: int = 0
     fusion: Sequence[str] = field(default_factory=tuple)
     out: Path = Path("out")
@@ -36,11 +41,14 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def demo_processes(options: DemoOptions, endpoint: str, *, on_terminal: bool) -> list[ProcessSpec]:
+def demo_processes(
+    options: DemoOptions, endpoint: str, *, scale: float, on_terminal: bool
+) -> list[ProcessSpec]:
     """Router, service, three sources of different rates, a reporter and watch."""
     at = ("--connect", endpoint, "--scene", "demo")
     # All parts of the scene must agree on when it starts; by then everything is up.
     start = ("--start-at", f"{time.time() + _LEAD_S:.3f}", "--loop", "--seed", options.seed)
+    start = (*start, "--time-scale", f"{scale:.4f}")
     sources = [
         comotion(
             f"{rate}hz", "source", "simulator", options.simulated,
@@ -56,6 +64,28 @@ def demo_processes(options: DemoOptions, endpoint: str, *, on_terminal: bool) ->
         *sources,
         comotion("watch", "watch", *at, foreground=on_terminal),
     ]
+
+
+def time_scale(options: DemoOptions) -> float:
+    """Scene seconds per second: real time, or slower where a pass would be over too soon.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scene.
+    """
+    from comotion_sources.simulator import load_scene
+
+    return min(1.0, load_scene(options.simulated).duration / (options.duration + 2 * _LEAD_S))
+
+
+def prepare() -> None:
+    """Have everything compiled before the scene starts."""
+    from comotion import FusionConfig
+    from comotion.runtime.rehearsal import rehearse
+
+    for _ in rehearse(FusionConfig()):
+        pass
 
 
 def sparkline(values: Sequence[float]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline
+from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline, time_scale
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
 from comotion_deploy.router import zenoh_overrides
@@ -241,12 +241,19 @@ class TestProcesses:
 class TestDemo:
     def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str]) -> None:
         specs = demo_processes(
-            DemoOptions(fusion=["--set", "sigma_switch=0.01"]), "tcp/127.0.0.1:1", on_terminal=True
+            DemoOptions(fusion=["--set", "sigma_switch=0.01"]), "tcp/127.0.0.1:1", scale=0.5, on_terminal=True
         )
         assert [spec.name for spec in specs if spec.foreground] == ["watch"]
         for spec in specs:
             if spec.says_ready and "comotion_deploy" in spec.command:
                 assert run([*spec.command[spec.command.index("comotion_deploy") + 1 :], "--help"]) == 0
+
+    def test_a_pass_outlasts_the_demo_and_is_never_played_fast(self) -> None:
+        # Figure 4.4 lasts 8 s.
+        assert time_scale(DemoOptions(duration=30.0)) < 8 / 30
+        assert time_scale(DemoOptions(duration=0.0)) == 1.0
+        with pytest.raises(ValueError, match="no scene 'nonsense'"):
+            time_scale(DemoOptions(simulated="nonsense"))
 
     def test_nmi_per_second(self) -> None:
         stamps = [0, 10**9 // 2, 10**9, 3 * 10**9]

@@ -41,19 +41,22 @@ def demo(
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
     """Run router, three simulated sources, the service and watch; end with a summary and a plot."""
-    from ..demo import DemoOptions, demo_processes, free_endpoint, show_summary
+    from ..demo import DemoOptions, demo_processes, free_endpoint, prepare, show_summary, time_scale
     from ..launcher import launch
 
     as_in_thesis = method == "thesis" and simulated == "fig4_4"
     settings = assignments or (_THESIS_FIG_4_4 if as_in_thesis else ())
     fusion = [word for setting in settings for word in ("--set", setting)]
     fusion += ["--method", method] if method else []
-    how = DemoOptions(simulated=simulated, seed=seed, fusion=fusion, out=out)
+    how = DemoOptions(simulated=simulated, duration=duration, seed=seed, fusion=fusion, out=out)
+    scale = time_scale(how)
     out.mkdir(parents=True, exist_ok=True)
     for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
         (out / name).unlink(missing_ok=True)
-    on_terminal = sys.stdout.isatty()
-    processes = demo_processes(how, free_endpoint(), on_terminal=on_terminal)
     print(f"{simulated} for {duration:g} s; Ctrl-C ends it earlier; results go to {out}", flush=True)
+    print("preparing; the first time on a machine this compiles for a while", flush=True)
+    prepare()
+    on_terminal = sys.stdout.isatty()
+    processes = demo_processes(how, free_endpoint(), scale=scale, on_terminal=on_terminal)
     launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=duration)
     show_summary(out)
