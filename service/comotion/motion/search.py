@@ -19,6 +19,8 @@ from .tracks import Ints
 # Candidates are compared on this many frames; what is chosen is fitted to all.
 _KEY_FRAMES = 50
 _ROUNDS = 2
+# The dead tell how bodies moved, but a hypothesis is for the living.
+_DEAD_SAY = 0.5
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def search(
     for round_ in range(_ROUNDS):
         bodies = _refit(frames, bodies, labels, judged, keep=round_ == 0)
         found = costs(frames, bodies, config)
-        chosen = select(_of(found, judged))
+        chosen = select(_of(frames, found, judged))
         bodies = [bodies[k] for k in chosen]
         evidence = Costs(found.body[:, chosen], found.outlier, found.opening[chosen])
         rough = cheapest(evidence.body, evidence.outlier)
@@ -81,7 +83,7 @@ def _first(
     groups = [rows for rows in groups if len(rows) >= 2]
     bodies = [static_body(len(few.stamps)), *(fit(few, rows) for rows in groups)]
     found = costs(few, bodies, config, len(frames.stamps) / len(few.stamps))
-    chosen = select(_of(found, judged))
+    chosen = select(_of(frames, found, judged))
     return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
 
 
@@ -96,8 +98,10 @@ def _thinned(frames: Frames, stride: int) -> Frames:
     )
 
 
-def _of(found: Costs, judged: NDArray[np.bool_]) -> Costs:
-    return Costs(found.body[judged], found.outlier[judged], found.opening)
+def _of(frames: Frames, found: Costs, judged: NDArray[np.bool_]) -> Costs:
+    """Costs of those that have a say in which hypotheses there are."""
+    say = np.where(frames.alive, 1.0, _DEAD_SAY)[judged]
+    return Costs(found.body[judged] * say[:, None], found.outlier[judged] * say, found.opening)
 
 
 def _refit(
