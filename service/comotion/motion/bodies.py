@@ -84,7 +84,8 @@ def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: flo
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
     C_ik = 1/2 sum_f min(|y_body - b_i|^2 / v_ik, cap dim), y_body the trajectory in the body's frame
-    and b_i its robust mean. `stretch` scales costs of thinned frames to those of all.
+    and b_i its robust mean. A degree of freedom gains half a nat by fitting noise, whatever it is worth;
+    its price is beyond that. `stretch` scales costs of thinned frames to those of all.
     """
     found = [_cost(frames, body, config) for body in bodies]
     body = np.stack([frames.per_track(one) for one in found], 1) * stretch
@@ -94,7 +95,7 @@ def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: flo
         [
             0.0
             if b.static
-            else 0.5 * b.dof * config.pose_price * stretch * int(b.posed.sum()) + config.birth_price
+            else 0.5 * b.dof * (1 + config.pose_price) * stretch * int(b.posed.sum()) + config.birth_price
             for b in bodies
         ]
     )

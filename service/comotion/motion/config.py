@@ -30,7 +30,7 @@ class MotionConfig(BaseModel):
         0.5, description="share of the cap that a frame of an outlier costs"
     )
     pose_price: Positive = Field(
-        1.6, description="price of a degree of freedom of a pose, in halves of a nat"
+        0.6, description="half nats that a degree of freedom of a pose must gain beyond the noise it fits"
     )
     birth_price: Positive = Field(15.0, description="nat; price of a hypothesis beside its poses")
     stay: Annotated[float, Field(ge=0, le=100)] = Field(

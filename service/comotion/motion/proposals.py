@@ -45,3 +45,25 @@ def _deviation(frames: Frames, rows: Ints) -> Floats:
     owner = frames.owner[rows]
     deviation[owner[:, None] == owner[None]] = 0.0
     return np.asarray(np.nan_to_num(deviation, nan=_UNKNOWN))
+
+
+def adopt(frames: Frames, bodies: list[Ints], strays: Ints) -> list[Ints]:
+    """Each stray trajectory's rows with those of the body it keeps its distance from best.
+
+    A pair turns freely about its axis, so that its motion says nothing of a third member: only a fit
+    to all three can tell that it belongs.
+
+    Parameters
+    ----------
+    bodies
+        Rows of each body.
+    strays
+        intp [n], trajectories that belong to none.
+    """
+    found = []
+    for one in strays.tolist():
+        rows = frames.rows_of(np.array([one]))
+        distances = [float(_deviation(frames, np.append(rows[:1], body))[0, 1:].mean()) for body in bodies]
+        if distances:
+            found.append(np.sort(np.concatenate([bodies[int(np.argmin(distances))], rows])))
+    return found

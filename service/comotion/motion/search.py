@@ -12,7 +12,7 @@ from .bodies import Body, Costs, costs, fit, static_body
 from .config import MotionConfig
 from .frames import Frames
 from .identity import columns_before, match
-from .proposals import propose
+from .proposals import adopt, propose
 from .selection import select
 from .tracks import Ints
 
@@ -79,8 +79,9 @@ def _first(
     groups = [
         frames.rows_of(before == h) for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, static)
     ]
-    groups += propose(few, few.rows_of(few.alive & judged))
     groups = [rows for rows in groups if len(rows) >= 2]
+    strays = np.flatnonzero((before == NO_HYPOTHESIS) & few.alive & judged)
+    groups += adopt(few, groups, strays) + propose(few, few.rows_of(few.alive & judged))
     bodies = [static_body(len(few.stamps)), *(fit(few, rows) for rows in groups)]
     found = costs(few, bodies, config, len(frames.stamps) / len(few.stamps))
     chosen = select(_of(frames, found, judged))
