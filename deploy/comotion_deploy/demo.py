@@ -47,12 +47,12 @@ def demo_processes(
     """Router, service, three sources of different rates, a reporter and watch."""
     at = ("--connect", endpoint, "--scene", "demo")
     # All parts of the scene must agree on when it starts; by then everything is up.
-    start = ("--start-at", f"{time.time() + _LEAD_S:.3f}", "--loop", "--seed", options.seed)
-    start = (*start, "--time-scale", f"{scale:.4f}")
+    start = f"{time.time() + _LEAD_S:.3f}"
+    playing = ("--start-at", start, "--loop", "--time-scale", f"{scale:.4f}", "--seed", options.seed)
     sources = [
         comotion(
             f"{rate}hz", "source", "simulator", options.simulated,
-            "--rate", rate, "--part", f"{k}/{len(RATES)}", "--name", f"{rate}hz", *start, *at,
+            "--rate", rate, "--part", f"{k}/{len(RATES)}", "--name", f"{rate}hz", *playing, *at,
         )
         for k, rate in enumerate(RATES, 1)
     ]  # fmt: skip

@@ -1,0 +1,24 @@
+"""``comotion demo``: from nothing to a result, ended early by Ctrl-C."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.e2e
+
+
+def test_the_demo_ends_with_a_summary_and_a_plot_on_ctrl_c(start, tmp_path: Path) -> None:
+    demo = start("demo", "--out", tmp_path / "out", ready=False)
+    demo.wait_line(lambda line: "all processes are ready" in line, deadline=90)
+    demo.wait_line(lambda line: re.search(r"watch \| .* 40 tracks [2-9] hypotheses", line) is not None)
+    demo.interrupt()
+    assert demo.wait() == 0
+    assert "mean NMI" in demo.output
+    assert "NMI over time" in demo.output
+    assert (tmp_path / "out" / "demo.png").read_bytes().startswith(b"\x89PNG")
+    values = json.loads((tmp_path / "out" / "demo.json").read_text())
+    assert values["scored"] > 0
+    assert values["lost"] == 0
+    assert len(values["over_time"]) == values["updates"]
