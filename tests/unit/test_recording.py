@@ -21,6 +21,7 @@ from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_deploy.cli import run
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.export import json_schema
+from comotion_sources.recordings.messages import MessageLog
 from comotion_sources.simulator import batches, load_scene, simulate
 
 KEYS = Keys("lab")
@@ -342,3 +343,14 @@ def test_a_key_without_messages_is_refused(tmp_path: Path):
         pytest.raises(ValueError, match="no messages"),
     ):
         file.add(KEYS.query("status"), BEGIN, b"", None)
+
+
+def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, monkeypatch):
+    monkeypatch.setattr("comotion_clients.recording.series.MAX_KEYS", 5)
+    flood = [Arrival("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
+    series = record(tmp_path / "take.mcap", [SCENE[0], *flood])
+    assert series.tally.invalid == {"malformed": 4, "limit": 6}
+    assert len(read(series.path)) == 5
+    with MessageLog(series.path) as log:
+        assert log.sources == ["simulator-1"]
+        assert [m.payload for m in log.messages()] == [SCENE[0].payload]

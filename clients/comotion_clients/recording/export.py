@@ -21,7 +21,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -46,8 +46,8 @@ from ..metrics import Truth
 from ..scoring import Observed, Tally
 from . import foxglove
 from .disk import create
+from .foxglove_schemas import SCHEMAS, Json
 
-Json = dict[str, Any]
 # What reading damaged bytes raises.
 _DAMAGED = (
     McapError,
@@ -228,7 +228,7 @@ class _Exporter:
     def _channel(self, topic: str, schema: str) -> int:
         if topic not in self._channels:
             if schema not in self._schemas:
-                data = json.dumps(foxglove.SCHEMAS[schema]).encode()
+                data = json.dumps(SCHEMAS[schema]).encode()
                 self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, data)
             self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
         return self._channels[topic]

@@ -65,7 +65,13 @@ class Result:
             f"of these dropped here, the disk was too slow: {n} of {k}"
             for k, n in sorted(self.dropped.items())
         ]
-        lines += [f"recorded although not valid: {n} {reason}" for reason, n in sorted(self.invalid.items())]
+        lines += [
+            f"recorded although not valid: {n} {reason}"
+            for reason, n in sorted(self.invalid.items())
+            if reason != "limit"
+        ]
+        if "limit" in self.invalid:
+            lines.append(f"not recorded, on one key too many: {self.invalid['limit']}")
         return lines
 
 

@@ -13,6 +13,8 @@ from comotion_schemas.recording import LOSSES
 from .disk import free_bytes
 from .file import RecordingFile, StorageError
 
+MAX_KEYS = 10_000
+"""What comes on further keys is refused: MCAP numbers its channels with 16 bits."""
 _INDEX_SHARE = 0.02
 """An index takes well under this share of its file."""
 
@@ -46,7 +48,8 @@ class Tally:
     """What has been recorded.
 
     `lost`: gaps in the sequence numbers of a stream, by key; `invalid`: payloads by the reason why
-    they are not valid (they are recorded all the same); `newest`: wall clock ns of a kind's last one.
+    they are not valid (they are recorded all the same, but for ``limit``: one key too many);
+    `newest`: wall clock ns of a kind's last one.
     """
 
     messages: dict[Kind, int] = field(default_factory=dict)
@@ -101,6 +104,7 @@ class Series:
         self.tally = Tally()
         self.paths: list[Path] = []
         self._sequences = _Sequences()
+        self._keys: set[str] = set()
         self._truth: dict[str, tuple[str, list[tuple[bytes, TruthBatch]]]] = {}
         self._begun_ns: int | None = None
         self._closed_bytes = 0
@@ -119,6 +123,9 @@ class Series:
 
     def add(self, arrival: Arrival) -> None:
         """Record one payload."""
+        if not self._admits(arrival.key):
+            self.tally.invalid["limit"] = self.tally.invalid.get("limit", 0) + 1
+            return
         message = self._check(arrival)
         if self._begun_ns is None:
             self._begun_ns = arrival.log_ns
@@ -147,6 +154,11 @@ class Series:
         """Complete the last file as far as the disk lets one; never raises."""
         _try(self._file.flush)
         _try(self._file.close)
+
+    def _admits(self, key: str) -> bool:
+        if key not in self._keys and len(self._keys) < MAX_KEYS:
+            self._keys.add(key)
+        return key in self._keys
 
     def _check(self, arrival: Arrival) -> Message | None:
         """Decode, and count what is missing or not valid."""

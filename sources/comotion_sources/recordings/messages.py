@@ -17,6 +17,7 @@ from comotion_schemas import DecodeError, Message, ObservationBatch, TruthBatch,
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.qos import Kind
 from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
+from comotion_schemas.types import is_name
 
 from ..errors import RecordingError
 
@@ -95,7 +96,10 @@ class MessageLog:
         self._topics = {
             channel.topic: kind
             for channel in summary.channels.values()
-            if channel.message_encoding == MESSAGE_ENCODING and (kind := kind_of(channel.topic))
+            if channel.message_encoding == MESSAGE_ENCODING
+            and (kind := kind_of(channel.topic))
+            # Anybody can publish on any key; no source may have such a name.
+            and is_name(last_chunk(channel.topic))
         }
         streams = {"obs", "truth", "joints", "preview"}
         self.sources = sorted({last_chunk(key) for key, kind in self._topics.items() if kind in streams})
