@@ -152,10 +152,11 @@ def test_a_killed_simulator_comes_back_in_phase(start, endpoint, session, listen
     observations = listen(session, KEYS.streams("obs"), "obs")
     begin = round(time.time())
     arguments = ("source", "simulator", scene, "--connect", endpoint, "--loop", "--start-at", begin)
-    start(*arguments).kill()
-    before = [batch.session for batch in observations.drain()]
+    process = start(*arguments)
+    killed = observations.next().session
+    process.kill()
     start(*arguments, "--rate", 20)
-    batch = observations.until(lambda one: one.session not in before and len(one.ids))
+    batch = observations.until(lambda one: one.session != killed and len(one.ids))
     t = (batch.stamp_ns / 1e9 - begin) % 2.0
     wanted = list(Simulation(load_scene(scene), rate=20.0))[round(t * 20)]
     np.testing.assert_array_equal(batch.ids, wanted.ids)
