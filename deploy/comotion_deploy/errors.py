@@ -12,4 +12,5 @@ def one_line(message: object) -> str:
 
 def missing_extra(extra: str, error: ImportError) -> UserError:
     """Build the error for an optional dependency that is not installed."""
-    return UserError(f"{error.name} is not installed: pip install 'comotion[{extra}]'")
+    package = (error.name or str(error)).partition(".")[0]
+    return UserError(f"{package} is not installed: pip install 'comotion[{extra}]'")

@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import struct
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -354,3 +356,17 @@ def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, m
     with MessageLog(series.path) as log:
         assert log.sources == ["simulator-1"]
         assert [m.payload for m in log.messages()] == [SCENE[0].payload]
+
+
+@pytest.mark.parametrize(
+    "command", [["record", "--repair"], ["source", "replay"], ["evaluate"]], ids=" ".join
+)
+def test_without_the_extra_one_line_says_what_to_install(tmp_path, command):
+    path = record(tmp_path / "take.mcap", SCENE[:50]).path
+    script = (
+        "import sys; sys.modules['mcap'] = None; from comotion_deploy.cli import run;"
+        f"sys.exit(run({[*command, str(path)]!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "error: mcap is not installed: pip install 'comotion[record]'\n"
