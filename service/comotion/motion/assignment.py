@@ -15,6 +15,8 @@ _SWEEPS = 3
 _SETTLED = 1.0
 # The dead speak too, if they lived for so many frames.
 DEAD_FRAMES = 8
+# Smallest variance of a density in any direction, as a share of all.
+_FLATTEST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,9 @@ def _log_density(x: Floats, members: Ints, voice: Floats, spacing: float) -> Flo
     dim = x.shape[1]
     total = voice.sum()
     z = x[members] - (voice[:, None] * x[members]).sum(0) / total
-    spread = np.einsum("n,ni,nj->ij", voice, z, z) + spacing * np.eye(dim)
+    spread = np.einsum("n,ni,nj->ij", voice, z, z)
+    # Coincident features on a line or plane leave no spacing: stay clear of rounding.
+    spread += max(spacing, _FLATTEST * np.trace(spread)) * np.eye(dim)
     spread /= total + dim
     bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
