@@ -124,7 +124,9 @@ class PixelEngine:
             at = {slot: k for k, slot in enumerate(grown.tolist())}
             rows = np.array([k for k, slot in enumerate(current.tolist()) if slot in at], np.intp)
             index = np.array([at[slot] for slot in current[rows].tolist()], np.intp)
-            self._affinity[np.ix_(rows, rows)] = found.similarity.value[np.ix_(index, index)]
+            # Rounding and the floors of its factors can lift a similarity above 1.
+            alike = np.minimum(found.similarity.value[np.ix_(index, index)], np.float32(1))
+            self._affinity[np.ix_(rows, rows)] = alike
         np.fill_diagonal(self._affinity, 1.0)
 
     def _note(self, window: Window, stamp_ns: int) -> list[Any]:

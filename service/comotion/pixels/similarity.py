@@ -108,7 +108,8 @@ def _combine(
     square = np.zeros((dims + 1, count), np.float32)
     for k in range(dims):
         square[k + 1] = square[k] + vectors[k] * vectors[k]
-    inverse = 1 / np.maximum(square, np.float32(1e-20))
+    # A row may be 0 (a feature at the origin); the product of two of these must stay finite.
+    inverse = 1 / np.maximum(square, np.float32(1e-16))
     out = np.empty((count, count), np.float32)
     wanted = np.zeros(dims, np.bool_)
     wanted[ranks - 1] = True
