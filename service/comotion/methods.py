@@ -9,7 +9,8 @@ from .thesis import ThesisEngine
 
 def make_engine(config: FusionConfig, spec: SpaceSpec, ids: IdAllocator) -> Engine:
     """Engine of `config.method` for one space."""
-    if config.method == "comotion" and spec.unit == "px":
+    # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
+    if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
         return PixelEngine(config, spec, ids)
     if config.method == "comotion":
         return MotionEngine(config, spec, ids)
