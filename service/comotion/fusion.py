@@ -21,7 +21,7 @@ from .config import FusionConfig, to_ns
 from .engine import IdAllocator, Partition, SpaceSpec
 from .health import SourceHealth, source_health
 from .methods import make_engine
-from .space import Space
+from .space import MAX_COORDINATE, Space
 from .stats import Stats
 from .timeline import Instant, Timeline
 
@@ -84,6 +84,8 @@ class Fusion:
         space = self.spaces.get(batch.space)
         if space is not None and not space.spec.suits(batch):
             self.stats.reject("space-mismatch")
+        elif np.abs(batch.positions).max(initial=0.0) > MAX_COORDINATE:
+            self.stats.reject("range")
         else:
             self.timeline.add(batch)
 

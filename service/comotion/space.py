@@ -13,6 +13,8 @@ from .timeline import Instant
 from .window import Bools, Slots, Window
 
 _MIN_OBSERVATIONS = 2
+# m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
+MAX_COORDINATE = 1e9
 
 Ids = NDArray[np.uint64]
 
@@ -67,6 +69,8 @@ class Space:
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            # Noise beyond what coordinates can express says no more than at these ends, and squares badly.
+            np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
         turns = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
         positions = batch.positions[rows].astype(np.float64)
         stored = self.window.insert(slots, instant.stamp_ns, positions, sigma, turns)
@@ -135,8 +139,10 @@ class Space:
         limits = np.zeros(self.window.capacity, np.int64)
         for source in np.unique(self.window.source[self.window.used]).tolist():
             limits[self.window.source == source] = timeout_ns(source)
+        # Where the window is shorter than the timeout, what has left it has no state to report.
+        held = self.window.stop > self.window.start
         # Compare stamps, not differences: the smallest int64 stands for "never observed".
-        return self.window.used & (self.window.last_ns >= stamp_ns - limits)
+        return self.window.used & held & (self.window.last_ns >= stamp_ns - limits)
 
     def _forget(self, fresh: Bools) -> None:
         """Let go of trajectories that are outdated and too short to say anything."""
