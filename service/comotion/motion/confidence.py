@@ -5,17 +5,14 @@ from numpy.typing import NDArray
 
 from ..window import Floats
 from .assignment import Assignment
-from .config import MotionConfig
-from .frames import Frames
 
 # Residuals of successive frames are alike, so costs overstate the evidence. Measured on the simulated
-# scenes (docs/accuracy.md): at this temperature assignments at 0.9 are right nine times in ten.
+# scenes (docs/accuracy.md): at this temperature assignments at 0.9 are right at least nine times in ten.
 _TEMPERATURE = 2.0
 
 
-def posterior(assignment: Assignment, frames: Frames, config: MotionConfig) -> Floats:
+def posterior(assignment: Assignment) -> Floats:
     """Probability of being an outlier and of belonging to each body, float64 [N, 1 + K]."""
-    del frames, config
     logits = -assignment.cost / _TEMPERATURE
     logits -= logits.max(1, keepdims=True)
     chances = np.exp(logits)

@@ -77,7 +77,7 @@ class MotionEngine:
         hypotheses = self._describer.describe(tracks, frames, found, ids)
         self._offsets.learn(tracks, frames, columns)
         chosen = np.searchsorted(tracks.key, window.key[current])
-        chances = posterior(found.assignment, frames, self._config)[chosen]
+        chances = posterior(found.assignment)[chosen]
         self._affinity = same_body(chances)
         confidence = chances[np.arange(len(chosen)), columns[chosen] + 1]
         return Partition(labels[chosen], confidence, hypotheses, events)
