@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from collections import Counter
 from collections.abc import Callable
@@ -20,7 +21,6 @@ from comotion import FusionConfig
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
-from comotion_schemas.transport import stream_publisher
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
@@ -54,6 +54,18 @@ def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
     return updates
 
 
+def put_once_heard(session: zenoh.Session, key: str, payload: bytes) -> None:
+    """Publish when the session knows of a subscriber; until then Zenoh drops what is put."""
+    publisher = session.declare_publisher(key)
+    heard = threading.Event()
+    listener = publisher.declare_matching_listener(lambda status: status.matching and heard.set())
+    if publisher.matching_status.matching:
+        heard.set()
+    assert heard.wait(20)
+    publisher.put(payload)
+    listener.undeclare()
+
+
 @pytest.fixture
 def recorded(
     start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
@@ -63,8 +75,8 @@ def recorded(
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     start("serve", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
-    stream_publisher(session, KEYS, "obs", "noise").put(b"nonsense")
     assert start("source", "simulator", "3d_async", "--duration", "3", "--connect", endpoint).wait() == 0
+    put_once_heard(session, KEYS.stream("obs", "noise"), b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 300 and s.rejected)
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
@@ -198,7 +210,7 @@ def test_metrics_of_service_and_sources_feed_the_dashboard(
     source = start(
         "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
     )
-    stream_publisher(session, KEYS, "obs", "noise").put(b"nonsense")
+    put_once_heard(session, KEYS.stream("obs", "noise"), b"nonsense")
     # Two Statuses later the first of them is what a scrape tells.
     for _ in range(2):
         statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
