@@ -30,6 +30,20 @@ class Experiment:
     robustness: bool = True
 
 
+@dataclass(frozen=True)
+class Variation:
+    """Mean NMI of each case, by name, with one parameter scaled; `factor` 1: all as they are."""
+
+    parameter: str
+    factor: float
+    scores: dict[str, float]
+
+    @property
+    def mean(self) -> float:
+        """Mean over the cases."""
+        return float(np.mean(list(self.scores.values())))
+
+
 @dataclass
 class Results:
     """Outcomes by case name and method, in the order of seeds; and the rest of the report."""
@@ -38,7 +52,7 @@ class Results:
     outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
     linkage: dict[str, Array] = field(default_factory=dict)
     motion: MotionErrors = field(default_factory=MotionErrors)
-    robustness: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    variations: list["Variation"] = field(default_factory=list)
 
 
 def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
@@ -55,7 +69,7 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
     progress("pose and twist")
     results.motion = motion_errors(list(experiment.seeds))
     if experiment.robustness:
-        results.robustness = _robustness(experiment, progress)
+        results.variations = _variations(experiment, progress)
     return results
 
 
@@ -65,15 +79,16 @@ def _config(method: str, case: Case) -> FusionConfig:
     return FusionConfig(method="thesis", sigma_switch=case.sigma_switch, v_move=None)
 
 
-def _robustness(experiment: Experiment, progress: Progress) -> dict[str, tuple[float, float, float]]:
-    """Mean NMI with each parameter as it is, halved and doubled."""
+def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:
+    """Scores with every parameter as it is, then with each halved and doubled."""
     cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
-    base = _mean_of(cases, MotionConfig())
-    found = {}
+    progress("robustness")
+    found = [Variation("", 1.0, _scores_of(cases, MotionConfig()))]
     for name, value in MotionConfig().model_dump().items():
         progress(f"robustness: {name}")
-        half, double = (_mean_of(cases, MotionConfig(**_scaled(name, value, k))) for k in (0.5, 2.0))
-        found[name] = (half, base, double)
+        for factor in (0.5, 2.0):
+            scaled = MotionConfig(**_scaled(name, value, factor))
+            found.append(Variation(name, factor, _scores_of(cases, scaled)))
     return found
 
 
@@ -84,6 +99,6 @@ def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:
     return {name: min(scaled, 1.0) if name == "outlier_share" else scaled}
 
 
-def _mean_of(cases: Sequence[Case], motion: MotionConfig) -> float:
+def _scores_of(cases: Sequence[Case], motion: MotionConfig) -> dict[str, float]:
     config = FusionConfig(motion=motion)
-    return float(np.mean([run_case(case, config, 0, _ROBUST_SECONDS).mean for case in cases]))
+    return {case.name: run_case(case, config, 0, _ROBUST_SECONDS).mean for case in cases}

@@ -154,8 +154,11 @@ def _reliability(results: Results, picture: str) -> str:
 
 
 def _robustness(results: Results) -> str:
-    if not results.robustness:
+    if not results.variations:
         return ""
+    base, *scaled = results.variations
+    halved = {v.parameter: v.mean for v in scaled if v.factor < 1}
+    doubled = {v.parameter: v.mean for v in scaled if v.factor > 1}
     lines = [
         "## Robustness",
         "",
@@ -165,7 +168,34 @@ def _robustness(results: Results) -> str:
         "| parameter | halved | as it is | doubled |",
         "|---|---|---|---|",
     ]
-    lines += [f"| {k} | {a:.3f} | {b:.3f} | {c:.3f} |" for k, (a, b, c) in results.robustness.items()]
+    lines += [f"| {k} | {halved[k]:.3f} | {base.mean:.3f} | {doubled[k]:.3f} |" for k in halved]
+    return "\n".join(lines) + _leave_one_out(results)
+
+
+def _leave_one_out(results: Results) -> str:
+    """What choosing among these settings on the other recordings gives on the one left out."""
+    names = [c.name for c in results.experiment.cases if c.group == "recordings"]
+    if len(names) < 2:
+        return ""
+    scores = np.array([[v.scores[name] for name in names] for v in results.variations])
+    lines = [
+        "",
+        "",
+        "### Leave one recording out",
+        "",
+        "The setting of the table above with the best mean on the other recordings, scored on the one left",
+        "out.",
+        "",
+        "| recording | setting chosen | there | as it is |",
+        "|---|---|---|---|",
+    ]
+    chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
+    for k, name in enumerate(names):
+        best = results.variations[chosen[k]]
+        setting = f"{best.parameter} x {best.factor:g}" if best.parameter else "as it is"
+        lines.append(f"| {name} | {setting} | {scores[chosen[k], k]:.3f} | {scores[0, k]:.3f} |")
+    there = scores[chosen, np.arange(len(names))].mean()
+    lines.append(f"| **mean** | | **{there:.3f}** | {scores[0].mean():.3f} |")
     return "\n".join(lines)
 
 
