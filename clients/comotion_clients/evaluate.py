@@ -63,6 +63,7 @@ class _Feed:
     def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
         self.tally = Tally(Truth())
         self.first_at: float | None = None
+        self._scored_ns: int | None = None
         self._on_update = on_update
         self.observed = Observed()
         self._waiting: list[tuple[float, HypothesisUpdate]] = []
@@ -82,7 +83,11 @@ class _Feed:
         now = time.monotonic()
         while self._waiting and (settled or now - self._waiting[0][0] >= SETTLE_S):
             _, update = self._waiting.pop(0)
-            self._on_update(update, self.tally.add(update, self.observed))
+            # Where time stands still (every source has ended), an update says nothing new; scoring it
+            # again and again would let the last state outweigh the run.
+            if update.stamp_ns != self._scored_ns:
+                self._scored_ns = update.stamp_ns
+                self._on_update(update, self.tally.add(update, self.observed))
 
     def close(self) -> None:
         """Undeclare everything."""
@@ -97,7 +102,8 @@ def evaluate(
 ) -> LiveRun:
     """Score a running scene until the time is over or it is told to stop.
 
-    Every track that is observed at an update's stamp is scored, listed by the update or not.
+    Every track that is observed at an update's stamp is scored, listed by the update or not. Updates
+    that repeat a stamp, because all sources have ended, are left out.
 
     Parameters
     ----------
