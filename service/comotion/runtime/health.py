@@ -58,7 +58,7 @@ class Health:
             ages={s.name: s.age_ns / 1e9 for s in sources},
             counters=counters,
             rejected=rejected,
-            message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no source yet"),
+            message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no live source"),
         )
 
     def _rates(self, monotonic_ns: int) -> dict[str, float]:
