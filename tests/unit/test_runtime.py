@@ -48,10 +48,10 @@ class TestHeadStart:
             head_start.note(40)
         assert head_start.ns == 80
 
-    def test_leaves_a_fifth_of_the_period_to_take_in_data(self) -> None:
+    def test_leaves_a_twentieth_of_the_period_to_take_in_data(self) -> None:
         head_start = HeadStart(1000)
         head_start.note(900)
-        assert head_start.ns == 800
+        assert head_start.ns == 950
 
 
 class TestEventClock:

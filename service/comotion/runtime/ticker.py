@@ -31,12 +31,12 @@ class Ticker:
 class HeadStart:
     """How long before a deadline to begin, so that work of varying length is done when it comes.
 
-    Twice the longest of the recent durations, at most four fifths of a period: results leave evenly spaced,
+    Twice the longest of the recent durations, at most 95 % of a period: results leave evenly spaced,
     at the price of being older by what is not needed.
     """
 
     def __init__(self, period_ns: int) -> None:
-        self._longest_ns = 4 * period_ns // 5
+        self._longest_ns = 19 * period_ns // 20
         self._durations: deque[int] = deque(maxlen=_REMEMBERED)
 
     @property
