@@ -7,7 +7,20 @@ from importlib import metadata
 
 import typer
 
-from .commands import calibrate, config, demo, evaluate, record, reproduce, router, serve, source, up, watch
+from .commands import (
+    bench,
+    calibrate,
+    config,
+    demo,
+    evaluate,
+    record,
+    reproduce,
+    router,
+    serve,
+    source,
+    up,
+    watch,
+)
 from .errors import UserError, one_line
 
 app = typer.Typer(
@@ -45,6 +58,7 @@ app.command("record", epilog=record.EPILOG)(record.record)
 app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
 app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.add_typer(reproduce.app, name="reproduce")
+app.command("bench", epilog=bench.EPILOG)(bench.bench)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 

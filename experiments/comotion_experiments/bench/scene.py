@@ -1,0 +1,136 @@
+"""A made-up scene of any size: rigid bodies before a background that rests, seen by several sources.
+
+Features die and are replaced at a steady rate, on the same body at another place. What a source
+publishes depends on the seed alone.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import ObservationBatch
+
+Floats = NDArray[np.float64]
+
+SESSION = "b" * 16
+_EXTENT = 2.0
+_BODY_EXTENT = 0.3
+_SINES = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneSpec:
+    """What the scene holds; lengths in metres.
+
+    Attributes
+    ----------
+    features
+        Tracked at any time, over all sources.
+    bodies
+        Moving bodies; half of all features are on the background.
+    sources, rate
+        Sources and their rate in Hz; they are out of step by equal parts of a period.
+    churn
+        Share of the features that is replaced per second.
+    noise
+        Standard deviation of each coordinate.
+    seed
+        Of everything that is drawn.
+    """
+
+    features: int = 1000
+    bodies: int = 6
+    sources: int = 3
+    rate: float = 30.0
+    churn: float = 0.03
+    noise: float = 0.002
+    seed: int = 0
+
+
+@dataclass
+class Scene:
+    """Sources of a scene, frame by frame.
+
+    `truth` maps the name of a source to the body of every id it has used, by id; 0 is the background.
+    """
+
+    spec: SceneSpec
+    start_ns: int = 1_700_000_000_000_000_000
+    truth: dict[str, list[int]] = field(default_factory=dict)
+
+    def frames(self, source: int) -> Iterator[ObservationBatch]:
+        """Batches of one source in the order of their stamps, without end."""
+        spec, name = self.spec, f"s{source}"
+        bodies = _Bodies(spec)
+        rng = np.random.default_rng((spec.seed, 1 + source))
+        count = spec.features // spec.sources + (source < spec.features % spec.sources)
+        of = _spread(count, spec.bodies)
+        self.truth[name] = of.tolist()
+        ids, places = np.arange(count), bodies.places(of, rng)
+        seq = 0
+        while True:
+            seconds = (seq + source / spec.sources) / spec.rate
+            dead = (
+                np.flatnonzero(rng.uniform(size=count) < spec.churn / spec.rate) if seq else np.zeros(0, int)
+            )
+            ended = ids[dead]
+            ids[dead] = len(self.truth[name]) + np.arange(len(dead))
+            self.truth[name] += of[dead].tolist()
+            places[dead] = bodies.places(of[dead], rng)
+            positions = bodies.move(places, of, seconds) + rng.normal(0, spec.noise, places.shape)
+            yield ObservationBatch(
+                source=name,
+                session=SESSION,
+                seq=seq,
+                space="world",
+                unit="m",
+                dim=3,
+                stamp_ns=self.start_ns + round(seconds * 1e9),
+                ids=ids.astype(np.uint64),
+                positions=positions.astype(np.float32),
+                ended=ended.astype(np.uint64) if len(ended) else None,
+            )
+            seq += 1
+
+    def merged(self, seconds: float) -> Iterator[ObservationBatch]:
+        """Batches of all sources by their stamps."""
+        streams = [self.frames(source) for source in range(self.spec.sources)]
+        for _ in range(round(seconds * self.spec.rate)):
+            yield from (next(stream) for stream in streams)
+
+
+def _spread(count: int, bodies: int) -> NDArray[np.intp]:
+    """Body of each feature: every other one on the background, the rest dealt to bodies 1, 2, ..."""
+    place = np.arange(count)
+    return np.where(place % 2 == 0, 0, 1 + (place // 2) % bodies)
+
+
+class _Bodies:
+    """Motions as those of the 3-D set: sums of sines in position and rotation vector; body 0 rests."""
+
+    def __init__(self, spec: SceneSpec) -> None:
+        rng = np.random.default_rng((spec.seed, 0))
+        shape = (spec.bodies + 1, _SINES, 3)
+        self._centre = rng.uniform(-0.6, 0.6, (spec.bodies + 1, 3))
+        self._swing = rng.uniform(0.1, 0.25, shape)
+        self._turn = rng.uniform(0.4, 1.0, shape)
+        self._pace = 2 * np.pi * rng.uniform(0.05, 0.2, shape)
+        self._phase = rng.uniform(0, 2 * np.pi, shape)
+        for still in (self._centre, self._swing, self._turn):
+            still[0] = 0.0
+
+    def places(self, of: NDArray[np.intp], rng: np.random.Generator) -> Floats:
+        """Random places on bodies [n, 3], in the frame of each."""
+        half = np.where(of == 0, _EXTENT, _BODY_EXTENT)[:, None] / 2
+        return rng.uniform(-half, half, (len(of), 3))
+
+    def move(self, places: Floats, of: NDArray[np.intp], seconds: float) -> Floats:
+        """Where places on bodies are at a time, [n, 3]."""
+        wave = np.sin(self._pace * seconds + self._phase)
+        turns = Rotation.from_rotvec((self._turn * wave).sum(axis=1)).as_matrix()
+        shifts = self._centre + (self._swing * wave).sum(axis=1)
+        moved: Floats = np.einsum("nij,nj->ni", turns[of], places) + shifts[of]
+        return moved
