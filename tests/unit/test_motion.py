@@ -69,14 +69,15 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
     )
 
 
-@given(st.integers(0, 10_000), st.integers(3, 8))
+@given(st.integers(0, 10_000), st.integers(3, 8), st.booleans())
 @settings(max_examples=40, deadline=None)
-def test_spatial_rotation_is_the_best_one(seed, n):
+def test_spatial_rotation_is_the_best_one_wherever_it_starts(seed, n, started):
     rng = np.random.default_rng(seed)
     b, y = rng.normal(size=(2, n, 3))
     H = (y - y.mean(0)).T @ (b - b.mean(0))
-    found = np.zeros((3, 3))
-    spatial_rotation(H, found)
+    found, room = np.zeros((3, 3)), np.zeros((2, 4, 4))
+    near = Rotation.random(random_state=seed).as_matrix()
+    spatial_rotation(H, near, started, found, room)
     expected, _ = Rotation.align_vectors(y - y.mean(0), b - b.mean(0))
     assert np.trace(found.T @ H) == pytest.approx(np.trace(expected.as_matrix().T @ H), rel=1e-9, abs=1e-9)
     assert np.linalg.det(found) == pytest.approx(1.0)

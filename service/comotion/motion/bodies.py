@@ -7,7 +7,7 @@ import numpy as np
 from ..window import Bools, Floats
 from .config import MotionConfig
 from .frames import Frames
-from .procrustes import body_cost, fit_body
+from .procrustes import body_costs, fit_body
 from .tracks import Ints
 
 FIT_ITERATIONS = 4
@@ -60,15 +60,18 @@ def static_body(count: int) -> Body:
 def fit(frames: Frames, rows: Ints) -> Body:
     """Fit a body to rows: generalised Procrustes with missing data and robust weights."""
     count = len(frames.stamps)
-    y, w = frames.y[rows], frames.w[rows]
+    w = frames.w[rows]
     R = np.tile(np.eye(3), (count, 1, 1))
     t = np.zeros((count, 3))
     posed = np.zeros(count, np.bool_)
-    template = np.zeros((len(rows), 3))
-    fit_body(y, w, 1 / frames.tolerance[rows], frames.dim, FIT_ITERATIONS, template, R, t, posed)
+    template = np.zeros((3, len(rows)))
+    # The kernel runs along the rows of a frame.
+    y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
+    inverse = 1 / frames.tolerance[rows]
+    fit_body(y, np.ascontiguousarray(w.T), inverse, frames.dim, FIT_ITERATIONS, template, R, t, posed)
     pair = int((w > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
-    return Body(rows, template, R, t, posed, dof)
+    return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,12 @@ def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: flo
     and b_i its robust mean. A degree of freedom gains half a nat by fitting noise, whatever it is worth;
     its price is beyond that. `stretch` scales costs of thinned frames to those of all.
     """
-    found = [_cost(frames, body, config) for body in bodies]
-    body = np.stack([frames.per_track(one) for one in found], 1) * stretch
+    rows = np.arange(len(frames.owner))
+    wider = np.array([_widening(frames, body, config) for body in bodies])
+    found, _ = _residuals(frames, bodies, rows, wider, config)
+    wide = frames.tolerance[:, None] + wider
+    found += 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance[:, None])
+    body = np.stack([frames.per_track(one) for one in found.T], 1) * stretch
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
     opening = np.array(
@@ -102,20 +109,33 @@ def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: flo
     return Costs(body, outlier, opening)
 
 
-def residuals(frames: Frames, body: Body, tolerance: Floats, config: MotionConfig) -> tuple[Floats, Floats]:
-    """Cost [P] of each row at the given tolerance [P], and its mean squared residual [P]."""
-    count = len(frames.owner)
-    cost, squared = np.zeros(count), np.zeros(count)
-    body_cost(
+def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> Floats:
+    """Mean squared residual of rows [n] under a body, float64 [n]."""
+    return _residuals(frames, [body], rows, np.zeros(1), config)[1][:, 0]
+
+
+def _residuals(
+    frames: Frames, bodies: list[Body], rows: Ints, wider: Floats, config: MotionConfig
+) -> tuple[Floats, Floats]:
+    """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
+    cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
+    count = len(frames.stamps)
+    R = np.stack([body.R.reshape(count, 9).T for body in bodies])
+    t = np.stack([body.t.T for body in bodies])
+    posed = np.array([body.posed for body in bodies], np.float64)
+    unposed = np.array([_unposed_charge(frames, body, config) for body in bodies])
+    body_costs(
         frames.y,
         frames.w,
-        1 / tolerance,
+        frames.tolerance,
+        rows,
+        wider,
         frames.dim,
         config.residual_cap,
-        body.R,
-        body.t,
-        body.posed,
-        _unposed_charge(frames, body, config),
+        R,
+        t,
+        posed,
+        unposed,
         cost,
         squared,
     )
@@ -130,20 +150,15 @@ def _unposed_charge(frames: Frames, body: Body, config: MotionConfig) -> float:
     return frames.dim * (1.0 if covered >= _COVERED else _UNCOVERED * config.residual_cap)
 
 
-def _cost(frames: Frames, body: Body, config: MotionConfig) -> Floats:
-    """Row costs under a body, whose tolerance follows its members' residual.
+def _widening(frames: Frames, body: Body, config: MotionConfig) -> float:
+    """By how much a body's tolerance exceeds that of its noise: it follows its members' residual.
 
     Soft things are bodies too: a body that fits its own members worse than the noise says is given
     a wider tolerance, for all trajectories alike, at the price of a log per coordinate.
     """
-    cost, squared = residuals(frames, body, frames.tolerance, config)
     if body.static:
-        return cost
+        return 0.0
     own = frames.tolerance[body.rows]
-    excess = float(np.minimum(squared[body.rows] / (own * frames.dim), _LOOSEST).mean())
-    widening = config.looseness * (min(excess, _LOOSEST) - 1)
-    if widening <= 0:
-        return cost
-    wide = frames.tolerance + widening * own.mean()
-    cost, _ = residuals(frames, body, wide, config)
-    return np.asarray(cost + 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance))
+    squared = residuals(frames, body, body.rows, config)
+    excess = float(np.minimum(squared / (own * frames.dim), _LOOSEST).mean())
+    return max(config.looseness * (min(excess, _LOOSEST) - 1), 0.0) * float(own.mean())

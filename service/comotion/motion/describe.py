@@ -115,5 +115,4 @@ def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
 
 def _noise(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> float:
     """One-sigma residual of a coordinate of the members."""
-    _, squared = residuals(frames, body, frames.tolerance, config)
-    return float(np.sqrt(squared[rows].mean() / frames.dim))
+    return float(np.sqrt(residuals(frames, body, rows, config).mean() / frames.dim))

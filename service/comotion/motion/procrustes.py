@@ -6,7 +6,7 @@ Points have three coordinates; in 2-D the third is zero and rotations are about 
 import numpy as np
 
 from ..pixels.compiled import compiled
-from ..window import Bools, Floats
+from ..window import Bools, Floats, Slots
 from .rotation import planar_rotation, spatial_rotation
 
 # A squared residual of this many tolerances per dimension halves an observation's weight.
@@ -14,6 +14,8 @@ _SOFT = 9.0
 # Pull towards the neighbouring frame's rotation, as a share of the moments: it settles what the points
 # leave open, such as a pair's turning about itself.
 _PULL = 1e-3
+# Sums may be reordered, which vector instructions need; not-a-number and infinity keep their meaning.
+_REORDERED = {"reassoc", "contract", "nsz"}
 
 
 @compiled()
@@ -36,200 +38,280 @@ def fit_body(
     Parameters
     ----------
     y, w, inverse
-        float64 [m, F, 3], [m, F] (0: unobserved) and [m], inverse tolerance.
+        float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance.
     b, R, t, posed
-        Out: float64 [m, 3], [F, 3, 3], [F, 3], bool [F].
+        Out: float64 [3, m], [F, 3, 3], [F, 3], bool [F].
     """
-    known = np.zeros(len(w), np.bool_)
+    count, m = w.shape
+    known = np.zeros(m)
     _seed(y, w, b, known)
-    need = 2 if (dim == 2 or len(w) <= 2) else 3
-    weights = np.zeros(len(w))
+    need = 2 if (dim == 2 or m <= 2) else 3
+    weights, H, work = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4))
+    soft = 1.0 / (_SOFT * dim)
     for iteration in range(iterations):
-        sums = np.zeros((len(w), 4))
+        sums = np.zeros((4, m))
         neighbour = -1
-        for f in range(w.shape[1] - 1, -1, -1):
-            robust = iteration > 0 and posed[f]
-            count = _weigh(y, w, inverse, dim, b, known, R[f], t[f], f, robust, weights)
-            posed[f] = count >= need
+        for f in range(count - 1, -1, -1):
+            robust = soft if iteration > 0 and posed[f] else 0.0
+            posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
             if posed[f]:
-                _pose(y, b, weights, f, dim, neighbour, R, t)
+                _pose(y[f], b, weights, dim, R[neighbour], neighbour >= 0, R[f], t[f], H, work)
                 neighbour = f
-                _collect(y, w, inverse, dim, b, known, R[f], t[f], f, sums)
+                _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
         _update(sums, b, known)
 
 
 @compiled()
-def _seed(y: Floats, w: Floats, b: Floats, known: Bools) -> None:
+def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
     """Template of the rows seen in the fullest frame, the newest of equals."""
     best, most = 0, 0
-    for f in range(w.shape[1] - 1, -1, -1):
+    for f in range(len(w) - 1, -1, -1):
         count = 0
-        for i in range(len(w)):
-            count += w[i, f] > 0
+        for i in range(w.shape[1]):
+            count += w[f, i] > 0
         if count > most:
             best, most = f, count
-    for i in range(len(w)):
-        if w[i, best] > 0:
-            known[i] = True
-            b[i] = y[i, best]
+    for i in range(w.shape[1]):
+        if w[best, i] > 0:
+            known[i] = 1.0
+            for c in range(3):
+                b[c, i] = y[best, c, i]
 
 
-@compiled()
+@compiled(fastmath=_REORDERED)
 def _weigh(
     y: Floats,
     w: Floats,
     inverse: Floats,
-    dim: int,
     b: Floats,
-    known: Bools,
+    known: Floats,
     R: Floats,
     t: Floats,
-    f: int,
-    robust: bool,
+    soft: float,
     weights: Floats,
 ) -> int:
     """Weights [m] of a frame's points in its pose; how many there are."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
     count = 0
     for i in range(len(w)):
-        weights[i] = 0.0
-        if not known[i] or w[i, f] <= 0:
-            continue
-        count += 1
-        weights[i] = w[i, f] * inverse[i]
-        if robust:
-            squared = 0.0
-            for c in range(3):
-                r = y[i, f, c] - t[c] - R[c, 0] * b[i, 0] - R[c, 1] * b[i, 1] - R[c, 2] * b[i, 2]
-                squared += r * r
-            weights[i] /= 1.0 + squared * weights[i] / (_SOFT * dim)
+        r0 = y0[i] - t[0] - R[0, 0] * b0[i] - R[0, 1] * b1[i] - R[0, 2] * b2[i]
+        r1 = y1[i] - t[1] - R[1, 0] * b0[i] - R[1, 1] * b1[i] - R[1, 2] * b2[i]
+        r2 = y2[i] - t[2] - R[2, 0] * b0[i] - R[2, 1] * b1[i] - R[2, 2] * b2[i]
+        a = w[i] * inverse[i] * known[i]
+        weights[i] = a / (1.0 + soft * a * (r0 * r0 + r1 * r1 + r2 * r2))
+        count += a > 0
     return count
 
 
-@compiled()
+@compiled(fastmath=_REORDERED)
 def _pose(
-    y: Floats, b: Floats, weights: Floats, f: int, dim: int, neighbour: int, R: Floats, t: Floats
+    y: Floats,
+    b: Floats,
+    weights: Floats,
+    dim: int,
+    near: Floats,
+    pulled: bool,
+    R: Floats,
+    t: Floats,
+    H: Floats,
+    work: Floats,
 ) -> None:
-    """Weighted least-squares pose of frame f."""
-    total, cy, cb = 0.0, np.zeros(3), np.zeros(3)
+    """Weighted least-squares pose of a frame, sought from the neighbour's rotation where there is one."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
+    total, p0, p1, p2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(weights)):
-        total += weights[i]
-        for c in range(3):
-            cy[c] += weights[i] * y[i, f, c]
-            cb[c] += weights[i] * b[i, c]
-    cy /= total
-    cb /= total
-    H = np.zeros((3, 3))
+        a = weights[i]
+        total += a
+        p0 += a * y0[i]
+        p1 += a * y1[i]
+        p2 += a * y2[i]
+        q0 += a * b0[i]
+        q1 += a * b1[i]
+        q2 += a * b2[i]
+    p0, p1, p2, q0, q1, q2 = p0 / total, p1 / total, p2 / total, q0 / total, q1 / total, q2 / total
+    h00, h01, h02, h10, h11, h12, h20, h21, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(weights)):
-        if weights[i] > 0:
-            for p in range(3):
-                for q in range(3):
-                    H[p, q] += weights[i] * (y[i, f, p] - cy[p]) * (b[i, q] - cb[q])
+        u0, u1, u2 = weights[i] * (y0[i] - p0), weights[i] * (y1[i] - p1), weights[i] * (y2[i] - p2)
+        v0, v1, v2 = b0[i] - q0, b1[i] - q1, b2[i] - q2
+        h00 += u0 * v0
+        h01 += u0 * v1
+        h02 += u0 * v2
+        h10 += u1 * v0
+        h11 += u1 * v1
+        h12 += u1 * v2
+        h20 += u2 * v0
+        h21 += u2 * v1
+        h22 += u2 * v2
+    H[0, 0], H[0, 1], H[0, 2] = h00, h01, h02
+    H[1, 0], H[1, 1], H[1, 2] = h10, h11, h12
+    H[2, 0], H[2, 1], H[2, 2] = h20, h21, h22
     if dim == 2:
-        planar_rotation(H, R[f])
+        planar_rotation(H, R)
     else:
-        pull = _PULL * np.sqrt((H * H).sum())
-        H += pull * (R[neighbour] if neighbour >= 0 else np.eye(3))
-        spatial_rotation(H, R[f])
-    for c in range(3):
-        t[f, c] = cy[c] - R[f, c, 0] * cb[0] - R[f, c, 1] * cb[1] - R[f, c, 2] * cb[2]
+        _pull(H, near, pulled)
+        spatial_rotation(H, near, pulled, R, work)
+    t[0] = p0 - R[0, 0] * q0 - R[0, 1] * q1 - R[0, 2] * q2
+    t[1] = p1 - R[1, 0] * q0 - R[1, 1] * q1 - R[1, 2] * q2
+    t[2] = p2 - R[2, 0] * q0 - R[2, 1] * q1 - R[2, 2] * q2
 
 
 @compiled()
+def _pull(H: Floats, near: Floats, pulled: bool) -> None:
+    squared = 0.0
+    for p in range(3):
+        for q in range(3):
+            squared += H[p, q] * H[p, q]
+    pull = _PULL * np.sqrt(squared)
+    for p in range(3):
+        for q in range(3):
+            H[p, q] += pull * (near[p, q] if pulled else (1.0 if p == q else 0.0))
+
+
+@compiled(fastmath=_REORDERED)
 def _collect(
     y: Floats,
     w: Floats,
     inverse: Floats,
-    dim: int,
     b: Floats,
-    known: Bools,
+    known: Floats,
     R: Floats,
     t: Floats,
-    f: int,
+    soft: float,
     sums: Floats,
 ) -> None:
-    """Add a frame's points, in the body's frame, to the weighted sums [m, 4] of the template."""
-    x = np.zeros(3)
+    """Add a frame's points, in the body's frame, to the weighted sums [4, m] of the template."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
+    s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
     for i in range(len(w)):
-        a = w[i, f] * inverse[i]
-        if a <= 0:
-            continue
-        _to_body(R, t, y[i, f], x)
-        if known[i]:
-            r2 = (x[0] - b[i, 0]) ** 2 + (x[1] - b[i, 1]) ** 2 + (x[2] - b[i, 2]) ** 2
-            a /= 1.0 + r2 * a / (_SOFT * dim)
-        sums[i, 3] += a
-        for c in range(3):
-            sums[i, c] += a * x[c]
+        z0, z1, z2 = y0[i] - t[0], y1[i] - t[1], y2[i] - t[2]
+        x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
+        x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
+        x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
+        r2 = (x0 - b0[i]) ** 2 + (x1 - b1[i]) ** 2 + (x2 - b2[i]) ** 2
+        a = w[i] * inverse[i]
+        a /= 1.0 + soft * known[i] * r2 * a
+        s0[i] += a * x0
+        s1[i] += a * x1
+        s2[i] += a * x2
+        s3[i] += a
 
 
 @compiled()
-def _to_body(R: Floats, t: Floats, y: Floats, x: Floats) -> None:
-    """Body coordinates x = R^T (y - t)."""
-    z0, z1, z2 = y[0] - t[0], y[1] - t[1], y[2] - t[2]
-    for c in range(3):
-        x[c] = R[0, c] * z0 + R[1, c] * z1 + R[2, c] * z2
-
-
-@compiled()
-def _update(sums: Floats, b: Floats, known: Bools) -> None:
-    for i in range(len(sums)):
-        if sums[i, 3] > 0:
-            known[i] = True
+def _update(sums: Floats, b: Floats, known: Floats) -> None:
+    for i in range(sums.shape[1]):
+        if sums[3, i] > 0:
+            known[i] = 1.0
             for c in range(3):
-                b[i, c] = sums[i, c] / sums[i, 3]
+                b[c, i] = sums[c, i] / sums[3, i]
 
 
 @compiled()
-def body_cost(
+def body_costs(
     y: Floats,
     w: Floats,
-    inverse: Floats,
+    tolerance: Floats,
+    rows: Slots,
+    wider: Floats,
     dim: int,
     cap: float,
     R: Floats,
     t: Floats,
-    posed: Bools,
-    unposed: float,
+    posed: Floats,
+    unposed: Floats,
     cost: Floats,
     squared: Floats,
 ) -> None:
-    """Cost of each row under one motion, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
+    """Cost of rows under each motion, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
 
     x is the row in the body's frame, b its robust mean there; a frame without pose costs
-    `unposed` / 2. `squared` [P] is the mean of w |x - b|^2 over posed frames.
+    `unposed` / 2. `squared` is the mean of w |x - b|^2 over posed frames.
+
+    Parameters
+    ----------
+    y, w, tolerance
+        float64 [P, F, 3], [P, F] and [P].
+    rows
+        intp [n], rows that are asked for.
+    wider
+        float64 [K], by how much a body's tolerance exceeds its rows': v = tolerance + wider.
+    R, t, posed, unposed
+        float64 [K, 9, F], [K, 3, F], [K, F] (1 or 0) and [K].
+    cost, squared
+        Out: float64 [n, K].
     """
-    x = np.zeros((w.shape[1], 3))
-    for i in range(len(w)):
-        count, missing = 0, 0
-        for f in range(w.shape[1]):
-            if w[i, f] > 0:
-                count += posed[f]
-                missing += not posed[f]
-                _to_body(R[f], t[f], y[i, f], x[f])
-        cost[i], squared[i] = 0.5 * unposed * missing, 0.0
-        if count:
-            b = _mean(x, w[i], posed, np.zeros(3), 0.0)
-            b = _mean(x, w[i], posed, b, inverse[i] / (_SOFT * dim))
-            for f in range(w.shape[1]):
-                if w[i, f] > 0 and posed[f]:
-                    r2 = w[i, f] * _distance2(x[f], b)
-                    squared[i] += r2 / count
-                    cost[i] += 0.5 * min(r2 * inverse[i], cap * dim)
+    count = w.shape[1]
+    row, x = np.empty((4, count)), np.empty((4, count))
+    for n in range(len(rows)):
+        i = rows[n]
+        first, stop = 0, count
+        while first < stop and w[i, first] <= 0:
+            first += 1
+        while stop > first and w[i, stop - 1] <= 0:
+            stop -= 1
+        for f in range(first, stop):
+            row[0, f], row[1, f], row[2, f], row[3, f] = y[i, f, 0], y[i, f, 1], y[i, f, 2], w[i, f]
+        for k in range(len(R)):
+            v = tolerance[i] + wider[k]
+            cost[n, k], squared[n, k] = _body_cost(
+                row[:, first:stop],
+                R[k, :, first:stop],
+                t[k, :, first:stop],
+                posed[k, first:stop],
+                1.0 / v,
+                dim,
+                cap,
+                unposed[k],
+                x[:, first:stop],
+            )
 
 
-@compiled()
-def _mean(x: Floats, w: Floats, posed: Bools, about: Floats, soft: float) -> Floats:
-    """Mean of x [F, 3] with weights w / (1 + soft w |x - about|^2), [3]."""
-    total, mean = 0.0, np.zeros(3)
+@compiled(fastmath=_REORDERED)
+def _body_cost(
+    row: Floats,
+    R: Floats,
+    t: Floats,
+    posed: Floats,
+    inverse: float,
+    dim: int,
+    cap: float,
+    unposed: float,
+    x: Floats,
+) -> tuple[float, float]:
+    y0, y1, y2, w = row[0], row[1], row[2], row[3]
+    x0, x1, x2, a = x[0], x[1], x[2], x[3]
+    r0, r1, r2, r3, r4, r5, r6, r7, r8 = R[0], R[1], R[2], R[3], R[4], R[5], R[6], R[7], R[8]
+    t0, t1, t2 = t[0], t[1], t[2]
+    seen, total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    held = 0.0
     for f in range(len(w)):
-        if w[f] > 0 and posed[f]:
-            a = w[f] / (1.0 + soft * w[f] * _distance2(x[f], about))
-            total += a
-            for c in range(3):
-                mean[c] += a * x[f, c]
-    return mean / total
-
-
-@compiled()
-def _distance2(a: Floats, b: Floats) -> float:
-    return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+        z0, z1, z2 = y0[f] - t0[f], y1[f] - t1[f], y2[f] - t2[f]
+        x0[f] = r0[f] * z0 + r3[f] * z1 + r6[f] * z2
+        x1[f] = r1[f] * z0 + r4[f] * z1 + r7[f] * z2
+        x2[f] = r2[f] * z0 + r5[f] * z1 + r8[f] * z2
+        a[f] = w[f] * posed[f]
+        seen += 1.0 if w[f] > 0 else 0.0
+        held += 1.0 if a[f] > 0 else 0.0
+        total += a[f]
+        m0 += a[f] * x0[f]
+        m1 += a[f] * x1[f]
+        m2 += a[f] * x2[f]
+    missing = 0.5 * unposed * (seen - held)
+    if held == 0.0:
+        return missing, 0.0
+    m0, m1, m2 = m0 / total, m1 / total, m2 / total
+    soft = inverse / (_SOFT * dim)
+    total, b0, b1, b2 = 0.0, 0.0, 0.0, 0.0
+    for f in range(len(w)):
+        d2 = (x0[f] - m0) ** 2 + (x1[f] - m1) ** 2 + (x2[f] - m2) ** 2
+        g = a[f] / (1.0 + soft * a[f] * d2)
+        total += g
+        b0 += g * x0[f]
+        b1 += g * x1[f]
+        b2 += g * x2[f]
+    b0, b1, b2 = b0 / total, b1 / total, b2 / total
+    paid, squared, most = 0.0, 0.0, cap * dim
+    for f in range(len(w)):
+        d2 = a[f] * ((x0[f] - b0) ** 2 + (x1[f] - b1) ** 2 + (x2[f] - b2) ** 2)
+        squared += d2
+        paid += min(d2 * inverse, most)
+    return missing + 0.5 * paid, squared / held

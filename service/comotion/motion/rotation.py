@@ -7,6 +7,11 @@ from ..window import Floats
 
 _SWEEPS = 12
 _CONVERGED = 1e-22
+# Newton's method doubles the digits at each step: after one shorter than this nothing is left to gain.
+_STEPS = 8
+_SETTLED = 1e-16
+# Below this share of the diagonal a pivot is rounding.
+_PIVOT = 1e-9
 
 
 @compiled()
@@ -22,13 +27,94 @@ def planar_rotation(H: Floats, R: Floats) -> None:
 
 
 @compiled()
-def spatial_rotation(H: Floats, R: Floats) -> None:
-    """R that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3] (Horn 1987, eq. 37 ff.).
+def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Floats) -> None:
+    """R that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3].
 
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form; Jacobi
-    rotations find it whatever the rank of H.
+    Newton's method from `near` where `started`, else and where that fails the closed form.
+
+    Parameters
+    ----------
+    work
+        float64 [2, 4, 4], room for intermediate results.
     """
-    A, V = _horn_form(H), np.eye(4)
+    if not (started and _newton(H, near, R)):
+        _closed_form(H, R, work[0], work[1])
+
+
+@compiled()
+def _newton(H: Floats, near: Floats, R: Floats) -> bool:
+    """Whether Newton's method has found the maximum of tr(R^T H) on the rotations.
+
+    With M = R^T H and R <- R exp([s]x), s solves (tr(S) 1 - S) s = axial(M), S the symmetric part. A
+    stationary point with a positive definite matrix is the maximum: the others are saddles and the minimum.
+    """
+    for p in range(3):
+        for q in range(3):
+            R[p, q] = near[p, q]
+    for _ in range(_STEPS):
+        m00 = R[0, 0] * H[0, 0] + R[1, 0] * H[1, 0] + R[2, 0] * H[2, 0]
+        m01 = R[0, 0] * H[0, 1] + R[1, 0] * H[1, 1] + R[2, 0] * H[2, 1]
+        m02 = R[0, 0] * H[0, 2] + R[1, 0] * H[1, 2] + R[2, 0] * H[2, 2]
+        m10 = R[0, 1] * H[0, 0] + R[1, 1] * H[1, 0] + R[2, 1] * H[2, 0]
+        m11 = R[0, 1] * H[0, 1] + R[1, 1] * H[1, 1] + R[2, 1] * H[2, 1]
+        m12 = R[0, 1] * H[0, 2] + R[1, 1] * H[1, 2] + R[2, 1] * H[2, 2]
+        m20 = R[0, 2] * H[0, 0] + R[1, 2] * H[1, 0] + R[2, 2] * H[2, 0]
+        m21 = R[0, 2] * H[0, 1] + R[1, 2] * H[1, 1] + R[2, 2] * H[2, 1]
+        m22 = R[0, 2] * H[0, 2] + R[1, 2] * H[1, 2] + R[2, 2] * H[2, 2]
+        a, d, f = m11 + m22, m00 + m22, m00 + m11
+        b, c, e = -0.5 * (m01 + m10), -0.5 * (m02 + m20), -0.5 * (m12 + m21)
+        # L D L^T of the matrix; every pivot positive: positive definite.
+        if a <= 0:
+            return False
+        l1, l2 = b / a, c / a
+        d2 = d - l1 * b
+        if d2 <= _PIVOT * d:
+            return False
+        k = e - l1 * c
+        l3 = k / d2
+        d3 = f - l2 * c - l3 * k
+        if d3 <= _PIVOT * f:
+            return False
+        u0, u1, u2 = m21 - m12, m02 - m20, m10 - m01
+        u1 -= l1 * u0
+        u2 -= l2 * u0 + l3 * u1
+        s2 = u2 / d3
+        s1 = u1 / d2 - l3 * s2
+        s0 = u0 / a - l1 * s1 - l2 * s2
+        size = s0 * s0 + s1 * s1 + s2 * s2
+        if size > 1.0:
+            return False
+        _turn(R, 0.5 * s0, 0.5 * s1, 0.5 * s2)
+        if size < _SETTLED:
+            return True
+    return False
+
+
+@compiled()
+def _turn(R: Floats, x: float, y: float, z: float) -> None:
+    """R times the rotation of the quaternion (1, x, y, z), normalised."""
+    n = 2.0 / (1.0 + x * x + y * y + z * z)
+    a, b, c = 1 - n * (y * y + z * z), n * (x * y - z), n * (x * z + y)
+    d, e, f = n * (x * y + z), 1 - n * (x * x + z * z), n * (y * z - x)
+    g, h, i = n * (x * z - y), n * (y * z + x), 1 - n * (x * x + y * y)
+    for p in range(3):
+        r0, r1, r2 = R[p, 0], R[p, 1], R[p, 2]
+        R[p, 0] = r0 * a + r1 * d + r2 * g
+        R[p, 1] = r0 * b + r1 * e + r2 * h
+        R[p, 2] = r0 * c + r1 * f + r2 * i
+
+
+@compiled()
+def _closed_form(H: Floats, R: Floats, A: Floats, V: Floats) -> None:
+    """The maximum whatever the rank of H (Horn 1987, eq. 37 ff.).
+
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form, found by Jacobi
+    rotations.
+    """
+    _horn_form(H, A)
+    V[:] = 0.0
+    for k in range(4):
+        V[k, k] = 1.0
     scale = (A * A).sum()
     for _ in range(_SWEEPS):
         if _off_diagonal(A) <= _CONVERGED * scale:
@@ -45,8 +131,7 @@ def spatial_rotation(H: Floats, R: Floats) -> None:
 
 
 @compiled()
-def _horn_form(H: Floats) -> Floats:
-    A = np.zeros((4, 4))
+def _horn_form(H: Floats, A: Floats) -> None:
     A[0, 0] = H[0, 0] + H[1, 1] + H[2, 2]
     A[1, 1] = H[0, 0] - H[1, 1] - H[2, 2]
     A[2, 2] = -H[0, 0] + H[1, 1] - H[2, 2]
@@ -57,7 +142,6 @@ def _horn_form(H: Floats) -> Floats:
     A[1, 2] = A[2, 1] = H[0, 1] + H[1, 0]
     A[1, 3] = A[3, 1] = H[0, 2] + H[2, 0]
     A[2, 3] = A[3, 2] = H[1, 2] + H[2, 1]
-    return A
 
 
 @compiled()
