@@ -5,7 +5,7 @@ Points have three coordinates; in 2-D the third is zero and rotations are about 
 
 import numpy as np
 
-from ..pixels.compiled import compiled
+from ..compiled import compiled
 from ..window import Bools, Floats, Slots
 from .rotation import planar_rotation, spatial_rotation
 

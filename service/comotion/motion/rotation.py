@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..pixels.compiled import compiled
+from ..compiled import compiled
 from ..window import Floats
 
 _SWEEPS = 12

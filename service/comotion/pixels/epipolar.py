@@ -7,7 +7,7 @@ fundamental matrix per frame pair still explains both. Two bodies share one, as 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
+from ..compiled import compiled
 from .keyframes import KeyFrames
 
 Floats = NDArray[np.float64]

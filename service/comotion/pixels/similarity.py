@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import ssyrk
 
-from .compiled import compiled
+from ..compiled import compiled
 from .interaction import subspace
 from .keyframes import Floats32, KeyFrames, frame_pairs
 from .local import Residuals, explain
