@@ -22,8 +22,8 @@ $(STAMP): pyproject.toml requirements.txt
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end
 	$(BIN)/comotion demo
 
-test: setup  ## the whole test suite
-	$(BIN)/python -m pytest
+test: setup  ## the whole test suite, on two cores
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 check: setup  ## lint, format, types, import rules
 	$(BIN)/ruff check .

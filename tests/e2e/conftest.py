@@ -4,7 +4,8 @@ Fixtures
 --------
 ``start(*arguments)`` runs ``comotion ARGUMENTS`` and waits until it is ready; ``endpoint`` is that
 of a running router; ``session`` is a Zenoh client session there; ``listen(key, kind)`` subscribes
-and answers with a mailbox whose ``until(predicate)`` awaits a message.
+and answers with a mailbox whose ``until(predicate)`` awaits a message; ``heard(publisher)`` waits until
+somebody subscribes to what it publishes.
 """
 
 import os
@@ -339,3 +340,19 @@ def serve(start: Start, free_port_endpoint: str, connect: Connect, listen: Liste
         return Service(process, free_port_endpoint, connect(free_port_endpoint), listen)
 
     return run
+
+
+@pytest.fixture
+def heard() -> Callable[[zenoh.Publisher], zenoh.Publisher]:
+    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
+
+    def wait(publisher: zenoh.Publisher) -> zenoh.Publisher:
+        matched = threading.Event()
+        listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
+        if publisher.matching_status.matching:
+            matched.set()
+        assert matched.wait(DEADLINE)
+        listener.undeclare()
+        return publisher
+
+    return wait

@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import urllib.request
 from collections import Counter
 from collections.abc import Callable
@@ -54,21 +53,9 @@ def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
     return updates
 
 
-def put_once_heard(session: zenoh.Session, key: str, payload: bytes) -> None:
-    """Publish when the session knows of a subscriber; until then Zenoh drops what is put."""
-    publisher = session.declare_publisher(key)
-    heard = threading.Event()
-    listener = publisher.declare_matching_listener(lambda status: status.matching and heard.set())
-    if publisher.matching_status.matching:
-        heard.set()
-    assert heard.wait(20)
-    publisher.put(payload)
-    listener.undeclare()
-
-
 @pytest.fixture
 def recorded(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable, tmp_path: Path
 ) -> Path:
     """A short scene of three sources and a service, with one payload that is no message."""
     path = tmp_path / "take.mcap"
@@ -76,7 +63,7 @@ def recorded(
     start("serve", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
     assert start("source", "simulator", "3d_async", "--duration", "3", "--connect", endpoint).wait() == 0
-    put_once_heard(session, KEYS.stream("obs", "noise"), b"nonsense")
+    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 300 and s.rejected)
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
@@ -203,14 +190,14 @@ def scrape(line: str) -> str:
 
 
 def test_metrics_of_service_and_sources_feed_the_dashboard(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable
 ) -> None:
     statuses = listen(session, KEYS.stream("status", "fusion"), "status")
     service = start("serve", "--metrics-port", "0", "--connect", endpoint)
     source = start(
         "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
     )
-    put_once_heard(session, KEYS.stream("obs", "noise"), b"nonsense")
+    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     # Two Statuses later the first of them is what a scrape tells.
     for _ in range(2):
         statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)

@@ -81,14 +81,14 @@ def joints(seq: int, stamp_ns: int, names: list[str], source: str = "ur") -> byt
 
 
 def test_malformed_joint_states_are_counted_and_the_process_goes_on(
-    start, endpoint: str, session: zenoh.Session, listen
+    start, endpoint: str, session: zenoh.Session, listen, heard
 ) -> None:
     names = [f"arm_{name}" for name in ("yaw", "shoulder", "elbow", "wrist", "roll")]
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
     options = ("--joints", "ur", "--name", "robot", "--batch", "0")
     process = start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
-    publisher = declare_publisher(session, KEYS.stream("joints", "ur"), "joints")
+    publisher = heard(declare_publisher(session, KEYS.stream("joints", "ur"), "joints"))
     publisher.put(b"\xc1 no msgpack")
     publisher.put(joints(0, 1_000_000_000, names, source="other"))
     publisher.put(joints(1, 1_000_000_000, names[:3]))
@@ -102,7 +102,9 @@ def test_malformed_joint_states_are_counted_and_the_process_goes_on(
     publisher.undeclare()
 
 
-def test_joint_states_live_from_rmw_zenoh(start, endpoint: str, session: zenoh.Session, listen) -> None:
+def test_joint_states_live_from_rmw_zenoh(
+    start, endpoint: str, session: zenoh.Session, listen, heard
+) -> None:
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
     from comotion_sources.proprioception.cdr import encode_sample
 
@@ -111,7 +113,8 @@ def test_joint_states_live_from_rmw_zenoh(start, endpoint: str, session: zenoh.S
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
     options = ("--ros", "/ur/joint_states", "--ros-domain", "3", "--name", "robot", "--batch", "0")
     start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
-    publisher = session.declare_publisher("3/ur/joint_states/sensor_msgs::msg::dds_::JointState_/RIHS01_a13e")
+    key = "3/ur/joint_states/sensor_msgs::msg::dds_::JointState_/RIHS01_a13e"
+    publisher = heard(session.declare_publisher(key))
     publisher.put(b"\x00\x01\x00\x00broken")
     q = scene.configuration(5.0)
     publisher.put(encode_sample(JointSample(5_000_000_000, scene.joints, q)))
