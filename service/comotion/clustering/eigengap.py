@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from ..window import Floats
 
 # The thesis looks at the first ten eigenvalues.
-_MOST_EIGENVALUES = 10
+MOST_EIGENVALUES = 10
 _ZERO = 1e-9
 
 
@@ -31,19 +31,33 @@ def cut_spectrum(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
     n = len(affinity)
     if n < 2:
         return np.zeros(n, np.intp)
+    values, vectors = spectrum(affinity, normalized=normalized)
+    clusters = count_clusters(values)
+    return _assign(vectors[:, :clusters], clusters)
+
+
+def spectrum(affinity: Floats, *, normalized: bool) -> tuple[Floats, Floats]:
+    """Eigenvalues float64 [N] of the graph Laplacian, increasing, and eigenvectors float64 [N, N].
+
+    Parameters
+    ----------
+    affinity, normalized
+        As in :func:`cut_spectrum`.
+    """
+    n = len(affinity)
     degree = affinity.sum(axis=1)
     # D⁻¹A and D^-½AD^-½ have the same eigenvalues; the second is symmetric.
     scale = 1 / np.sqrt(degree) if normalized else np.ones(n)
     kernel = scale[:, None] * affinity * scale
     laplacian = np.eye(n) - kernel if normalized else np.diag(degree) - affinity
     values, vectors = eigh(laplacian)
-    clusters = _count(values)
-    return _assign(scale[:, None] * vectors[:, :clusters], clusters)
+    return values, scale[:, None] * vectors
 
 
-def _count(values: Floats) -> int:
-    components = int((values < _ZERO * max(values[-1], 1.0)).sum())
-    gaps = np.diff(values[:_MOST_EIGENVALUES])
+def count_clusters(eigenvalues: Floats) -> int:
+    """Count clusters by the largest gap among the first ten of increasing eigenvalues [N]."""
+    components = int((eigenvalues < _ZERO * max(eigenvalues[-1], 1.0)).sum())
+    gaps = np.diff(eigenvalues[:MOST_EIGENVALUES])
     return max(components, int(gaps.argmax()) + 1)
 
 
