@@ -2,7 +2,7 @@
 
 import hashlib
 import importlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -17,12 +17,13 @@ from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.proprioception.packer import Packer, Packing
 from comotion_sources.workcell import Cover, Scene, Viewpoint
-from comotion_sources.workcell.atlas import Atlas, build_atlas
+from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.scene import scene_folder
 
 from .setup import CAMERA_A, CAMERA_B, ROBOT, Setup
 
 Message: TypeAlias = TruthBatch | ObservationBatch
+Sources: TypeAlias = dict[str, list[Message]]
 _SESSION = "0" * 16
 _COVERED = ".covered"
 _MAKERS = (
@@ -61,18 +62,35 @@ def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> Re
     cache
         Folder to keep messages in; what was made by other code or another set-up is not used.
     """
-    path = None if cache is None else cache / f"{scene}-{seed}-{_fingerprint(setup)}.msgpack"
+    return Recording(keep(cache, f"{scene}-{seed}", setup, lambda: _make(scene, seed, setup)))
+
+
+def keep(cache: Path | None, name: str, setup: object, make: Callable[[], Sources]) -> Sources:
+    """Read the messages of sources from a cache, or make them and keep them there.
+
+    Parameters
+    ----------
+    cache
+        Folder; None: make them every time.
+    name
+        Begins the name of the file.
+    setup
+        What they are made with, told apart by its `repr`; code and scenes are seen to here.
+    make
+        Makes the messages of each source.
+    """
+    path = None if cache is None else cache / f"{name}-{_fingerprint(setup)}.msgpack"
     if path is not None and path.is_file():
         packed = msgpack.unpackb(path.read_bytes())
-        return Recording({name: [_read(raw) for raw in raws] for name, raws in packed.items()})
-    recording = Recording(_make(scene, seed, setup))
+        return {source: [_read(raw) for raw in raws] for source, raws in packed.items()}
+    sources = make()
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        packed = {name: [encode(m) for m in messages] for name, messages in recording.sources.items()}
+        packed = {source: [encode(m) for m in messages] for source, messages in sources.items()}
         partial = path.with_suffix(".partial")
         partial.write_bytes(msgpack.packb(packed))
         partial.replace(path)
-    return recording
+    return sources
 
 
 def _read(raw: bytes) -> Message:
@@ -82,7 +100,7 @@ def _read(raw: bytes) -> Message:
     return message
 
 
-def _fingerprint(setup: Setup) -> str:
+def _fingerprint(setup: object) -> str:
     """Digest of the set-up and of all code and scenes that have a part in the messages."""
     digest = hashlib.sha256(repr(setup).encode())
     for name in _MAKERS:
@@ -94,34 +112,46 @@ def _fingerprint(setup: Setup) -> str:
     return digest.hexdigest()[:12]
 
 
-def _make(name: str, seed: int, setup: Setup) -> dict[str, list[Message]]:
+def _make(name: str, seed: int, setup: Setup) -> Sources:
     scene = Scene.named(name, seed)
     atlas = build_atlas(scene.model, seed)
     seconds = setup.duration or scene.period
-    cover = Cover(*setup.cover)
-    sources: dict[str, list[Message]] = {CAMERA_A: [], CAMERA_A + _COVERED: [], CAMERA_B: []}
-    for open_, covered in _track(scene, atlas, "a", CAMERA_A, setup.rate_a, seconds, setup, cover):
+    config = TrackerConfig(max_features=setup.features)
+    a, b = (Viewpoint(scene, camera, setup.size, atlas=atlas) for camera in ("a", "b"))
+    sources: Sources = {CAMERA_A: [], CAMERA_A + _COVERED: [], CAMERA_B: []}
+    for open_, covered in track(a, config, CAMERA_A, setup.rate_a, seconds, Cover(*setup.cover)):
         sources[CAMERA_A] += open_
         sources[CAMERA_A + _COVERED] += covered
-    for open_, _ in _track(scene, atlas, "b", CAMERA_B, setup.rate_b, seconds, setup, None):
+    for open_, _ in track(b, config, CAMERA_B, setup.rate_b, seconds):
         sources[CAMERA_B] += open_
     sources[ROBOT] = list(robot_messages(scene, setup.rate_robot, seconds))
     return sources
 
 
-def _track(
-    scene: Scene,
-    atlas: Atlas,
-    camera: str,
+def track(
+    view: Viewpoint,
+    config: TrackerConfig,
     source: str,
     rate: float,
     seconds: float,
-    setup: Setup,
-    cover: Cover | None,
+    cover: Cover | None = None,
 ) -> Iterator[tuple[list[Message], list[Message]]]:
-    """Messages of each frame, twice: as it is, and with the lens covered for a while."""
-    view = Viewpoint(scene, camera, setup.size, atlas=atlas)
-    config = TrackerConfig(max_features=setup.features)
+    """Render and track; messages of each frame, twice: as it is, and with the lens covered for a while.
+
+    Parameters
+    ----------
+    view
+        The camera, in its scene.
+    config
+        Of the tracker.
+    source
+        Name of the source.
+    rate, seconds
+        Hz, and how long.
+    cover
+        When the lens is covered; never by default, and then the second messages are none.
+    """
+    scene = view.scene
     trackers = [Tracker(config, view.intrinsics) for _ in range(1 if cover is None else 2)]
     space = CameraSpace("world", "m", 3, view.intrinsics, view.extrinsics)
     observers = [Observer(space, _builder(source), scene.objects) for _ in trackers]
