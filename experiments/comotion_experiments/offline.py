@@ -104,6 +104,7 @@ def run_offline(
     period: float | None = None,
     duration: float | None = None,
     scene: str = "default",
+    fusion: Fusion | None = None,
     on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
 ) -> Run:
     """Run messages through the core and score every update.
@@ -125,6 +126,8 @@ def run_offline(
         Seconds of event time to run; all by default.
     scene
         Name of the scene in the updates.
+    fusion
+        The core, for callers that look into it at every update; a new one of `config` by default.
     on_update
         Called with every update and its score.
 
@@ -141,7 +144,7 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise ValueError("there is no observation")
-    offline = _Offline(Fusion(config, scene=scene), Tally(truth), on_update)
+    offline = _Offline(fusion or Fusion(config, scene=scene), Tally(truth), on_update)
     start_ns = _start(first)
     end_ns = None if duration is None else start_ns + round(duration * 1e9)
     due = 1

@@ -152,7 +152,7 @@ class _Painter:
             rgb, shape, name = (
                 self._object_style(label, objects) if truth else _hypothesis_style(label, len(members))
             )
-            axes.plot(*_broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
+            axes.plot(*broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
             points = moment.positions[members].T
             axes.plot(*points, linestyle="", marker=shape, markersize=4.5, color=rgb, label=name)
         axes.set_title(title, fontsize=11)
@@ -245,10 +245,13 @@ def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:
     return [(float(a) - room, float(b) + room) for a, b in zip(low, high, strict=True)]
 
 
-def _broken(
+def broken(
     trails: Sequence[NDArray[np.float32]], members: NDArray[np.intp], dim: int
 ) -> Iterator[NDArray[np.float32]]:
-    """Several trails as one line with gaps, one array per axis: far faster to draw than many lines."""
+    """Join the trails of some members into one line with gaps: one array per axis.
+
+    That is far faster to draw than many lines.
+    """
     gap = np.full((1, dim), np.nan, np.float32)
     pieces = [piece for member in members.tolist() for piece in (trails[member], gap)]
     yield from np.concatenate(pieces).T
