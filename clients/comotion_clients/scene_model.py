@@ -228,6 +228,7 @@ class SceneModel:
                     age=(update.stamp_ns - h.born_ns) / 1e9,
                     confidence=float(members.mean()) if len(members) else float("nan"),
                     speed=None if h.twist is None else float(np.linalg.norm(h.twist.linear)),
+                    linked=list(h.linked or ()),
                 )
             )
         return rows

@@ -28,7 +28,10 @@ class SourceRow:
 
 @dataclass(frozen=True)
 class HypothesisRow:
-    """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None."""
+    """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None.
+
+    `linked`: hypotheses in other spaces that are the same body.
+    """
 
     id: int
     space: str
@@ -38,6 +41,7 @@ class HypothesisRow:
     age: float
     confidence: float
     speed: float | None
+    linked: list[int]
 
 
 @dataclass(frozen=True)

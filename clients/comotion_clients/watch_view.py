@@ -188,6 +188,7 @@ HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
     _Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
     _Column("speed", 11, _speed, from_width=58),
     _Column("space", 16, lambda r: r.space, left=True, from_width=75),
+    _Column("linked to", 10, lambda r: ", ".join(map(str, r.linked)), left=True, from_width=86),
 )
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from .linking.camera import Camera
 from .motion.config import MotionConfig
 
 Method = Literal["comotion", "thesis"]
@@ -59,6 +60,11 @@ class FusionConfig(BaseModel):
 
     motion: MotionConfig = Field(
         default_factory=MotionConfig, description="the default method in spaces of unit m"
+    )
+    cameras: dict[str, Camera] = Field(
+        default_factory=dict,
+        description="calibration of the fixed cameras behind spaces in pixels, by name of the space: "
+        "their hypotheses are linked to the bodies of a metric space",
     )
 
     def switch_for(self, unit: Unit) -> float:

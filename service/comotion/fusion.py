@@ -20,6 +20,7 @@ from . import snapshot
 from .config import FusionConfig, to_ns
 from .engine import IdAllocator, Partition, SpaceSpec
 from .health import SourceHealth, source_health
+from .linking.linker import Linker
 from .methods import make_engine
 from .space import MAX_COORDINATE, Space
 from .stats import Stats
@@ -70,6 +71,7 @@ class Fusion:
         self.spaces: dict[str, Space] = {}
         self.timeline = Timeline(self.config, self.stats)
         self.ids = IdAllocator()
+        self.linker = Linker(self.config.cameras)
         self.events: deque[Event] = deque()
         # (source, session) -> the index by which the windows know it.
         self.sessions: dict[tuple[str, str], int] = {}
@@ -112,7 +114,8 @@ class Fusion:
         self._remember(stamp, [event for _, partition in partitions for event in partition.events])
         self._drop_idle_sessions()
         self.stats.updates += 1
-        return self._assemble(now_ns, stamp, partitions)
+        update = self._assemble(now_ns, stamp, partitions)
+        return self.linker.linked(update, partitions)
 
     def affinity(self, space: str) -> AffinitySnapshot:
         """Affinities of a space as of the last update.

@@ -34,6 +34,7 @@ def dump(fusion: "Fusion", *, clean: bool) -> bytes:
                 {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
                 for e in fusion.events
             ],
+            "links": fusion.linker.state(),
             "spaces": [space.state() for space in fusion.spaces.values()],
         }
     )
@@ -63,6 +64,8 @@ def _build(kind: "type[F]", config: FusionConfig, state: dict[str, Any], session
     fusion.sessions = {(name, owner): index for name, owner, index in state["sessions"]}
     fusion.timeline.load(state["timeline"])
     fusion.events.extend(Event(**event) for event in state["events"])
+    # Snapshots of before there were links have none.
+    fusion.linker.load(state.get("links", []))
     for part in state["spaces"]:
         space = fusion.open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
         # The trajectories serve every method; what an engine knows is its own.

@@ -272,3 +272,39 @@ def test_a_parameter_of_a_group_can_be_set_and_read_again(
     assert run(["config", "--set", "motion.looseness=0.4"]) == 0
     (tmp_path / "c.toml").write_text(capsys.readouterr().out)
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
+
+
+def test_cameras_of_the_service_come_from_files_or_the_table(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from comotion import FusionConfig
+    from comotion_deploy.commands.linked_cameras import with_cameras
+
+    inner = "[intrinsics]\nwidth = 64\nheight = 48\nfx = 50.0\nfy = 51.0\ncx = 31.5\ncy = 23.5\n"
+    outer = "[extrinsics]\ntranslation = [0.0, 0.0, 1.5]\nquaternion = [0.0, 0.0, 0.0, 2.0]\n"
+    (tmp_path / "in.toml").write_text(inner)
+    (tmp_path / "out.toml").write_text(outer)
+    (tmp_path / "both.toml").write_text(inner + "distortion = [0.1, 0.0, 0.0, 0.0]\n" + outer)
+    given = [f"door={tmp_path / 'in.toml'},{tmp_path / 'out.toml'}", f"b/left={tmp_path / 'both.toml'}"]
+    config = with_cameras(FusionConfig(), given)
+    assert set(config.cameras) == {"door/pixels", "b/left"}
+    assert config.cameras["door/pixels"].fy == 51.0
+    assert config.cameras["door/pixels"].quaternion == (0.0, 0.0, 0.0, 1.0)
+    assert config.cameras["b/left"].distortion == (0.1, 0.0, 0.0, 0.0)
+    table = {name: camera.model_dump(mode="json") for name, camera in config.cameras.items()}
+    lines = [
+        f'[fusion.cameras."{name}"]\n' + "\n".join(f"{key} = {json.dumps(v)}" for key, v in camera.items())
+        for name, camera in table.items()
+    ]
+    (tmp_path / "c.toml").write_text("\n".join(lines))
+    assert effective(capsys, "--config", str(tmp_path / "c.toml"))["cameras"] == table
+    assert run(["config", "--config", str(tmp_path / "c.toml")]) == 0
+    (tmp_path / "again.toml").write_text(capsys.readouterr().out)
+    assert effective(capsys, "--config", str(tmp_path / "again.toml"))["cameras"] == table
+    for text, words in (
+        ("door", "expected NAME=FILE"),
+        (f"door={tmp_path / 'in.toml'}", "has no extrinsics"),
+        (f"door={tmp_path / 'out.toml'}", "has no intrinsics"),
+        ("door=/no/such/file.yaml", "No such file"),
+    ):
+        assert words in refused(capsys, "serve", "--camera", text)

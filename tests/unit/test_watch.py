@@ -64,6 +64,7 @@ def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) ->
                 state="moving",
                 centroid=[0.0, 0.0, 0.0],
                 twist=Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 0.0]) if k == 0 else None,
+                linked=[1] if k == 0 else None,
             )
             for k in range(hypotheses)
         ],
@@ -192,6 +193,8 @@ def test_tracks_and_hypotheses_of_the_newest_update() -> None:
     assert first.speed == pytest.approx(0.5)
     assert first.confidence == pytest.approx(0.5)
     assert second.speed is None
+    assert (first.linked, second.linked) == ([1], [])
+    assert "linked to" in "\n".join(drawn(snapshot, 100, 24))
 
 
 def test_events_are_taken_once_and_the_newest_comes_first() -> None:

@@ -1,7 +1,7 @@
 """``comotion config``: the fusion parameters in effect."""
 
 import json
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast, get_args, get_origin
 
 import typer
 
@@ -54,4 +54,9 @@ def _print_table(name: str, model: "type[BaseModel]", values: dict[str, Any]) ->
     for key in nested:
         field = model.model_fields[key]
         print(f"\n# {field.description}")
-        _print_table(f"{name}.{key}", cast("type[BaseModel]", field.annotation), values[key])
+        if get_origin(field.annotation) is dict:
+            # A map from names of the user's to models of one kind.
+            for entry, content in values[key].items():
+                _print_table(f"{name}.{key}.{json.dumps(entry)}", get_args(field.annotation)[1], content)
+        else:
+            _print_table(f"{name}.{key}", cast("type[BaseModel]", field.annotation), values[key])

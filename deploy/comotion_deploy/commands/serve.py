@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import options
+from . import linked_cameras
 
 EPILOG = """
 Examples:
@@ -16,6 +17,8 @@ Examples:
   comotion serve --method thesis --set sigma_switch=0.01 --set v_move=null
 
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
+
+  comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies that a depth camera sees
 
   comotion serve --clock event   # recordings whose stamps lie in the past
 """
@@ -32,6 +35,7 @@ def serve(
     ctx: typer.Context,
     method: options.Method = None,
     assignments: options.Assignments = None,
+    camera: linked_cameras.Cameras = None,
     state: Annotated[
         Path | None,
         typer.Option(
@@ -68,7 +72,7 @@ def serve(
 
     server.serve(
         server.ServeOptions(
-            config=options.fusion_config(ctx, method, assignments),
+            config=linked_cameras.with_cameras(options.fusion_config(ctx, method, assignments), camera),
             scene=scene,
             name=name,
             settings=options.session_settings(connect, listen),

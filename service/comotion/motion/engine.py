@@ -15,11 +15,12 @@ from ..events import Membership, changes
 from ..window import Slots, Window
 from .confidence import posterior, same_body
 from .describe import Describer
-from .frames import make_frames
+from .frames import Frames, make_frames
 from .identity import match
 from .offsets import Offsets
-from .search import search
-from .tracks import gather
+from .poses import Poses, poses_of
+from .search import Found, search
+from .tracks import Tracks, gather
 
 
 class MotionEngine:
@@ -44,6 +45,7 @@ class MotionEngine:
         self._describer = Describer(spec.name, config.motion)
         self._before = Membership.empty()
         self._affinity: NDArray[np.float32] = np.zeros((0, 0), np.float32)
+        self._last: tuple[Tracks, Frames, Found, NDArray[np.int64]] | None = None
 
     def observed(self, window: Window, rows: Rows) -> None:
         """Nothing to do: the window is read at updates."""
@@ -74,6 +76,7 @@ class MotionEngine:
         after = self._membership(window)
         events = changes(stamp_ns, self._before, after)
         self._before = after
+        self._last = (tracks, frames, found, ids)
         hypotheses = self._describer.describe(tracks, frames, found, ids)
         self._offsets.learn(tracks, frames, columns)
         chosen = np.searchsorted(tracks.key, window.key[current])
@@ -85,6 +88,10 @@ class MotionEngine:
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
         return self._affinity
+
+    def poses(self) -> Poses | None:
+        """Bodies and their poses over the window as of the last update; None where there was nothing."""
+        return None if self._last is None else poses_of(*self._last)
 
     def state(self, window: Window) -> dict[str, Any]:
         """Labels of all trajectories, the hypotheses' births and poses, and the sources' offsets."""
@@ -108,7 +115,7 @@ class MotionEngine:
         self._before = self._membership(window)
 
     def _nothing(self, window: Window, stamp_ns: int) -> Partition:
-        self._label = {}
+        self._label, self._last = {}, None
         after = self._membership(window)
         events = changes(stamp_ns, self._before, after)
         self._before, self._affinity = after, np.zeros((0, 0), np.float32)

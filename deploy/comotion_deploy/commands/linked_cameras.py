@@ -1,0 +1,80 @@
+"""``--camera`` of the service: calibrated cameras whose hypotheses are linked to bodies in space."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import UserError
+from .camera_options import read_calibration
+
+if TYPE_CHECKING:
+    from comotion import FusionConfig
+    from comotion.linking import Camera
+    from comotion_sources.calibration import Calibration
+
+_WORKCELL = "workcell:"
+
+Cameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        envvar="COMOTION_CAMERA",
+        metavar="NAME=FILE[,FILE]",
+        help="Calibration of a plain camera that does not move, to link its hypotheses to bodies in space: "
+        "its source's name (or its space's), then intrinsics and extrinsics in one file or two, or "
+        "workcell:SCENE/CAMERA; may be repeated.",
+    ),
+]
+
+
+def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConfig":
+    """Add calibrated cameras to the fusion parameters.
+
+    Raises
+    ------
+    UserError
+        If one is not told as it should be, or has no intrinsics or extrinsics.
+    ValueError
+        If a file, or the name of a simulated camera, is wrong.
+    """
+    told = dict(_camera(text) for text in given or ())
+    return config.model_copy(update={"cameras": config.cameras | told}) if told else config
+
+
+def _camera(text: str) -> "tuple[str, Camera]":
+    """Name of the space, and the camera."""
+    from comotion.linking import Camera
+
+    name, separator, where = text.partition("=")
+    if not (name and separator and where):
+        raise UserError(f"--camera {text}: expected NAME=FILE, or NAME=INTRINSICS,EXTRINSICS")
+    found = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
+    inner, outer = found.intrinsics, found.extrinsics
+    if inner is None or outer is None:
+        raise UserError(f"--camera {text}: has no {'intrinsics' if inner is None else 'extrinsics'}")
+    return name if "/" in name else f"{name}/pixels", Camera(
+        fx=inner.fx,
+        fy=inner.fy,
+        cx=inner.cx,
+        cy=inner.cy,
+        distortion=tuple(inner.distortion.tolist()),
+        translation=tuple(outer.translation.tolist()),
+        quaternion=tuple(outer.quaternion.tolist()),
+        frame=outer.frame,
+    )
+
+
+def _from_files(where: str) -> "Calibration":
+    inner, comma, outer = where.partition(",")
+    return read_calibration(Path(inner), Path(outer) if comma else None)
+
+
+def _workcell(what: str) -> "Calibration":
+    from comotion_sources.calibration import Calibration
+    from comotion_sources.workcell.camera import parse
+    from comotion_sources.workcell.scene import Scene
+    from comotion_sources.workcell.viewpoint import calibration
+
+    spec = parse(what)
+    return Calibration(*calibration(Scene(spec.scene, spec.seed), spec.camera, spec.size))

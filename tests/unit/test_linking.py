@@ -1,0 +1,262 @@
+"""Links between a plain camera's hypotheses and the bodies of a metric space."""
+
+from collections.abc import Callable, Iterator
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion, FusionConfig
+from comotion.linking.camera import Camera
+from comotion.linking.links import MARGIN, decide, evidence, joined, speakers
+from comotion.motion.poses import pose_variances
+from comotion_clients.metrics import tracks_of
+from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
+
+RATE, SESSION = 15, "0" * 16
+BODIES = ("room", "lid", "cart")
+Motion = Callable[[float], tuple[Rotation, np.ndarray]]
+
+
+def still(t: float) -> tuple[Rotation, np.ndarray]:
+    return Rotation.identity(), np.zeros(3)
+
+
+def lid(t: float) -> tuple[Rotation, np.ndarray]:
+    turn = Rotation.from_rotvec([0.2 * np.sin(2 * t), 0, np.sin(1.5 * t)])
+    return turn, np.array([-0.4, 0.08 * np.sin(1.3 * t), 0.1 + 0.1 * np.sin(t)])
+
+
+def cart(t: float) -> tuple[Rotation, np.ndarray]:
+    return Rotation.from_rotvec([0, 0, 0.3 * t]), np.array([0.4, -0.45 + 0.16 * t, 0.1])
+
+
+def camera(**changes: object) -> Camera:
+    """A camera 1.3 m from the scene, looking at it from above."""
+    forward = np.array([0.0, 1.0, -0.8]) / np.hypot(1, 0.8)
+    right = np.array([1.0, 0.0, 0.0])
+    R = np.stack([right, np.cross(forward, right), forward], 1)
+    values: dict[str, object] = {
+        "fx": 400.0, "fy": 400.0, "cx": 239.5, "cy": 179.5,
+        "translation": (0.1, -1.1, 0.9), "quaternion": tuple(Rotation.from_matrix(R).as_quat()),
+    }  # fmt: skip
+    return Camera(**(values | changes))
+
+
+def pixels_of(view: Camera, points: np.ndarray) -> np.ndarray:
+    inside = (points - np.asarray(view.translation)) @ view.rotation
+    K = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1.0]])
+    found, _ = cv2.projectPoints(inside, np.zeros(3), np.zeros(3), K, np.array(view.distortion or [0.0] * 5))
+    return np.asarray(found.reshape(-1, 2))
+
+
+def shapes(rng: np.random.Generator, counts: tuple[int, int, int]) -> list[np.ndarray]:
+    """Features of the room, behind the rest, and of two boxes about their own origins."""
+    room = rng.uniform([-0.8, 0.35, -0.1], [0.8, 0.8, 0.5], (counts[0], 3))
+    return [room, *(rng.uniform(-0.12, 0.12, (n, 3)) for n in counts[1:])]
+
+
+def messages(
+    view: Camera,
+    motions: tuple[Motion, Motion, Motion] = (still, lid, cart),
+    *,
+    seconds: float = 4.0,
+    seen: tuple[Motion, Motion, Motion] | None = None,
+    missing: float = 0.2,
+    start: float = 0.0,
+) -> Iterator[ObservationBatch]:
+    """What a depth camera and a plain one see: other features of the same bodies, at other instants.
+
+    `seen`: the motions that the plain camera sees, if others. Feature id // 1000 is the body.
+    """
+    rng = np.random.default_rng(5)
+    deep, flat = shapes(rng, (40, 12, 12)), shapes(rng, (40, 14, 14))
+    for frame in range(round(start * RATE), round((start + seconds) * RATE)):
+        for plain, bodies, moves in ((False, deep, motions), (True, flat, seen or motions)):
+            t = (frame + (0.4 if plain else 0.0)) / RATE
+            poses = [move(t) for move in moves]
+            points = [turn.apply(body) + shift for body, (turn, shift) in zip(bodies, poses, strict=True)]
+            x = np.concatenate(points)
+            ids = np.concatenate([1000 * k + np.arange(len(body)) for k, body in enumerate(bodies)])
+            x = pixels_of(view, x) if plain else x
+            x = x + rng.normal(0, 0.2 if plain else 0.003, x.shape)
+            here = rng.uniform(size=len(x)) >= missing
+            yield ObservationBatch(
+                source="plain" if plain else "deep",
+                session=SESSION,
+                seq=frame,
+                space="plain/pixels" if plain else "world",
+                unit="px" if plain else "m",
+                dim=2 if plain else 3,
+                stamp_ns=round((1000 + t) * 1e9),
+                ids=ids[here].astype(np.uint64),
+                positions=x[here].astype(np.float32),
+            )
+
+
+def run(fusion: Fusion, batches: Iterator[ObservationBatch], every: int = 30) -> HypothesisUpdate:
+    for count, batch in enumerate(batches, 1):
+        fusion.ingest(batch)
+        if count % every == 0:
+            update = fusion.update(batch.stamp_ns)
+    return fusion.update(batch.stamp_ns) if count % every else update
+
+
+def main_body(update: HypothesisUpdate) -> dict[int, str]:
+    """Body of which each hypothesis has most features."""
+    votes: dict[int, list[int]] = {}
+    for table in tracks_of(update).values():
+        for feature, hypothesis in table.items():
+            votes.setdefault(hypothesis, []).append(feature // 1000)
+    return {h: BODIES[int(np.bincount(given).argmax())] for h, given in votes.items()}
+
+
+def linked_bodies(update: HypothesisUpdate) -> dict[str, set[str]]:
+    """Body of each linked image hypothesis -> bodies of the hypotheses it is linked to."""
+    body = main_body(update)
+    found: dict[str, set[str]] = {}
+    for h in update.hypotheses:
+        if h.space == "plain/pixels" and h.linked:
+            found.setdefault(body[h.id], set()).update(body[other] for other in h.linked)
+    return found
+
+
+def fused(view: Camera | None) -> Fusion:
+    return Fusion(FusionConfig(cameras={} if view is None else {"plain/pixels": view}))
+
+
+@pytest.fixture(scope="module")
+def moved() -> Fusion:
+    fusion = fused(camera())
+    run(fusion, messages(camera()))
+    return fusion
+
+
+def test_every_body_is_linked_to_itself_and_both_ways(moved: Fusion) -> None:
+    update = Fusion.restore(moved.config, moved.snapshot()).update(1004_000_000_000)
+    assert linked_bodies(update) == {name: {name} for name in BODIES}
+    of = {h.id: h for h in update.hypotheses}
+    for h in update.hypotheses:
+        for other in h.linked or ():
+            assert of[other].space != h.space
+            assert h.id in (of[other].linked or ())
+    assert encode(decode(encode(update))) == encode(update)
+
+
+def test_links_need_motion() -> None:
+    fusion = fused(camera())
+    update = run(fusion, messages(camera(), (still, still, still)))
+    assert all(h.linked is None for h in update.hypotheses)
+
+
+def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
+    """When all motion has left the window, only what was known speaks for a link."""
+
+    def stopped(motion: Motion) -> Motion:
+        return lambda t: motion(min(t, 4.0))
+
+    fusion = Fusion.restore(FusionConfig(window=2.0, cameras=moved.config.cameras), moved.snapshot())
+    motions = (still, stopped(lid), stopped(cart))
+    update = run(fusion, messages(camera(), motions, start=4.0, seconds=2.5))
+    assert len({h.id for h in update.hypotheses if h.space == "world"}) == 1
+    assert linked_bodies(update) == {"room": {"room"}}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"quaternion": tuple(Rotation.from_euler("xyz", [-150, 25, 60], degrees=True).as_quat())},
+        {"translation": (1.2, -0.2, 0.9)},
+        {"fx": 160.0, "fy": 160.0},
+    ],
+)
+def test_a_wrong_calibration_links_no_moving_body(wrong: dict[str, object]) -> None:
+    update = run(fused(camera(**wrong)), messages(camera()), every=60)
+    assert linked_bodies(update).keys() <= {"room"}
+    assert linked_bodies(update).get("room", set()) <= {"room"}
+
+
+def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none() -> None:
+    def lift(t: float) -> tuple[Rotation, np.ndarray]:
+        return Rotation.from_rotvec([0, 0.3 * t, 0]), np.array([-0.35, 0.0, 0.1 + 0.07 * t])
+
+    update = run(fused(camera()), messages(camera(), (still, still, cart), seen=(still, lift, cart)))
+    assert linked_bodies(update) == {"room": {"room"}, "cart": {"cart"}}
+
+
+def test_distortion_is_undone() -> None:
+    view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
+    update = run(fused(view), messages(view), every=60)
+    assert linked_bodies(update) == {name: {name} for name in BODIES}
+
+
+def test_without_calibration_or_poses_there_are_no_links() -> None:
+    update = run(fused(None), messages(camera(), seconds=2.0))
+    assert all(h.linked is None for h in update.hypotheses)
+    config = FusionConfig(method="thesis", cameras={"plain/pixels": camera()})
+    update = run(Fusion(config), messages(camera(), seconds=1.0))
+    assert all(h.linked is None for h in update.hypotheses)
+    config = FusionConfig(cameras={"plain/pixels": camera(frame="elsewhere"), "world": camera()})
+    update = run(Fusion(config), messages(camera(), seconds=2.0))
+    assert all(h.linked is None for h in update.hypotheses)
+
+
+def test_a_stray_cannot_veto_and_a_few_cannot_decide() -> None:
+    on, off = [0.0, -50.0, -30.0], [-50.0, -40.0, 0.0]
+    assert decide(evidence(np.array([on] * 6 + [off] * 1)), None) == 0
+    assert decide(evidence(np.array([on] * 2)), None) is None
+    assert decide(evidence(np.array([on] * 4 + [off] * 4)), None) is None
+    assert decide(evidence(np.array([off] * 8)), None) is None
+
+
+def test_a_link_holds_until_something_beats_it() -> None:
+    assert decide(np.array([0.0, -0.9 * MARGIN, -20.0]), 1) == 1
+    assert decide(np.array([0.0, -1.1 * MARGIN, -20.0]), 1) == 0
+    assert decide(np.array([-20.0, -20.0, 0.0]), 1) is None
+    assert decide(np.array([0.0, -0.9 * MARGIN, -20.0]), None) is None
+    # One body alone: that something is at rest says nothing where nothing moves.
+    assert decide(np.array([0.0, -50.0]), None) is None
+
+
+def test_hypotheses_of_one_body_are_linked_across_spaces_alone() -> None:
+    space = {1: "world", 2: "a/pixels", 3: "a/pixels", 4: "b/pixels", 5: "b/pixels"}
+    assert joined({2: 1, 3: 1, 4: 1}, space) == {1: [2, 3, 4], 2: [1, 4], 3: [1, 4], 4: [1, 2, 3]}
+
+
+def test_the_longest_observed_members_speak() -> None:
+    labels = np.array([7, 7, -1, 7, 9])
+    assert speakers(labels, np.array([3, 9, 50, 5, 1]), 2).tolist() == [1, 3, 4]
+    assert speakers(np.full(3, -1), np.ones(3, np.intp), 2).tolist() == []
+
+
+def test_pose_variances_are_those_of_fitted_poses() -> None:
+    from comotion.motion.kinematics import align
+
+    rng = np.random.default_rng(2)
+    template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003
+    place, turn = pose_variances(template, np.ones((9, 1)), np.full(9, sigma**2))
+    centre, turns, shifts = template.mean(0), [], []
+    for _ in range(400):
+        R, t = align(template, template + rng.normal(0, sigma, template.shape), 3)
+        turns.append(Rotation.from_matrix(R).as_rotvec())
+        shifts.append(R @ centre + t - centre)
+    assert np.mean(np.square(shifts)) == pytest.approx(place[0], rel=0.15)
+    assert np.mean(np.square(turns)) == pytest.approx(turn[0], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"fx": 0.0},
+        {"cx": float("nan")},
+        {"distortion": (0.1, 0.2)},
+        {"quaternion": (0.0, 0.0, 0.0, 0.0)},
+        {"translation": (0.0, 0.0)},
+        {"shutter": "rolling"},
+    ],
+)
+def test_a_calibration_that_is_none_is_refused(bad: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        camera(**bad)
