@@ -253,15 +253,7 @@ def body_costs(
         for k in range(len(R)):
             v = tolerance[i] + wider[k]
             cost[n, k], squared[n, k] = _body_cost(
-                row[:, first:stop],
-                R[k, :, first:stop],
-                t[k, :, first:stop],
-                posed[k, first:stop],
-                1.0 / v,
-                dim,
-                cap,
-                unposed[k],
-                x[:, first:stop],
+                row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed[k], x
             )
 
 
@@ -271,16 +263,20 @@ def _body_cost(
     R: Floats,
     t: Floats,
     posed: Floats,
+    first: int,
+    stop: int,
     inverse: float,
     dim: int,
     cap: float,
     unposed: float,
     x: Floats,
 ) -> tuple[float, float]:
-    y0, y1, y2, w = row[0], row[1], row[2], row[3]
-    x0, x1, x2, a = x[0], x[1], x[2], x[3]
-    r0, r1, r2, r3, r4, r5, r6, r7, r8 = R[0], R[1], R[2], R[3], R[4], R[5], R[6], R[7], R[8]
-    t0, t1, t2 = t[0], t[1], t[2]
+    y0, y1, y2, w = row[0, first:stop], row[1, first:stop], row[2, first:stop], row[3, first:stop]
+    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
+    r0, r1, r2 = R[0, first:stop], R[1, first:stop], R[2, first:stop]
+    r3, r4, r5 = R[3, first:stop], R[4, first:stop], R[5, first:stop]
+    r6, r7, r8 = R[6, first:stop], R[7, first:stop], R[8, first:stop]
+    t0, t1, t2, p = t[0, first:stop], t[1, first:stop], t[2, first:stop], posed[first:stop]
     seen, total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0
     held = 0.0
     for f in range(len(w)):
@@ -288,7 +284,7 @@ def _body_cost(
         x0[f] = r0[f] * z0 + r3[f] * z1 + r6[f] * z2
         x1[f] = r1[f] * z0 + r4[f] * z1 + r7[f] * z2
         x2[f] = r2[f] * z0 + r5[f] * z1 + r8[f] * z2
-        a[f] = w[f] * posed[f]
+        a[f] = w[f] * p[f]
         seen += 1.0 if w[f] > 0 else 0.0
         held += 1.0 if a[f] > 0 else 0.0
         total += a[f]
