@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..window import Bools, Floats
+from . import density
 from .config import MotionConfig
 from .frames import Frames
 from .tracks import Ints
@@ -15,8 +16,8 @@ _SWEEPS = 3
 _SETTLED = 1.0
 # The dead speak too, if they lived for so many frames.
 DEAD_FRAMES = 8
-# Smallest variance of a density in any direction, as a share of all.
-_FLATTEST = 1e-9
+# Evidence so far beyond what the prior can outweigh, nat, leaves neither a label nor a confidence open.
+_BEYOND = 60.0
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,18 @@ def assign(
     evidence[stays, before[stays] + 1] -= config.stay
     labels = np.asarray(np.argmin(evidence, 1) - 1)
     ordered = np.partition(evidence, 1, axis=1)
-    clarity = 1 - np.exp(-np.maximum(ordered[:, 1] - ordered[:, 0], 0))
+    margin = np.maximum(ordered[:, 1] - ordered[:, 0], 0)
+    clarity = 1 - np.exp(-margin)
+    asked = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _BEYOND)
     voice = _voice(frames, config)
-    spacing = _spacing(where, voice > 0)
+    x = np.ascontiguousarray(where[:, : frames.dim])
+    spacing = density.spacing(x[voice > 0])
     cost = evidence
     for sweep in range(_SWEEPS):
-        prior = _log_prior(
-            where[:, : frames.dim], labels, voice * (clarity if sweep == 0 else 1.0), body.shape[1], spacing
-        )
-        prior = np.maximum(prior, -config.prior_floor)
-        cost = evidence - config.prior_weight * np.column_stack([np.zeros(len(prior)), prior])
+        heard = voice * (clarity if sweep == 0 else 1.0)
+        prior = np.maximum(_log_prior(x, asked, labels, heard, body.shape[1], spacing), -config.prior_floor)
+        cost = evidence.copy()
+        cost[asked, 1:] -= config.prior_weight * prior
         found = np.asarray(np.argmin(cost, 1) - 1)
         if np.array_equal(found, labels):
             break
@@ -77,44 +80,12 @@ def _voice(frames: Frames, config: MotionConfig) -> Floats:
     return np.where(counts, np.minimum(frames.life, settled) / settled, 0.0)
 
 
-def _spacing(where: Floats, counts: Bools) -> float:
-    """Median squared distance to the nearest neighbour."""
-    x = where[counts]
-    if len(x) < 2:
-        return 1.0
-    squared = ((x[:, None] - x[None]) ** 2).sum(2)
-    np.fill_diagonal(squared, np.inf)
-    return max(float(np.median(squared.min(1))), 1e-18)
-
-
-def _log_prior(x: Floats, labels: Ints, voice: Floats, bodies: int, spacing: float) -> Floats:
-    """Log of each body's density of members at x [N, dim], relative to the densest there, [N, K]."""
-    found = np.full((len(x), bodies), -np.inf)
+def _log_prior(x: Floats, asked: Ints, labels: Ints, voice: Floats, bodies: int, spacing: float) -> Floats:
+    """Log of each body's density of members at x[asked], relative to the densest there, [n, K]."""
+    found = np.full((len(asked), bodies), -np.inf)
     for k in range(bodies):
         members = np.flatnonzero((labels == k) & (voice > 0))
         if len(members):
-            found[:, k] = _log_density(x, members, voice[members], spacing)
+            found[:, k] = density.log_density(x, asked, members, voice[members], spacing)
     top = found.max(1, keepdims=True, initial=-np.inf)
     return np.where(np.isfinite(top), found - np.where(np.isfinite(top), top, 0.0), 0.0)
-
-
-def _log_density(x: Floats, members: Ints, voice: Floats, spacing: float) -> Floats:
-    """Kernel density at x, each left out of its own, [N].
-
-    The kernel has the shape of the body's own spread, drawn to the scene's spacing where members are
-    few, and Scott's bandwidth n^(-1/(dim + 4)).
-    """
-    dim = x.shape[1]
-    total = voice.sum()
-    z = x[members] - (voice[:, None] * x[members]).sum(0) / total
-    spread = np.einsum("n,ni,nj->ij", voice, z, z)
-    # Coincident features on a line or plane leave no spacing: stay clear of rounding.
-    spread += max(spacing, _FLATTEST * np.trace(spread)) * np.eye(dim)
-    spread /= total + dim
-    bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
-    whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    white = x @ whiten.T
-    squared = ((white[:, None] - white[None, members]) ** 2).sum(2)
-    kernel = np.exp(-0.5 * squared) * voice
-    kernel[members, np.arange(len(members))] = 0.0
-    return np.asarray(np.log(kernel.sum(1) + 1e-300) + np.log(np.diag(whiten)).sum())

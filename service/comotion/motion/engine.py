@@ -19,7 +19,7 @@ from .frames import Frames, make_frames
 from .identity import match
 from .offsets import Offsets
 from .poses import Poses, poses_of
-from .search import Found, search
+from .search import Found, Past, search
 from .tracks import Tracks, gather
 
 
@@ -40,6 +40,7 @@ class MotionEngine:
         self._config = config.motion
         self._ids = ids
         self._label: dict[int, int] = {}
+        self._strange: dict[int, float] = {}
         self._static: int | None = None
         self._offsets = Offsets()
         self._describer = Describer(spec.name, config.motion)
@@ -67,7 +68,9 @@ class MotionEngine:
         tracks = self._offsets.correct(tracks)
         frames = make_frames(tracks, stamp_ns, window.span_ns, window.gap_ns, lag, self._config)
         before = np.array([self._label.get(k, NO_HYPOTHESIS) for k in tracks.key.tolist()], np.int64)
-        found = search(frames, tracks.newest(), before, self._static, self._config)
+        strange = np.array([self._strange.get(k, 0.0) for k in tracks.key.tolist()])
+        found = search(frames, tracks.newest(), Past(before, self._static, strange), self._config)
+        self._strange = dict(zip(tracks.key.tolist(), found.strange.tolist(), strict=True))
         columns = found.assignment.labels
         ids = self._name(columns, before, len(found.bodies))
         labels = np.where(columns >= 0, ids[columns], NO_HYPOTHESIS)

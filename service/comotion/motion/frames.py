@@ -1,6 +1,6 @@
 """Trajectories of any rate and phase on common frames, with the noise and the tolerance of each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,21 @@ class Frames:
         chosen = np.zeros(len(self.life), np.bool_)
         chosen[tracks] = True
         return np.flatnonzero(chosen[self.owner])
+
+    def of(self, tracks: Ints) -> "Frames":
+        """Those of some trajectories, intp [n] ascending."""
+        rows = self.rows_of(tracks)
+        return replace(
+            self,
+            y=self.y[rows],
+            w=self.w[rows],
+            owner=np.searchsorted(tracks, self.owner[rows]),
+            weight=self.weight[rows],
+            noise=self.noise[rows],
+            tolerance=self.tolerance[rows],
+            life=self.life[tracks],
+            alive=self.alive[tracks],
+        )
 
     def per_track(self, values: Floats) -> Floats:
         """Weighted sum of a row quantity over each trajectory's rows, float64 [N]."""

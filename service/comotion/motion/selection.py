@@ -38,10 +38,10 @@ def _superfluous(costs: Costs, chosen: list[int]) -> int | None:
     if len(chosen) == 1:
         return None
     table = np.column_stack([costs.outlier, costs.body[:, chosen]])
-    order = np.argsort(table, 1, kind="stable")[:, :2]
-    rows = np.arange(len(table))
-    regret = table[rows, order[:, 1]] - table[rows, order[:, 0]]
-    loss = np.bincount(order[:, 0], regret, len(chosen) + 1)[1:] - costs.opening[chosen]
+    first = np.argmin(table, 1)
+    two = np.partition(table, 1, axis=1)
+    regret = two[:, 1] - two[:, 0]
+    loss = np.bincount(first, regret, len(chosen) + 1)[1:] - costs.opening[chosen]
     loss[0] = np.inf
     worst = int(np.argmin(loss))
     return chosen[worst] if loss[worst] < 0 else None
