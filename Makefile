@@ -35,8 +35,9 @@ format: setup  ## apply lint fixes and formatting
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-schemas: setup  ## export the JSON Schema of every message header
+schemas: setup  ## export the JSON Schema of every message header, and the tables of parameters
 	$(BIN)/python -m comotion_schemas.export schemas
+	$(BIN)/python -m comotion_deploy.parameter_table docs/parameters.md
 
 clean:  ## remove what setup and runs created
 	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

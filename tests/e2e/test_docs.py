@@ -1,49 +1,94 @@
-"""The code in README and docs runs, and the commands in them exist."""
+"""The code in README and docs runs, and the commands in them exist.
 
+A comment before a block says what is to be done with it; it does not show on the page:
+
+``<!-- file: NAME -->``
+    Write it to a file of this name, for the commands that follow.
+``<!-- start -->``
+    Start each `comotion` command of the block and wait until it is ready; the router and the service
+    are those that all tests here share.
+``<!-- run -->``
+    Run each line to its end.
+
+Blocks of Python without one are run by what they do; of every other `comotion` command it is checked
+that it takes these arguments.
+"""
+
+import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
+import typer
 
 from comotion_clients.subscribe import subscribe
-from comotion_deploy.cli import run
+from comotion_deploy.cli import app, run
+from comotion_deploy.parameter_table import filled
+from comotion_deploy.processes import read_processes
+from comotion_schemas import metrics
 
 pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^(?:<!-- (\w+)(?:: (\S+))? -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+RUN_S = 60
 
 
-def blocks(language: str) -> Iterator[tuple[str, str]]:
-    for page in PAGES:
-        for number, (found, text) in enumerate(BLOCK.findall(page.read_text())):
-            if found == language:
-                yield f"{page.name}:{number}", text
+class Block(NamedTuple):
+    """A block of code and the comment before it."""
+
+    name: str
+    mark: str
+    argument: str
+    language: str
+    text: str
+
+    @property
+    def lines(self) -> list[list[str]]:
+        """Words of each line, comments left out."""
+        return [words for line in self.text.splitlines() if (words := shlex.split(line, comments=True))]
 
 
-PYTHON = dict(blocks("python"))
+def blocks(page: Path) -> list[Block]:
+    found = BLOCK.findall(page.read_text())
+    return [Block(f"{page.name}:{number}", *block) for number, block in enumerate(found)]
+
+
+ALL = [block for page in PAGES for block in blocks(page)]
+PYTHON = {block.name: block.text for block in ALL if block.language == "python" and not block.mark}
 PUBLISHERS = [name for name, text in PYTHON.items() if "Publisher(" in text or "declare_publisher" in text]
 SUBSCRIBERS = [name for name, text in PYTHON.items() if "subscribe(" in text]
 SCRIPTS = [name for name in PYTHON if name not in PUBLISHERS and name not in SUBSCRIBERS]
+SESSIONS = [page for page in PAGES if any(block.mark in {"start", "run"} for block in blocks(page))]
+
+Run = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture(scope="module")
+def endpoint(start_shared: Callable, shared_endpoint: str) -> str:
+    """Endpoint of a running system: a router and a service."""
+    start_shared("router", "--listen", shared_endpoint)
+    start_shared("serve", "--connect", shared_endpoint)
+    return shared_endpoint
 
 
 @pytest.fixture
-def run_block(endpoint: str, tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
-    """Start a block of Python as a user would: pasted into a file."""
+def spawn(tmp_path: Path) -> Iterator[Run]:
+    """Start a program in the folder of the test; it is killed in the end."""
     running: list[subprocess.Popen[str]] = []
 
-    def begin(name: str) -> subprocess.Popen[str]:
-        script = tmp_path / f"block{len(running)}.py"
-        script.write_text(PYTHON[name].replace(DEFAULT_ENDPOINT, endpoint))
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-W", "error", str(script)], stdout=subprocess.PIPE, text=True
-        )
+    def begin(*command: object) -> subprocess.Popen[str]:
+        process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True, cwd=tmp_path)
         running.append(process)
         return process
 
@@ -53,10 +98,42 @@ def run_block(endpoint: str, tmp_path: Path) -> Iterator[Callable[[str], subproc
         process.communicate()
 
 
+@pytest.fixture
+def run_block(endpoint: str, tmp_path: Path, spawn: Run) -> Run:
+    """Start a block of Python as a user would: pasted into a file."""
+
+    def begin(name: str) -> subprocess.Popen[str]:
+        script = tmp_path / "block.py"
+        script.write_text(PYTHON[name].replace(DEFAULT_ENDPOINT, endpoint))
+        return spawn(sys.executable, "-u", "-W", "error", script)
+
+    return begin
+
+
+def quietly(words: Sequence[str | Path], **how: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command, keeping what it prints."""
+    return subprocess.run(words, check=False, capture_output=True, text=True, timeout=RUN_S, **how)
+
+
+@contextmanager
+def box_and_floor_are_told_apart(endpoint: str) -> Iterator[None]:
+    """Wait for the features of a source that is not there yet; else the time limit of the test strikes."""
+    with subscribe("default", endpoint, timeout=30) as updates:
+        before = {source.session for source in next(updates).sources}
+        yield
+        for update in updates:
+            new = {source.session for source in update.sources}.isdisjoint(before)
+            if new and sorted(h.size for h in update.hypotheses) == [10, 20]:
+                return
+
+
 def test_there_is_code_of_every_kind() -> None:
-    assert len(PUBLISHERS) >= 2
+    assert len(PUBLISHERS) >= 3
     assert SUBSCRIBERS
     assert SCRIPTS
+    assert len(SESSIONS) >= 3
+    # A comment that is misspelt would leave its block out.
+    assert {block.mark for block in ALL} == {"", "file", "start", "run"}
 
 
 def test_publishing_takes_twenty_lines() -> None:
@@ -65,17 +142,34 @@ def test_publishing_takes_twenty_lines() -> None:
 
 
 @pytest.mark.parametrize("name", PUBLISHERS)
-def test_code_that_publishes(name: str, start: Callable, endpoint: str, run_block: Callable) -> None:
-    start("serve", "--connect", endpoint)
-    run_block(name)
-    with subscribe("default", endpoint, timeout=30) as updates:
-        # The box and the floor part; else the time limit of the test strikes.
-        next(update for update in updates if sorted(h.size for h in update.hypotheses) == [10, 20])
+def test_code_that_publishes(name: str, endpoint: str, run_block: Run) -> None:
+    with box_and_floor_are_told_apart(endpoint):
+        run_block(name)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("cc", "-O2", "-std=c11", "-Wall", "-Wextra", "-Werror", "tracker.c", "-lm"),
+        ("rustc", "-O", "tracker.rs"),
+    ],
+    ids=["C", "Rust"],
+)
+def test_sources_in_other_languages(
+    command: tuple[str, ...], endpoint: str, spawn: Run, tmp_path: Path
+) -> None:
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"no {command[0]}")
+    examples, tracker = ROOT / "docs" / "examples", tmp_path / "tracker"
+    subprocess.run([*command, "-o", tracker], cwd=examples, check=True, timeout=RUN_S)
+    (pipe,) = [block for block in ALL if block.argument == "pipe.py"]
+    (tmp_path / "pipe.py").write_text(pipe.text)
+    with box_and_floor_are_told_apart(endpoint):
+        spawn(sys.executable, "-W", "error", "pipe.py", endpoint, tracker)
 
 
 @pytest.mark.parametrize("name", SUBSCRIBERS)
-def test_code_that_subscribes(name: str, start: Callable, endpoint: str, run_block: Callable) -> None:
-    start("serve", "--connect", endpoint)
+def test_code_that_subscribes(name: str, start: Callable, endpoint: str, run_block: Run) -> None:
     start("source", "simulator", "fig4_1", "--loop", "--connect", endpoint)
     process = run_block(name)
     alarm = threading.Timer(30, process.kill)
@@ -86,53 +180,121 @@ def test_code_that_subscribes(name: str, start: Callable, endpoint: str, run_blo
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_code_that_runs_to_its_end(name: str, run_block: Callable) -> None:
+def test_code_that_runs_to_its_end(name: str, run_block: Run) -> None:
     process = run_block(name)
-    output, _ = process.communicate(timeout=60)
+    output, _ = process.communicate(timeout=RUN_S)
     assert process.returncode == 0
     assert output.strip()
 
 
+@pytest.mark.parametrize("page", SESSIONS, ids=lambda page: page.name)
+def test_a_page_can_be_followed(page: Path, start: Callable, endpoint: str, tmp_path: Path) -> None:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    env = {**os.environ, "COMOTION_CONNECT": endpoint, "PATH": path}
+    for block in blocks(page):
+        if block.mark == "file":
+            (tmp_path / block.argument).write_text(block.text.replace(DEFAULT_ENDPOINT, endpoint))
+        for words in block.lines if block.mark == "start" else []:
+            assert words[0] == "comotion", words
+            if words[1] not in {"router", "serve"}:
+                start(*words[1:], "--connect", endpoint, cwd=tmp_path)
+        for words in block.lines if block.mark == "run" else []:
+            done = quietly(words, cwd=tmp_path, env=env)
+            assert done.returncode == 0, f"{shlex.join(words)}: {done.stdout}{done.stderr}"
+            assert done.stdout.strip(), words
+
+
+@pytest.mark.parametrize(
+    "block", [block for block in ALL if block.argument.endswith(".toml")], ids=lambda block: block.name
+)
+def test_configuration_files_are_valid(
+    block: Block, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / block.argument
+    file.write_text(block.text)
+    assert run(["config", "--config", str(file)]) == 0
+    assert capsys.readouterr().out
+    content = tomllib.loads(block.text)
+    for spec in read_processes(content) if "process" in content else []:
+        words = spec.command[spec.command.index("comotion_deploy") + 1 :]
+        assert run([*words, "--config", str(file), "--help"]) == 0
+
+
 def commands() -> Iterator[list[str]]:
     """Every `comotion` command line of the pages, in blocks and in running text."""
+    for block in ALL:
+        if block.language == "bash":
+            # A command may stand behind others: sudo, taskset -c 2, ...
+            yield from (words[words.index("comotion") :] for words in block.lines if "comotion" in words)
     for page in PAGES:
-        text = page.read_text()
-        lines = [
-            line
-            for language, block in BLOCK.findall(text)
-            if language == "bash"
-            for line in block.splitlines()
-        ]
-        lines += re.findall(r"`(comotion [^`]+)`", BLOCK.sub("", text))
-        for line in lines:
-            words = shlex.split(line, comments=True)
-            if words[:1] == ["comotion"]:
-                yield words[1:]
+        inline = re.findall(r"`([^`]+)`", BLOCK.sub("", page.read_text()))
+        for words in (shlex.split(text) for text in inline if re.search(r"(^| )comotion ", text)):
+            yield words[words.index("comotion") :]
 
 
-COMMANDS = sorted({shlex.join(words) for words in commands()})
+COMMANDS = sorted({shlex.join(words[1:]) for words in commands()} - {""})
 
 
 @pytest.mark.parametrize("line", COMMANDS)
-def test_commands_exist_with_their_options(
-    line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
+def test_commands_take_these_arguments(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for block in ALL:
+        if block.mark == "file":
+            (tmp_path / block.argument).write_text(block.text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(metrics, "expose", lambda _host, port: port)
     words = shlex.split(line)
-    chosen = words[:2] if words[0] in {"source", "reproduce"} else words[:1]
-    assert run([*chosen, "--help"]) == 0
-    text = capsys.readouterr().out
-    for option in (word for word in words if word.startswith("--")):
-        assert re.search(rf"{option}\b", text), option
+    program = leaf = typer.main.get_command(app)
+    depth = 0
+    while depth < len(words) and words[depth] in getattr(leaf, "commands", {}):
+        leaf = leaf.commands[words[depth]]
+        depth += 1
+    leaf.callback = lambda **_: None
+    # A mere name, in running text, need not have the arguments that the command requires.
+    if depth == 0 or depth < len(words):
+        assert program.main(words, prog_name="comotion", standalone_mode=False) in {None, 0}
+
+
+def test_the_tables_of_parameters_are_in_step() -> None:
+    page = (ROOT / "docs" / "parameters.md").read_text()
+    assert filled(page) == page, "run: python -m comotion_deploy.parameter_table docs/parameters.md"
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text()
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.name == "README.md" or f"]({page.name})" in index, page.name
 
 
 def test_links_lead_somewhere() -> None:
     for page in PAGES:
-        for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
-            if not target.startswith("http"):
-                assert (page.parent / target).exists(), f"{page.name}: {target}"
+        for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
+            if target.startswith("http"):
+                continue
+            goal = (page.parent / target) if target else page
+            assert goal.exists(), f"{page.name}: {target}"
+            if anchor:
+                assert anchor in anchors(goal), f"{page.name}: {target}#{anchor}"
+
+
+def anchors(page: Path) -> set[str]:
+    """Where a link can lead within a page, as GitHub names its headings."""
+    headings = re.findall(r"^#+ (.+)$", BLOCK.sub("", page.read_text()), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_pictures_are_small() -> None:
     for picture in (ROOT / "docs" / "images").iterdir():
         assert picture.stat().st_size < 300_000, picture.name
+
+
+def test_units_are_valid(tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("no systemd")
+    for unit in (ROOT / "deploy" / "systemd").iterdir():
+        # Neither the program nor its user is there.
+        text = unit.read_text().replace("/opt/comotion/.venv/bin/comotion", "/bin/true")
+        (tmp_path / unit.name.replace("@", "@cell")).write_text(text.replace("User=comotion", "User=root"))
+    units = sorted(tmp_path.iterdir())
+    done = quietly(["systemd-analyze", "verify", *units])
+    ours = [line for line in done.stderr.splitlines() if any(unit.name in line for unit in units)]
+    assert not ours
