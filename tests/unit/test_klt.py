@@ -12,6 +12,7 @@ from comotion_sources.klt import Tracker, TrackerConfig
 from comotion_sources.klt.corners import crowded, new_corners
 from comotion_sources.klt.depth import look_up
 from comotion_sources.klt.flow import forward_backward
+from comotion_sources.klt.publisher import reduced
 
 SHAPE = (240, 320)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)
@@ -338,3 +339,13 @@ def test_the_same_frames_give_the_same_tracks() -> None:
         )
 
     np.testing.assert_array_equal(run(), run())
+
+
+def test_a_large_image_is_shared_smaller_with_its_features_in_place() -> None:
+    image = np.zeros((1080, 1920, 3), np.uint8)
+    image[400:420, 1000:1020] = 255
+    small, pixels = reduced(image, np.array([[1009.5, 409.5]], np.float32))
+    assert small.shape == (540, 960, 3)
+    rows, columns = np.nonzero(small[:, :, 0])
+    assert pixels[0] == pytest.approx([columns.mean(), rows.mean()])
+    assert reduced(small, pixels)[0] is small

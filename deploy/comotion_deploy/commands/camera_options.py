@@ -103,6 +103,17 @@ PreviewPath = Annotated[
         help="Write an annotated video, or PNGs into a folder; features in the colour of their hypothesis.",
     ),
 ]
+SharePreview = Annotated[
+    float,
+    typer.Option(
+        "--share-preview",
+        envvar="COMOTION_SHARE_PREVIEW",
+        min=0,
+        max=60,
+        metavar="HZ",
+        help="Images a second, with their features, for viewers and recorders that subscribe; 0: none.",
+    ),
+]
 Realtime = Annotated[
     bool,
     typer.Option(

@@ -49,6 +49,7 @@ def external_camera(
     space: camera.Space = None,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
+    share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
     stamps: camera.Stamps = camera.StampChoice.NOW,
@@ -78,6 +79,7 @@ def external_camera(
         loop=loop,
         reconnect=reconnect,
         preview=preview,
+        share_preview=share_preview,
         markers=None if marker_size is None else MarkerOptions(marker_size, dictionary),
     )
     wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)

@@ -36,6 +36,7 @@ def klt(
     space: camera.Space = None,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
+    share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
     stamps: camera.Stamps = camera.StampChoice.NOW,
@@ -63,6 +64,7 @@ def klt(
         loop=loop,
         reconnect=reconnect,
         preview=preview,
+        share_preview=share_preview,
     )
     wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)
     run(what, settings, wire)

@@ -58,6 +58,8 @@ class CameraOptions:
         Open a device again when it is lost.
     preview
         Annotated video or folder of PNGs to write.
+    share_preview
+        Most images a second for those who subscribe to them; 0: none.
     markers
         Fiducial markers to look for; None: none.
     """
@@ -72,6 +74,7 @@ class CameraOptions:
     loop: bool = False
     reconnect: bool = True
     preview: Path | None = None
+    share_preview: float = 5.0
     markers: MarkerOptions | None = None
 
 
@@ -115,6 +118,7 @@ class CameraProcess:
         self._markers: MarkerOutput | None = None
         self._preview: DelayedPreview | None = None
         self._feed: HypothesisFeed | None = None
+        self._stream: PreviewStream | None = None
 
     def run(self) -> None:
         """Publish until the camera ends or the process is told to stop."""
@@ -160,10 +164,10 @@ class CameraProcess:
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects)
         component = self._publisher.component
         identity = (options.name, component.session_id)
-        self._stream = PreviewStream(
-            component.session, component.keys.stream("preview", options.name), *identity
-        )
-        stack.callback(self._stream.close)
+        if options.share_preview > 0:
+            key = component.keys.stream("preview", options.name)
+            self._stream = PreviewStream(component.session, key, *identity, options.share_preview)
+            stack.callback(self._stream.close)
         if options.preview is not None:
             self._feed = HypothesisFeed(component.session, component.keys, *identity)
             stack.callback(self._feed.close)
@@ -259,7 +263,8 @@ class CameraProcess:
             _log.warning("%s: %s", self._what, "no depth" if missing else "depth is back")
 
     def _show(self, frame: Frame, tracks: Tracks) -> None:
-        self._stream.offer(frame.image, tracks)
+        if self._stream is not None:
+            self._stream.offer(frame.image, tracks)
         if self._preview is not None and self._feed is not None:
             self._feed.poll()
             self._preview.add(frame.image, tracks)

@@ -15,9 +15,10 @@ from comotion_schemas.transport import declare_publisher
 
 from ..cameras.types import Image
 from ..runtime import SourcePublisher
+from .flow import Pixels
 from .tracker import Tracks
 
-_PREVIEW_PERIOD_S = 0.2
+_PREVIEW_EDGE = 960
 _JPEG_QUALITY = 80
 
 
@@ -44,11 +45,24 @@ class CameraPublisher(SourcePublisher):
 
 
 class PreviewStream:
-    """Publishes images with their features while somebody watches, a few a second."""
+    """Publishes images with their features while somebody subscribes; a large one is made smaller.
 
-    def __init__(self, session: zenoh.Session, key: str, source: str, source_session: str) -> None:
+    Parameters
+    ----------
+    session, key
+        An open session, and where to publish.
+    source, source_session
+        Whose features these are.
+    rate
+        Most images a second.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, key: str, source: str, source_session: str, rate: float
+    ) -> None:
         self._publisher: Any = declare_publisher(session, key, "preview")
         self._source, self._session = source, source_session
+        self._period = 1.0 / rate
         self._due = 0.0
 
     def offer(self, image: Image, tracks: Tracks) -> None:
@@ -56,7 +70,8 @@ class PreviewStream:
         now = time.monotonic()
         if now < self._due or not self._publisher.matching_status.matching:
             return
-        self._due = now + _PREVIEW_PERIOD_S
+        self._due = now + self._period
+        image, pixels = reduced(image, tracks.pixels)
         ok, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if not ok:
             return
@@ -67,10 +82,23 @@ class PreviewStream:
             encoding="jpeg",
             image=encoded.tobytes(),
             ids=tracks.ids,
-            pixels=tracks.pixels.astype(np.float32),
+            pixels=pixels.astype(np.float32),
         )
         self._publisher.put(encode(preview))
 
     def close(self) -> None:
         """Undeclare the publisher."""
         self._publisher.undeclare()
+
+
+def reduced(image: Image, pixels: Pixels) -> tuple[Image, Pixels]:
+    """Make an image no longer than 960 px, and move the features [N, 2] in it along."""
+    height, width = image.shape[:2]
+    scale = _PREVIEW_EDGE / max(height, width)
+    if scale >= 1:
+        return image, pixels
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    # A pixel's middle is at whole numbers: the image begins at -0.5.
+    shares = np.array([size[0] / width, size[1] / height], np.float32)
+    return small, (pixels + 0.5) * shares - 0.5
