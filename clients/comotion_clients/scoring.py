@@ -2,7 +2,7 @@
 
 import bisect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +36,31 @@ class SpaceRef:
     name: str
     unit: Unit
     dim: int
+
+
+def spaces_of(update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[SpaceRef]:
+    """Tell the coordinate space of every source of an update.
+
+    Parameters
+    ----------
+    update
+        What the service said.
+    known
+        Spaces by source, from its batches. Where those were not heard, the hypotheses of its tracks
+        tell, and the unit is taken for m in 3-D and px in 2-D.
+    """
+    return [
+        known.get(source.name) or _space_of_tracks(update, number)
+        for number, source in enumerate(update.sources)
+    ]
+
+
+def _space_of_tracks(update: HypothesisUpdate, source: int) -> SpaceRef:
+    rows = update.track_source == source
+    spaces = {h.id: h.space for h in update.hypotheses}
+    names = (spaces[h] for h in update.track_hypothesis[rows].tolist() if h in spaces)
+    flat = bool(np.isnan(update.track_position[rows, 2]).any())
+    return SpaceRef(next(names, "unknown"), "px" if flat else "m", 2 if flat else 3)
 
 
 class Observed:

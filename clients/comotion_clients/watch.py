@@ -10,16 +10,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import zenoh
 from rich.console import Console
 from rich.live import Live
 
-from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, Keys, ObservationBatch, Status
+from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.component import Component, new_session_id
 from comotion_schemas.transport import SessionSettings
 
+from .presence import Presence
 from .scene_model import SceneModel
 from .scene_rows import EventRow
 from .subscribe import connected
@@ -57,10 +57,7 @@ class _Feed:
         self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
         self._updates = Subscription(session, HypothesisUpdate, scene)
         self._statuses = Subscription(session, Status, scene)
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(256)
-        self._presence: Any = session.liveliness().declare_subscriber(
-            Keys(scene).all_live(), ring, history=True
-        )
+        self._presence = Presence(session, scene)
 
     def poll(self) -> list[Event]:
         """Take in everything that has come; answers with the new events."""
@@ -70,16 +67,13 @@ class _Feed:
         events = [e for at, update in self._updates.drain() for e in self.model.on_update(update, at)]
         for _, status in self._statuses.drain():
             self.model.on_status(status)
-        while (sample := self._presence.try_recv()) is not None:
-            role, name = str(sample.key_expr).split("/")[-2:]
-            alive = sample.kind == zenoh.SampleKind.PUT
+        for role, name, alive in self._presence.drain():
             self.model.on_presence(role, name, alive=alive, now=now)
         return events
 
     def close(self) -> None:
         """Undeclare everything."""
-        self._presence.undeclare()
-        for subscription in (self._batches, self._updates, self._statuses):
+        for subscription in (self._presence, self._batches, self._updates, self._statuses):
             subscription.close()
 
 

@@ -17,48 +17,28 @@ Log times stay those of the recording; the time stamps inside are those of acqui
 import json
 import math
 import os
-import struct
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.stream_reader import CRCValidationError
 from mcap.writer import Writer
-from zstandard import ZstdError
 
 from comotion_schemas import (
-    DecodeError,
     HypothesisUpdate,
     Message,
     ObservationBatch,
     Preview,
     Status,
     TruthBatch,
-    decode,
 )
-from comotion_schemas.recording import MESSAGE_ENCODING, SCHEMA_ENCODING, kind_of
+from comotion_schemas.recording import SCHEMA_ENCODING
 
 from ..metrics import Truth
-from ..scoring import Observed, Tally
+from ..scoring import Observed, Tally, spaces_of
 from . import foxglove
 from .disk import create
 from .foxglove_schemas import SCHEMAS, Json
-
-# What reading damaged bytes raises.
-_DAMAGED = (
-    McapError,
-    CRCValidationError,
-    ZstdError,
-    struct.error,
-    RuntimeError,
-    OSError,
-    KeyError,
-    UnicodeDecodeError,
-)
+from .reading import Reading
 
 
 @dataclass
@@ -99,11 +79,12 @@ def export(source: Path, target: Path) -> Exported:
     OSError
         If a file cannot be read or written, or `target` exists.
     """
-    with source.open("rb") as file, os.fdopen(create(target), "wb") as output:
+    with Reading(source) as reading, os.fdopen(create(target), "wb") as output:
         try:
             exporter = _Exporter(Writer(output))
-            for log_ns, message in _messages(file, source, exporter.exported):
+            for log_ns, message in reading.messages():
                 exporter.add(log_ns, message)
+            exporter.exported.invalid = reading.invalid
             exporter.close()
             if not exporter.exported.messages.get("/numbers"):
                 raise ValueError(f"{source}: it holds no hypotheses; was the service recorded?")
@@ -111,22 +92,6 @@ def export(source: Path, target: Path) -> Exported:
             target.unlink()
             raise
     return exporter.exported
-
-
-def _messages(file: BinaryIO, source: Path, exported: Exported) -> Iterator[tuple[int, Message]]:
-    try:
-        for _, channel, logged in make_reader(file, validate_crcs=True).iter_messages():
-            if channel.message_encoding != MESSAGE_ENCODING or kind_of(channel.topic) is None:
-                continue
-            try:
-                yield logged.log_time, decode(logged.data)
-            except DecodeError:
-                exported.invalid += 1
-    except _DAMAGED as error:
-        raise ValueError(
-            f"{source}: damaged or never completed ({type(error).__name__}); "
-            f"try: comotion record --repair {source}"
-        ) from None
 
 
 class _Exporter:
@@ -175,7 +140,7 @@ class _Exporter:
                 score.misclassification if scored else None,
             ),
         )
-        space_of = self._spaces(update)
+        space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         moved = foxglove.transforms(update, {h.space: self._scale(h.space) for h in update.hypotheses})
@@ -192,17 +157,6 @@ class _Exporter:
         poses = foxglove.poses(update, space, scale)
         self._put(f"/hypotheses/{space}", "foxglove.PosesInFrame", log_ns, poses)
         self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, foxglove.labels(update, space, scale))
-
-    def _spaces(self, update: HypothesisUpdate) -> list[str]:
-        """Coordinate space of every source of an update.
-
-        Known from its batches; where those were not recorded, from the hypotheses of its tracks.
-        """
-        found = []
-        for number, source in enumerate(update.sources):
-            known = self._observed.spaces.get(source.name)
-            found.append(known.name if known else _space_of_tracks(update, number))
-        return found
 
     def _scale(self, space: str) -> float:
         units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
@@ -232,11 +186,3 @@ class _Exporter:
                 self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, data)
             self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
         return self._channels[topic]
-
-
-def _space_of_tracks(update: HypothesisUpdate, source: int) -> str:
-    spaces = {h.id: h.space for h in update.hypotheses}
-    for hypothesis in update.track_hypothesis[update.track_source == source].tolist():
-        if hypothesis in spaces:
-            return spaces[hypothesis]
-    return "unknown"

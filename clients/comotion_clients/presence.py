@@ -1,0 +1,29 @@
+"""Who is in a scene: its liveliness tokens, as they come and go."""
+
+from typing import Any
+
+import zenoh
+
+from comotion_schemas import Keys
+
+
+class Presence:
+    """Follows the components of one scene within an open session."""
+
+    def __init__(self, session: zenoh.Session, scene: str) -> None:
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(256)
+        self._tokens: Any = session.liveliness().declare_subscriber(
+            Keys(scene).all_live(), ring, history=True
+        )
+
+    def drain(self) -> list[tuple[str, str, bool]]:
+        """Take what is new, without waiting: (role, name, whether it is alive)."""
+        found = []
+        while (sample := self._tokens.try_recv()) is not None:
+            role, name = str(sample.key_expr).split("/")[-2:]
+            found.append((role, name, sample.kind == zenoh.SampleKind.PUT))
+        return found
+
+    def close(self) -> None:
+        """Undeclare the subscription."""
+        self._tokens.undeclare()

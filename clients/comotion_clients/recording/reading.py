@@ -1,0 +1,90 @@
+"""The messages of a recording, for clients that look at it. Needs the extra `record`."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+from mcap.stream_reader import CRCValidationError
+from zstandard import ZstdError
+
+from comotion_schemas import DEFAULT_SCENE, DecodeError, Message, decode
+from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
+
+# What reading damaged bytes raises.
+_DAMAGED = (
+    McapError,
+    CRCValidationError,
+    ZstdError,
+    struct.error,
+    RuntimeError,
+    OSError,
+    KeyError,
+    UnicodeDecodeError,
+)
+
+
+class Reading:
+    """A recording that is open; a context manager.
+
+    Attributes
+    ----------
+    invalid
+        Payloads so far that were left out because they are not valid.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged or was never completed; from reading on, too.
+    OSError
+        If it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.invalid = 0
+        self._path = path
+        try:
+            self._file: BinaryIO = path.open("rb")
+        except OSError as error:
+            raise OSError(f"{path}: {error.strerror}") from None
+        try:
+            self._reader: McapReader = make_reader(self._file, validate_crcs=True)
+        except _DAMAGED as error:
+            self._file.close()
+            raise self._damaged(error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._file.close()
+
+    def scene(self) -> str:
+        """Name of the scene that was recorded."""
+        try:
+            summary = self._reader.get_summary()
+        except _DAMAGED as error:
+            raise self._damaged(error) from None
+        topics = [channel.topic for channel in summary.channels.values()] if summary else []
+        return next((topic.split("/")[2] for topic in topics if kind_of(topic)), DEFAULT_SCENE)
+
+    def messages(self) -> Iterator[tuple[int, Message]]:
+        """Yield (receipt in ns, message) in the order of receipt."""
+        try:
+            for _, channel, logged in self._reader.iter_messages():
+                if channel.message_encoding != MESSAGE_ENCODING or kind_of(channel.topic) is None:
+                    continue
+                try:
+                    yield logged.log_time, decode(logged.data)
+                except DecodeError:
+                    self.invalid += 1
+        except _DAMAGED as error:
+            raise self._damaged(error) from None
+
+    def _damaged(self, error: Exception) -> ValueError:
+        return ValueError(
+            f"{self._path}: damaged or never completed ({type(error).__name__}); "
+            f"try: comotion record --repair {self._path}"
+        )
