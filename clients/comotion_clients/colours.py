@@ -28,6 +28,7 @@ HUES: tuple[RGB, ...] = (
 GREY: RGB = (120, 120, 120)
 MARKERS = ("o", "s", "^", "D", "v")
 _SHADES = (0.0, -0.35, 0.45)
+_LEGIBLE = (0.45, 0.6)
 
 
 def colour(hypothesis: int) -> RGB:
@@ -37,6 +38,19 @@ def colour(hypothesis: int) -> RGB:
     red, green, blue = HUES[hypothesis % len(HUES)]
     shade = _SHADES[hypothesis // len(HUES) % len(_SHADES)]
     return _shaded(red, shade), _shaded(green, shade), _shaded(blue, shade)
+
+
+def legible(hypothesis: int) -> RGB:
+    """Colour of a hypothesis id for words on any ground: of the same hue, neither dark nor light."""
+    red, green, blue = colour(hypothesis)
+    luma = (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255  # Rec. 709
+    darkest, lightest = _LEGIBLE
+    mix = 0.0
+    if luma < darkest:
+        mix = (darkest - luma) / (1 - luma)
+    elif luma > lightest:
+        mix = lightest / luma - 1
+    return _shaded(red, mix), _shaded(green, mix), _shaded(blue, mix)
 
 
 def hex_colour(hypothesis: int) -> str:

@@ -14,6 +14,7 @@ from comotion_schemas import (
     HypothesisUpdate,
     Keys,
     ObservationBatch,
+    Preview,
     Status,
     TruthBatch,
     decode_as,
@@ -24,17 +25,25 @@ from comotion_schemas.transport import declare_subscriber
 
 from .inbox import Closed, Inbox
 
-M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status)
+M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview)
 
 _KINDS: dict[type, Kind] = {
     HypothesisUpdate: "hypotheses",
     ObservationBatch: "obs",
     TruthBatch: "truth",
     Status: "status",
+    Preview: "preview",
 }
 # Truth comes as a burst of everything that publishers keep for late joiners; none of it may drop.
-_CAPACITIES: dict[type, int] = {HypothesisUpdate: 64, ObservationBatch: 1024, TruthBatch: 65536, Status: 256}
+_CAPACITIES: dict[type, int] = {
+    HypothesisUpdate: 64,
+    ObservationBatch: 1024,
+    TruthBatch: 65536,
+    Status: 256,
+    Preview: 16,
+}
 _RING = 1024
+_RINGS: dict[type, int] = {Preview: 32}  # images are large
 
 
 @dataclass
@@ -63,7 +72,8 @@ class Subscription(Generic[M]):
     session
         An open Zenoh session.
     message
-        Which messages: HypothesisUpdate, ObservationBatch, TruthBatch or Status.
+        Which messages: HypothesisUpdate, ObservationBatch, TruthBatch, Status or Preview. Subscribing to
+        Preview is what asks cameras to encode images.
     scene
         Name of the scene.
     capacity
@@ -94,7 +104,7 @@ class Subscription(Generic[M]):
         self._newest: dict[str, tuple[str, int]] = {}
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
-        size = max(_RING, _CAPACITIES[message])
+        size = _RINGS.get(message, max(_RING, _CAPACITIES[message]))
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(size)
         self._subscriber = declare_subscriber(session, key, kind, ring)
         self._thread = threading.Thread(target=self._receive, name=f"subscribe-{kind}", daemon=True)
@@ -198,7 +208,7 @@ class Subscription(Generic[M]):
         return True
 
 
-def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status) -> str:
+def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status | Preview) -> str:
     """Who says it published this, in the words of the key."""
     match message:
         case HypothesisUpdate():

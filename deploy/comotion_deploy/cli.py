@@ -19,6 +19,7 @@ from .commands import (
     serve,
     source,
     up,
+    view,
     watch,
 )
 from .errors import UserError, one_line
@@ -54,6 +55,7 @@ app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
+app.command("view", epilog=view.EPILOG)(view.view)
 app.command("record", epilog=record.EPILOG)(record.record)
 app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
 app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)

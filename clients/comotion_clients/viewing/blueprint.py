@@ -1,0 +1,117 @@
+"""What the viewer looks like at once: a view for every space and camera, curves, a page and the log."""
+
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from .paths import plain
+from .shapes import LEGEND, TRAIL_S, CameraView, Layout, SpaceView
+
+TIMELINE = "stamp"
+CURVES_S = 60.0
+_AXES = {"z-up": rr.ViewCoordinates.RIGHT_HAND_Z_UP, "optical": rr.ViewCoordinates.RDF}
+# Neither the dark nor the light shades of hypotheses get lost in it.
+_GROUND = (52, 52, 58)
+_LINES = rrb.LineGrid3D(visible=True, color=(90, 90, 96))
+
+
+def prepare(recording: Any, layout: Layout) -> None:
+    """Say once how the spaces are oriented."""
+    for space in layout.spaces:
+        if space.axes in _AXES:
+            recording.log(space.path, _AXES[space.axes], static=True)
+        elif space.axes == "y-up":
+            # Rerun's 2-D views are images, with y down.
+            recording.log(space.path, rr.Transform3D(scale=(1.0, -1.0, 1.0)), static=True)
+
+
+def blueprint(layout: Layout) -> Any:
+    """Arrange views for what there is."""
+    words = rrb.Horizontal(
+        rrb.TextLogView(
+            origin="log",
+            name="Events",
+            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"]),
+        ),
+        rrb.TextDocumentView(origin="summary", name="Scene"),
+        column_shares=[2, 3],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(_scene(layout), words, row_shares=[7, 3]),
+            _side(layout),
+            column_shares=[7, 3],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _scene(layout: Layout) -> Any:
+    """Spaces on the left, cameras beside them."""
+    spaces = [_space(space) for space in layout.spaces]
+    cameras = [_camera(camera) for camera in layout.cameras]
+    if not spaces and not cameras:
+        return rrb.TextDocumentView(origin="summary", name="Scene")
+    if not spaces or not cameras:
+        return rrb.Grid(*spaces, *cameras)
+    return rrb.Horizontal(rrb.Grid(*spaces), rrb.Vertical(*cameras), column_shares=[3, 2])
+
+
+def _last(seconds: float) -> Any:
+    return rrb.VisibleTimeRange(
+        TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+
+
+def _space(space: SpaceView) -> Any:
+    options: dict[str, Any] = {
+        "contents": f"/{space.path}/**",
+        "name": plain(space.name),
+        "background": _GROUND,
+        "overrides": _trails(space.path),
+    }
+    if space.axes in _AXES:
+        return rrb.Spatial3DView(origin=space.path, line_grid=_LINES, **options)
+    return rrb.Spatial2DView(origin="spaces", **options)
+
+
+def _camera(camera: CameraView) -> Any:
+    return rrb.Spatial2DView(
+        origin=camera.path, name=plain(camera.name), background=_GROUND, overrides=_trails(camera.path)
+    )
+
+
+def _trails(path: str) -> dict[str, Any]:
+    """Segments are drawn with those before them; everything else is as of now."""
+    return {f"/{path}/trails": rrb.VisibleTimeRanges([_last(TRAIL_S)])}
+
+
+def _side(layout: Layout) -> Any:
+    views = [_legend(), _curve("sizes", "Features per hypothesis", legend=False)]
+    if layout.scored:
+        views.append(_curve("scores", "Agreement with the truth", range_=(0.0, 1.02)))
+    views += [_curve("rates", "Rates, Hz"), _curve("lags", "Lags, ms")]
+    return rrb.Vertical(*views)
+
+
+def _legend() -> Any:
+    across = LEGEND.width * (LEGEND.columns - 0.5)
+    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=[-0.4, LEGEND.rows - 0.1])
+    return rrb.Spatial2DView(
+        origin="legend", name="Hypotheses: id, state, features", background=_GROUND, visual_bounds=bounds
+    )
+
+
+def _curve(origin: str, name: str, range_: tuple[float, float] | None = None, *, legend: bool = True) -> Any:
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
+        axis_y=None if range_ is None else rrb.ScalarAxis(range=range_, zoom_lock=True),
+        time_ranges=_last(CURVES_S),
+    )

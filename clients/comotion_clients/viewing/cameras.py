@@ -1,0 +1,101 @@
+"""Camera images with their features, in the colours that the service gives them. Pure.
+
+An image waits until the service has fused what it shows, so that every feature has the hypothesis
+of that instant; without a service it is shown after a while, all grey.
+"""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview
+
+from ..colours import colours
+from .hypotheses import labels
+from .paths import Paths
+from .shapes import CameraView, Image, Moment, Points, Segments, Shape
+from .trails import Trails
+
+HELD = 16
+PATIENCE_S = 1.5
+_LABELLED = 3
+"""A hypothesis with fewer features in an image gets no label there."""
+
+
+class Cameras:
+    """Holds previews back and draws them when their time has come."""
+
+    def __init__(self) -> None:
+        self._paths = Paths("cameras")
+        self._names: list[str] = []
+        self._trails: dict[str, Trails] = {}
+        self._held: deque[tuple[float, Preview]] = deque(maxlen=HELD)
+
+    @property
+    def views(self) -> dict[str, CameraView]:
+        """The cameras that have shown something, by source; grows only."""
+        return {name: CameraView(self._paths(name), name) for name in self._names}
+
+    def add(self, preview: Preview, arrived: float) -> None:
+        """Take in an image; when too many wait, the oldest is dropped."""
+        self._held.append((arrived, preview))
+
+    def due(self, update: HypothesisUpdate | None, now: float) -> list[Moment]:
+        """Draw the images up to the update's stamp, and those that have waited too long."""
+        moments, waiting = [], []
+        for arrived, preview in self._held:
+            fused = update is not None and update.stamp_ns >= preview.stamp_ns
+            if fused or now - arrived > PATIENCE_S:
+                moments.append(self._draw(preview, update))
+            else:
+                waiting.append((arrived, preview))
+        self._held.clear()
+        self._held.extend(waiting)
+        return moments
+
+    def _draw(self, preview: Preview, update: HypothesisUpdate | None) -> Moment:
+        name = preview.source
+        if name not in self._names:
+            self._names.append(name)
+        path = self._paths(name)
+        hypotheses = _hypotheses(preview, update)
+        shades = colours(hypotheses)
+        trails = self._trails.setdefault(name, Trails())
+        moved, ends = trails.step(preview.session, preview.stamp_ns, preview.ids, preview.pixels)
+        shapes: list[Shape] = [
+            Image(f"{path}/image", preview.image),
+            Segments(f"{path}/trails", ends, shades[moved]),
+            Points(f"{path}/features", preview.pixels, shades, values={"feature": preview.ids}),
+            _labels(f"{path}/hypotheses", preview, hypotheses),
+        ]
+        # A stamp that the service never reaches may be that of a wrong clock.
+        newest = preview.stamp_ns if update is None else update.stamp_ns
+        return Moment(min(preview.stamp_ns, newest), shapes)
+
+
+def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
+    """Hypotheses uint32 [N] of the features of an image."""
+    found = np.full(len(preview.ids), UNDETERMINED, np.uint32)
+    if update is None:
+        return found
+    mine = [
+        k for k, s in enumerate(update.sources) if (s.name, s.session) == (preview.source, preview.session)
+    ]
+    rows = np.flatnonzero(np.isin(update.track_source, mine))
+    rows = rows[np.argsort(update.track_id[rows])]
+    ids = update.track_id[rows]
+    if len(ids):
+        at = np.minimum(np.searchsorted(ids, preview.ids), len(ids) - 1)
+        same = ids[at] == preview.ids
+        found[same] = update.track_hypothesis[rows[at[same]]]
+    return found
+
+
+def _labels(path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
+    """The id of a hypothesis in the middle of its features."""
+    shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
+    shown = shown[counts >= _LABELLED]
+    middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
+    places = np.array(middles, np.float32).reshape(-1, 2)
+    return labels(path, shown, places, tuple(map(str, shown.tolist())))

@@ -1,0 +1,100 @@
+"""An update as shapes: features by space and source, with trails, and the hypotheses of each space. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from comotion_schemas import HypothesisUpdate
+
+from ..colours import colours
+from ..scoring import SpaceRef, spaces_of
+from .hypotheses import axis_length, draw_hypotheses
+from .paths import Paths
+from .shapes import Axes, Colours, Nothing, Places, Points, Segments, Shape, SpaceView
+from .trails import Trails
+
+
+@dataclass
+class _Space:
+    ref: SpaceRef
+    view: SpaceView
+    axis: float = 0.0
+    sources: Paths = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sources = Paths(f"{self.view.path}/features")
+
+
+class Features:
+    """Draws updates one after the other; remembers of each feature where it was last."""
+
+    def __init__(self) -> None:
+        self._spaces: dict[str, _Space] = {}
+        self._paths = Paths("spaces")
+        self._trails: dict[str, Trails] = {}
+        self._drawn: set[str] = set()
+
+    @property
+    def views(self) -> dict[str, SpaceView]:
+        """What there is to show, by name of the space; grows only."""
+        return {name: space.view for name, space in self._spaces.items()}
+
+    def draw(self, update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[Shape]:
+        """Draw an update; what an earlier one had drawn and this one does not is taken away."""
+        refs = spaces_of(update, known)
+        shapes: list[Shape] = []
+        for ref in dict.fromkeys(refs):
+            space = self._space(ref)
+            sources = [number for number, other in enumerate(refs) if other == ref]
+            shapes += self._draw_space(update, space, sources)
+        paths = {shape.path for shape in shapes}
+        gone = self._drawn - paths
+        self._trails = {path: trails for path, trails in self._trails.items() if path in paths}
+        self._drawn = paths
+        return [*(Nothing(path) for path in sorted(gone)), *shapes]
+
+    def _space(self, ref: SpaceRef) -> _Space:
+        space = self._spaces.get(ref.name)
+        if space is None or space.ref != ref:
+            view = SpaceView(self._paths(ref.name), ref.name, _axes(ref))
+            space = self._spaces[ref.name] = _Space(ref, view)
+        return space
+
+    def _draw_space(self, update: HypothesisUpdate, space: _Space, sources: list[int]) -> list[Shape]:
+        dim = space.ref.dim
+        everything = update.track_position[np.isin(update.track_source, sources), :dim]
+        space.axis = axis_length(everything, space.axis)
+        shapes: list[Shape] = []
+        ends: list[Places] = [np.empty((0, 2, dim), np.float32)]
+        shades: list[Colours] = [np.empty((0, 3), np.uint8)]
+        for number in sources:
+            points = _points(update, space, number)
+            trails = self._trails.setdefault(points.path, Trails())
+            session = update.sources[number].session
+            moved, segments = trails.step(
+                session, update.stamp_ns, points.values["feature"], points.positions
+            )
+            shapes.append(points)
+            ends.append(segments)
+            shades.append(points.colours[moved])
+        shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
+        here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
+        return shapes + draw_hypotheses(space.view.path, here, space.axis)
+
+
+def _points(update: HypothesisUpdate, space: _Space, number: int) -> Points:
+    """The features of one source."""
+    rows = update.track_source == number
+    return Points(
+        space.sources(update.sources[number].name),
+        np.nan_to_num(update.track_position[rows, : space.ref.dim]),
+        colours(update.track_hypothesis[rows]),
+        values={"feature": update.track_id[rows], "confidence": update.track_confidence[rows]},
+    )
+
+
+def _axes(ref: SpaceRef) -> Axes:
+    if ref.dim == 2:
+        return "y-up" if ref.unit == "m" else "image"
+    return "optical" if ref.name.endswith("optical") else "z-up"

@@ -1,0 +1,155 @@
+"""How the scene is: curves of rates, lags and sizes, a page of numbers, and a log. Pure."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from comotion_schemas import UNDETERMINED, Event
+
+from ..colours import HUES, colour, colours, legible
+from ..scene_rows import HypothesisRow, Snapshot, SourceRow
+from ..watch_view import duration, number
+from .hypotheses import labels
+from .paths import Paths
+from .shapes import LEGEND, Document, Entry, Level, Number, Points, Shape
+
+PERIOD_S = 0.5
+ROWS = 30
+_LOG = "log"
+_ALARM = (213, 94, 0)
+_SERVICE, _VIEW = (150, 150, 150), (204, 121, 167)
+
+
+class Health:
+    """Turns snapshots of a scene, a few a second, into curves, a page and log entries."""
+
+    def __init__(self) -> None:
+        self._rates, self._lags = Paths("rates"), Paths("lags")
+        self._states: dict[str, str] = {}
+        self._lost: dict[str, int] = {}
+
+    def draw(self, snapshot: Snapshot, view_age: float | None) -> list[Shape]:
+        """Draw a snapshot.
+
+        Parameters
+        ----------
+        snapshot
+            The scene as of now.
+        view_age
+            Seconds from an update's publication until it was shown here; None: not known.
+        """
+        return [
+            *self._curves(snapshot, view_age),
+            *_sizes(snapshot),
+            *legend(snapshot.hypotheses),
+            Document("summary", summary(snapshot)),
+            *self._changes(snapshot),
+        ]
+
+    def _curves(self, snapshot: Snapshot, view_age: float | None) -> list[Shape]:
+        shapes: list[Shape] = []
+        for k, row in enumerate(snapshot.sources):
+            hue = HUES[k % len(HUES)]
+            shapes.append(Number(self._rates(row.name), row.rate, row.name, hue))
+            if row.state == "ok" and row.lag == row.lag:
+                shapes.append(Number(self._lags(row.name), 1e3 * row.lag, row.name, hue))
+        service = snapshot.service
+        if service.seq >= 0:
+            shapes.append(Number("rates/.service", service.rate, "service", _SERVICE))
+            shapes.append(Number("lags/.service", 1e3 * service.lag, "service", _SERVICE))
+        if view_age is not None:
+            shapes.append(Number("lags/.view", 1e3 * view_age, "this view", _VIEW))
+        return shapes
+
+    def _changes(self, snapshot: Snapshot) -> list[Shape]:
+        service = snapshot.service
+        shapes = self._change("service", service.state, f"service is {service.state}", service.message)
+        shapes += self._loss("updates", service.lost)
+        for row in snapshot.sources:
+            words = {"ok": f"source {row.name} is live", "gone": f"source {row.name} has left"}
+            text = words.get(row.state, f"source {row.name} is {row.state}")
+            shapes += self._change(
+                f"source {row.name}", row.state, text, f"in {row.space}" if row.space else ""
+            )
+            shapes += self._loss(row.name, row.lost)
+        return shapes
+
+    def _change(self, who: str, state: str, text: str, detail: str) -> list[Shape]:
+        if self._states.get(who) == state:
+            return []
+        self._states[who] = state
+        level: Level = "INFO" if state == "ok" else "WARN"
+        text = f"{text}: {detail}" if detail else text
+        return [Entry(_LOG, text) if level == "INFO" else Entry(_LOG, text, level, _ALARM)]
+
+    def _loss(self, who: str, lost: int) -> list[Shape]:
+        more = lost - self._lost.get(who, 0)
+        self._lost[who] = lost
+        return [Entry(_LOG, f"{more} lost of {who}", "WARN", _ALARM)] if more > 0 else []
+
+
+def event_entry(event: Event) -> Entry:
+    """An event in words, in the colour of its hypothesis."""
+    others = ", ".join(map(str, event.others))
+    words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
+    return Entry(_LOG, f"hypothesis {event.hypothesis} {event.kind}{words}", colour=legible(event.hypothesis))
+
+
+def _sizes(snapshot: Snapshot) -> list[Shape]:
+    """Features by hypothesis: the curves whose legend names the colours."""
+    shapes: list[Shape] = [
+        Number(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", colour(row.id))
+        for row in snapshot.hypotheses
+    ]
+    if snapshot.tracks:
+        undetermined = colour(UNDETERMINED)
+        shapes.append(Number("sizes/undetermined", snapshot.undetermined, "undetermined", undetermined))
+    return shapes
+
+
+def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
+    """What the colours mean: a dot and words for every hypothesis, by id, in a grid of fixed places."""
+    rows = sorted(hypotheses, key=lambda row: row.id)
+    shown = rows[: LEGEND.columns * LEGEND.rows]
+    words = [f"{row.id} {row.state}, {row.size}" for row in shown]
+    if len(rows) > len(shown):
+        words[-1] += f" (+{len(rows) - len(shown)})"
+    slots = np.arange(len(shown))
+    column, row = slots % LEGEND.columns, slots // LEGEND.columns
+    places = np.stack([LEGEND.width * column, row], axis=1).astype(np.float32)
+    ids = np.array([row.id for row in shown], np.uint32)
+    return [
+        Points("legend/dots", places, colours(ids), radius=7.0),
+        labels("legend/words", ids, places, tuple(words)),
+    ]
+
+
+def summary(snapshot: Snapshot) -> str:
+    """The scene as a page in Markdown."""
+    service = snapshot.service
+    lines = [
+        f"**{snapshot.scene}**: service {service.state}, {number(service.rate, 1)} Hz, "
+        f"lag {duration(service.lag)}, {service.lost} lost; "
+        f"{snapshot.tracks} features, {snapshot.undetermined} undetermined",
+        "",
+    ]
+    lines += _table("source|state|rate|lag|lost|features|space", map(_source, snapshot.sources[:ROWS]))
+    hypotheses = map(_hypothesis, snapshot.hypotheses[:ROWS])
+    lines += _table("hypothesis|state|features|age|confidence|speed", hypotheses)
+    return "\n".join(lines)
+
+
+def _table(head: str, rows: "map[list[str]]") -> list[str]:
+    body = ["|".join(cell.replace("|", " ") for cell in row) for row in rows]
+    return [f"|{head}|", "|" + "---|" * (head.count("|") + 1), *(f"|{row}|" for row in body), ""]
+
+
+def _hypothesis(row: HypothesisRow) -> list[str]:
+    speed = "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
+    return [str(row.id), row.state, str(row.size), duration(row.age), number(row.confidence, 2), speed]
+
+
+def _source(row: SourceRow) -> list[str]:
+    state = row.state if row.state == "ok" else f"**{row.state}**"
+    rate, lag = f"{number(row.rate, 1)} Hz", duration(row.lag)
+    return [row.name, state, rate, lag, str(row.lost), str(row.tracks), row.space]

@@ -1,0 +1,116 @@
+"""Hypotheses as shapes: a label, a frame that turns with the body, arrows of its twist. Pure."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import Hypothesis
+
+from ..colours import colours, legible
+from .shapes import Arrows, Places, Points, Shape
+
+# Red, green and blue stand for x, y and z everywhere; the shades differ in lightness too.
+AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
+SHOWN = 0.1
+"""Arrows shorter than this share of an axis are left out."""
+LONGEST = 4.0
+"""An arrow of angular velocity ends at this many axes."""
+_AXIS_SHARE = 0.07
+
+
+def axis_length(places: Places, before: float) -> float:
+    """Length of the axes for features at places [N, dim]: a share of their extent, steady over time."""
+    if len(places) < 2:
+        return before
+    low, high = np.percentile(places, (5, 95), axis=0)
+    length = float(_AXIS_SHARE * np.linalg.norm(high - low))
+    if length <= 0 or (before > 0 and 0.5 < length / before < 2):
+        return before
+    return length
+
+
+def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) -> list[Shape]:
+    """Draw the hypotheses of one space, with axes of length `axis`.
+
+    The arrow of the linear velocity leads to where the centroid is in a second. The angular velocity
+    points along the axis of rotation, one axis long at 1 rad/s; in 2-D it is the way of the tip of
+    the x axis in a second.
+    """
+    ids = np.array([h.id for h in hypotheses], np.uint32)
+    dim = len(hypotheses[0].centroid) if hypotheses else 3
+    centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
+    shades = colours(ids)
+    return [
+        labels(f"{path}/hypotheses", ids, centroids, tuple(label(h) for h in hypotheses)),
+        _frames(path, hypotheses, centroids, axis),
+        _velocities(path, hypotheses, centroids, shades, axis),
+        _spins(path, hypotheses, centroids, shades, axis),
+    ]
+
+
+def labels(path: str, ids: NDArray[np.uint32], places: Places, words: tuple[str, ...]) -> Points:
+    """Words at places [N, dim] without a point, in the colours of hypotheses [N] as far as legible."""
+    shades = np.array([legible(h) for h in ids.tolist()], np.uint8).reshape(-1, 3)
+    return Points(path, places, shades, radius=0.0, labels=words)
+
+
+def label(hypothesis: Hypothesis) -> str:
+    """Id, and state where it is known."""
+    state = "" if hypothesis.state == "undetermined" else f" {hypothesis.state}"
+    return f"{hypothesis.id}{state}"
+
+
+def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Places, axis: float) -> Arrows:
+    """The axes of the space, turned as the body has turned since its birth."""
+    rows = [k for k, h in enumerate(hypotheses) if h.pose is not None]
+    dim = centroids.shape[1]
+    turns = np.array([_matrix(hypotheses[k]) for k in rows], np.float32).reshape(-1, dim, dim)
+    # Column k of a rotation matrix is where it takes axis k.
+    vectors = axis * np.swapaxes(turns, 1, 2).reshape(-1, dim)
+    origins = np.repeat(centroids[rows], dim, axis=0)
+    return Arrows(
+        f"{path}/frames", origins, vectors.astype(np.float32), np.tile(AXES[:dim], (len(rows), 1)), 1.2
+    )
+
+
+def _velocities(
+    path: str, hypotheses: Sequence[Hypothesis], centroids: Places, shades: NDArray[np.uint8], axis: float
+) -> Arrows:
+    linear = np.array(
+        [h.twist.linear if h.twist else [0.0] * centroids.shape[1] for h in hypotheses], np.float32
+    ).reshape(centroids.shape)
+    rows = np.linalg.norm(linear, axis=1) > SHOWN * axis
+    return Arrows(f"{path}/twist/linear", centroids[rows], linear[rows], shades[rows], 2.5)
+
+
+def _spins(
+    path: str, hypotheses: Sequence[Hypothesis], centroids: Places, shades: NDArray[np.uint8], axis: float
+) -> Arrows:
+    origins, vectors = centroids.copy(), np.zeros_like(centroids)
+    for k, h in enumerate(hypotheses):
+        if h.twist is None:
+            continue
+        if isinstance(h.twist.angular, list):
+            vectors[k] = h.twist.angular
+        else:
+            turn = _matrix(h)
+            origins[k] += axis * turn[:, 0]
+            vectors[k] = h.twist.angular * turn[:, 1]
+    speed = np.linalg.norm(vectors, axis=1)
+    rows = speed > SHOWN
+    scale = axis * np.minimum(1.0, LONGEST / np.maximum(speed[rows], 1e-9))
+    arrows = (vectors[rows] * scale[:, None]).astype(np.float32)
+    return Arrows(f"{path}/twist/angular", origins[rows], arrows, shades[rows], 1.2)
+
+
+def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:
+    dim = len(hypothesis.centroid)
+    if hypothesis.pose is None:
+        return np.eye(dim)
+    rotation = hypothesis.pose.rotation
+    if isinstance(rotation, list):
+        return np.asarray(Rotation.from_quat(rotation).as_matrix())
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    return np.array([[cos, -sin], [sin, cos]])

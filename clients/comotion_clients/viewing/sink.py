@@ -1,0 +1,251 @@
+"""Where shapes are shown: in a window, a browser or a file, by Rerun. Needs the extra `view`."""
+
+import contextlib
+import math
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.parse
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import rerun as rr
+import rerun_cli
+
+from .blueprint import TIMELINE, blueprint, prepare
+from .paths import plain
+from .shapes import (
+    Arrows,
+    Document,
+    Entry,
+    Image,
+    Layout,
+    Moment,
+    Nothing,
+    Number,
+    Points,
+    Segments,
+    Shape,
+)
+
+LOOPBACK = "127.0.0.1"
+_FLUSH_S = 1.0
+_FILE_TICK_S = 1.0
+_LOOK_S = 0.2
+_TRAIL_RADIUS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Destination:
+    """Where to show: any of them together.
+
+    Attributes
+    ----------
+    window
+        A window on this machine.
+    web_port
+        Port of a web page, and `data_port` of what it shows; both on this machine.
+    open_browser
+        Open the page.
+    file
+        A new file ``.rrd``.
+    memory
+        What the data server keeps for those who come late, and how much the window may use.
+    """
+
+    window: bool = False
+    web_port: int | None = None
+    data_port: int = 9876
+    open_browser: bool = False
+    file: Path | None = None
+    memory: str = "1GiB"
+
+
+class RerunSink:
+    """Shows moments; a context manager.
+
+    Raises
+    ------
+    OSError
+        If a port is taken, the file exists or cannot be written, or the window does not open.
+    """
+
+    def __init__(self, destination: Destination) -> None:
+        self.url: str | None = None
+        self._where = destination
+        self._layout: Layout | None = None
+        self._styled: set[str] = set()
+        self._window: subprocess.Popen[bytes] | None = None
+        self._live = destination.window or destination.web_port is not None
+        self._recording = rr.RecordingStream(
+            "comotion",
+            # A file is smaller when many rows make a chunk; whoever looks must not wait for them.
+            batcher_config=(
+                rr.ChunkBatcherConfig.LOW_LATENCY()
+                if self._live
+                else rr.ChunkBatcherConfig(flush_tick=_FILE_TICK_S)
+            ),
+            send_properties=False,
+        )
+
+    def __enter__(self) -> Self:
+        sinks: list[Any] = []
+        if self._where.file is not None:
+            _create(self._where.file)
+            sinks.append(rr.FileSink(str(self._where.file)))
+        if self._live:
+            port = self._where.data_port if self._where.web_port is not None else free_port()
+            require_free(port)
+            server = rr.GrpcServerSink(LOOPBACK, port, server_memory_limit=self._where.memory)
+            sinks.append(server)
+        self._recording.set_sinks(*sinks)
+        self.arrange(Layout())
+        if self._where.web_port is not None:
+            self._serve_page(self._where.web_port, server.uri)
+        if self._where.window:
+            self._open_window(server.uri)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._window is not None and self._window.poll() is None:
+            self._window.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._window.wait(2.0)
+            self._window.kill()
+            self._window.wait()
+        with contextlib.suppress(Exception):  # what cannot be delivered any more is not missed
+            self._recording.flush(timeout_sec=_FLUSH_S)
+        self._recording.disconnect()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the window was closed."""
+        return self._window is not None and self._window.poll() is not None
+
+    def wait(self, stop: threading.Event, duration: float | None = None) -> None:
+        """Keep showing what there is until told to stop, the time is over, or the window is closed."""
+        end = math.inf if duration is None else time.monotonic() + duration
+        while not self.closed and time.monotonic() < end and not stop.wait(_LOOK_S):
+            pass
+
+    def arrange(self, layout: Layout) -> None:
+        """Arrange the views; what the user has arranged stays until there is something new to see."""
+        if layout == self._layout:
+            return
+        self._layout = layout
+        prepare(self._recording, layout)
+        self._recording.send_blueprint(blueprint(layout), make_active=True, make_default=True)
+
+    def show(self, moments: Iterable[Moment]) -> None:
+        """Hand over moments, and wait until they are out of this process's hands."""
+        for moment in moments:
+            self._recording.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp_ns, "ns"))
+            for shape in moment.shapes:
+                self._log(shape)
+        if self._live:
+            self._recording.flush(timeout_sec=_FLUSH_S)
+
+    def _log(self, shape: Shape) -> None:
+        if isinstance(shape, Number) and shape.path not in self._styled:
+            self._styled.add(shape.path)
+            style = rr.SeriesLines(colors=[shape.colour], names=[plain(shape.name)], widths=[2.0])
+            self._recording.log(shape.path, style, static=True)
+        self._recording.log(shape.path, *components(shape))
+
+    def _serve_page(self, port: int, data_uri: str) -> None:
+        require_free(port)
+        rr.serve_web_viewer(web_port=port, open_browser=False)
+        self.url = page_url(port, data_uri)
+        if self._where.open_browser:
+            import webbrowser
+
+            webbrowser.open(self.url)
+
+    def _open_window(self, data_uri: str) -> None:
+        program = Path(rerun_cli.__file__).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
+        command = [str(program), "--connect", data_uri, "--memory-limit", self._where.memory]
+        command.append("--hide-welcome-screen")
+        # As Rerun's own spawn does: no questions at the first start.
+        environment = {**os.environ, "RERUN_APP_ONLY": "true"}
+        self._window = subprocess.Popen(  # noqa: S603 - the viewer of the package
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+        )
+
+
+def components(shape: Shape) -> list[Any]:
+    """Translate a shape into what Rerun logs under its path."""
+    found: list[Any]
+    match shape:
+        case Points():
+            found = _points(shape)
+        case Segments():
+            strips = rr.LineStrips3D if shape.ends.shape[2] == 3 else rr.LineStrips2D
+            found = [strips(shape.ends, colors=shape.colours, radii=rr.Radius.ui_points(_TRAIL_RADIUS))]
+        case Arrows():
+            kind = rr.Arrows3D if shape.vectors.shape[1] == 3 else rr.Arrows2D
+            radius = rr.Radius.ui_points(shape.radius)
+            found = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
+        case Image():
+            found = [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
+        case Number():
+            found = [rr.Scalars(shape.value)]
+        case Entry():
+            found = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
+        case Document():
+            found = [rr.TextDocument(plain(shape.text), media_type=rr.MediaType.MARKDOWN)]
+        case Nothing():
+            found = [rr.Clear(recursive=True)]
+    return found
+
+
+def _points(shape: Points) -> list[Any]:
+    kind = rr.Points3D if shape.positions.shape[1] == 3 else rr.Points2D
+    labels = {"labels": list(shape.labels), "show_labels": True} if shape.labels else {}
+    points = kind(shape.positions, colors=shape.colours, radii=rr.Radius.ui_points(shape.radius), **labels)
+    return [points, rr.AnyValues(**shape.values)] if shape.values else [points]
+
+
+def page_url(port: int, data_uri: str) -> str:
+    """Address of the web page that shows a data server."""
+    data = urllib.parse.quote(data_uri, safe="")
+    return f"http://{LOOPBACK}:{port}/?url={data}&theme=dark&hide_welcome_screen"
+
+
+def free_port() -> int:
+    """A port on this machine that nobody listens at."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
+
+
+def require_free(port: int) -> None:
+    """Check a port, since Rerun's data server says nothing when it cannot have it.
+
+    Raises
+    ------
+    OSError
+        If somebody listens there.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, port))
+        except OSError as error:
+            raise OSError(f"port {port} cannot be used: {error.strerror}") from None
+
+
+def _create(path: Path) -> None:
+    """Make sure that the file can be written, before Rerun truncates what is there."""
+    try:
+        with path.open("xb"):
+            pass
+    except FileExistsError:
+        raise OSError(f"{path}: exists") from None
+    except OSError as error:
+        raise OSError(f"{path}: {error.strerror}") from None

@@ -1,0 +1,177 @@
+"""``comotion view``: a scene to look at, in a window, a browser or a file."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import options
+from ..errors import UserError, missing_extra
+
+if TYPE_CHECKING:
+    from comotion_clients.viewing.sink import Destination, RerunSink
+
+EPILOG = """
+Examples:
+
+  comotion view   # a window
+
+  comotion view --web --scene workcell   # a page for the browser
+
+  comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
+
+  comotion view take.mcap   # what 'comotion record' has recorded
+"""
+
+
+def view(
+    recording: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE.mcap]", help="A recording to show instead of a running scene.", show_default=False
+        ),
+    ] = None,
+    web: Annotated[
+        bool,
+        typer.Option("--web", envvar="COMOTION_WEB", help="Serve a page for the browser of this machine."),
+    ] = False,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            "--save",
+            envvar="COMOTION_SAVE",
+            metavar="FILE.rrd",
+            help="Write a new file for the Rerun viewer.",
+        ),
+    ] = None,
+    port: Annotated[
+        int, typer.Option("--port", envvar="COMOTION_WEB_PORT", min=1, max=65535, help="Port of the page.")
+    ] = 9090,
+    data_port: Annotated[
+        int,
+        typer.Option(
+            "--data-port", envvar="COMOTION_WEB_DATA_PORT", min=1, max=65535, help="Port of the page's data."
+        ),
+    ] = 9876,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", envvar="COMOTION_BROWSER", help="Open the page.")
+    ] = True,
+    memory: Annotated[
+        str,
+        typer.Option(
+            "--memory",
+            envvar="COMOTION_VIEW_MEMORY",
+            help="What window and page keep, e.g. 500MB, 2GB or 25%; the oldest goes first.",
+        ),
+    ] = "1GB",
+    duration: Annotated[
+        float | None,
+        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after so many seconds."),
+    ] = None,
+    scene: options.Scene = "default",
+    connect: options.Connect = None,
+    json_: options.Json = False,
+    ready_file: options.ReadyFile = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun.
+
+    In a window where there is a display; with --web or --save elsewhere.
+    """
+    _require_rerun()
+    from comotion_clients.viewing.sink import Destination
+
+    if save is not None and save.suffix != ".rrd":
+        raise UserError(f"{save}: the name of a file for Rerun ends in .rrd")
+    window = not web and save is None
+    if window:
+        _require_display()
+    where = Destination(
+        window=window,
+        web_port=port if web else None,
+        data_port=data_port,
+        open_browser=browser and _has_display(),
+        file=save,
+        memory=memory,
+    )
+    if recording is not None:
+        _show_recording(recording, where, duration)
+    else:
+        _show_scene(where, scene, connect, duration, ready_file, json_=json_)
+
+
+def _show_scene(
+    where: "Destination",
+    scene: str,
+    connect: list[str] | None,
+    duration: float | None,
+    ready_file: Path | None,
+    *,
+    json_: bool,
+) -> None:
+    import json
+    from dataclasses import asdict
+
+    from comotion_clients.viewing.process import ViewOptions
+    from comotion_clients.viewing.process import view as run
+    from comotion_clients.viewing.sink import RerunSink
+    from comotion_schemas import Keys
+
+    Keys(scene)  # a wrong name must not open a window first
+    with RerunSink(where) as sink:
+        _tell_where(sink)
+        how = ViewOptions(duration=duration, ready_file=ready_file)
+        result = run(sink, scene, options.session_settings(connect), how)
+    if json_:
+        print(json.dumps(asdict(result), indent=2))
+    else:
+        print(result.line(), file=sys.stderr)
+
+
+def _show_recording(recording: Path, where: "Destination", duration: float | None) -> None:
+    import threading
+
+    try:
+        from comotion_clients.recording.reading import Reading
+    except ImportError as error:
+        raise missing_extra("record", error) from None
+    from comotion_clients.viewing.process import view_messages
+    from comotion_clients.viewing.sink import RerunSink
+    from comotion_schemas.component import stop_on_signals
+
+    stop = threading.Event()
+    with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
+        _tell_where(sink)
+        shown = view_messages(reading.messages(), reading.scene(), sink)
+        if not shown:
+            raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
+        print(f"{recording}: {shown} updates", file=sys.stderr)
+        if where.window or where.web_port is not None:
+            sink.wait(stop, duration)
+
+
+def _tell_where(sink: "RerunSink") -> None:
+    if sink.url is not None:
+        print(f"look at {sink.url}", file=sys.stderr, flush=True)
+
+
+def _has_display() -> bool:
+    if sys.platform != "linux":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _require_display() -> None:
+    if not _has_display():
+        raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
+
+
+def _require_rerun() -> None:
+    try:
+        import rerun  # noqa: F401
+        import rerun_cli  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("view", error) from None

@@ -1,0 +1,180 @@
+"""`comotion view` on a live scene: into a file, and as a page in a browser. Needs the extra `view`."""
+
+import base64
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import zenoh
+
+from comotion_clients.colours import colour
+from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, SourceRef, encode
+from comotion_schemas.transport import declare_publisher
+
+pytest.importorskip("rerun", reason="needs the extra view")
+pytestmark = pytest.mark.e2e
+KEYS = Keys("default")
+SESSION = "0123456789abcdef"
+CHROMIUM = os.environ.get("COMOTION_CHROMIUM", "")
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--use-angle=swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--remote-debugging-pipe",
+    "--window-size=640,480",
+]
+# The protocol of --remote-debugging-pipe: commands on descriptor 3, answers on 4.
+MOVED = """import os, sys
+commands, answers, *command = sys.argv[1:]
+os.dup2(int(commands), 3)
+os.dup2(int(answers), 4)
+os.execv(command[0], command)"""
+
+
+def update(seq: int) -> HypothesisUpdate:
+    now = time.time_ns()
+    x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
+    return HypothesisUpdate(
+        scene="default",
+        session=SESSION,
+        seq=seq,
+        stamp_ns=now,
+        published_ns=now,
+        period_ns=10**8,
+        sources=[SourceRef(name="camera", session=SESSION)],
+        track_source=[0] * 144,
+        track_id=np.arange(144),
+        track_hypothesis=[1] * 144,
+        track_confidence=[1.0] * 144,
+        track_position=np.stack([x.ravel(), y.ravel(), np.full(144, np.nan)], axis=1).astype(np.float32),
+        hypotheses=[
+            Hypothesis(id=1, space="wall", size=144, born_ns=now, state="static", centroid=[0.5, 0.5])
+        ],
+        events=[],
+    )
+
+
+@pytest.fixture
+def scene(session: zenoh.Session) -> Iterator[None]:
+    """A service, at 10 Hz."""
+    over = threading.Event()
+    hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+
+    def publish() -> None:
+        seq = 0
+        while not over.wait(0.1):
+            hypotheses.put(encode(update(seq)))
+            seq += 1
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    over.set()
+    thread.join()
+
+
+def test_a_live_scene_into_a_file(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, scene: None, tmp_path: Path
+) -> None:
+    statuses = listen(session, KEYS.streams("status"), "status")
+    process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
+    shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
+    assert shown.ages["hypotheses"] < 30
+    process.interrupt()
+    assert process.wait() == 0
+    result = json.loads(process.output.partition("ready\n")[2])
+    assert result["updates"] > 2
+    assert result["dropped"] == 0
+    command = [sys.executable, "-m", "rerun", "rrd", "print", tmp_path / "a.rrd"]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert "/spaces/wall/features/camera" in printed.stdout
+
+
+class Browser:
+    """A headless Chromium that is told what to do through a pair of pipes."""
+
+    def __init__(self, profile: Path) -> None:
+        receive, send = os.pipe(), os.pipe()
+        ends = (str(send[0]), str(receive[1]))
+        self.popen = subprocess.Popen(
+            [sys.executable, "-c", MOVED, *ends, CHROMIUM, *FLAGS, f"--user-data-dir={profile}"],
+            pass_fds=(send[0], receive[1]),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(send[0])
+        os.close(receive[1])
+        self._out, self._in = os.fdopen(send[1], "wb"), os.fdopen(receive[0], "rb")
+        self._rest, self._number = b"", 0
+        self._page: dict[str, str] = {}
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._page["sessionId"] = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters, **self._page}
+        self._out.write(json.dumps(message).encode() + b"\0")
+        self._out.flush()
+        while True:
+            answer = json.loads(self._line())
+            if answer.get("id") == self._number:
+                return answer["result"]
+
+    def _line(self) -> bytes:
+        while b"\0" not in self._rest:
+            block = self._in.read1(65536)
+            assert block, "the browser has ended"
+            self._rest += block
+        line, _, self._rest = self._rest.partition(b"\0")
+        return line
+
+    def image(self) -> np.ndarray:
+        data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+
+    def close(self) -> None:
+        self.popen.kill()
+        self.popen.wait(30)
+        self._out.close()
+        self._in.close()
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(not CHROMIUM, reason="needs the browser named by COMOTION_CHROMIUM")
+def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
+    start: Callable, endpoint: str, scene: None, tmp_path: Path
+) -> None:
+    from comotion_clients.viewing.sink import free_port
+
+    ports = ("--port", free_port(), "--data-port", free_port())
+    process = start("view", "--web", "--no-browser", "--connect", endpoint, *ports)
+    url = process.wait_line(lambda line: line.startswith("look at ")).removeprefix("look at ")
+    assert urllib.request.urlopen(url).status == 200
+    browser = Browser(tmp_path)
+    try:
+        browser.call("Page.navigate", url=f"{url}&renderer=webgl")
+        end, found = time.monotonic() + 200, 0
+        while time.monotonic() < end and found < 100:
+            away = np.abs(browser.image().astype(int) - colour(1)).max(axis=2)
+            found = int((away < 40).sum())
+        assert found >= 100
+    finally:
+        browser.close()
+    process.interrupt()
+    assert process.wait() == 0

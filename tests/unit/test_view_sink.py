@@ -1,0 +1,178 @@
+"""What Rerun is given: read back from the file, and the errors a user sees before anything opens."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from comotion_deploy.cli import run
+
+SESSION = "0123456789abcdef"
+S = 10**9
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert run(["view", *map(str, arguments)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error.removeprefix("error: ").rstrip()
+
+
+def test_without_the_extra_the_command_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert refusal(capsys, "--web") == "rerun is not installed: pip install 'comotion[view]'"
+
+
+class TestWithRerun:
+    """Needs the extra `view`."""
+
+    @pytest.fixture(autouse=True)
+    def _strict(self) -> None:
+        rerun = pytest.importorskip("rerun", reason="needs the extra view")
+        rerun.set_strict_mode(True)
+
+    def test_without_a_display_the_command_says_what_to_do(
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        monkeypatch.delenv("DISPLAY", raising=False)
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        monkeypatch.setattr(sys, "platform", "linux")
+        assert "use --web (browser) or --save FILE.rrd" in refusal(capsys)
+
+    def test_a_file_that_exists_and_a_wrong_name_are_refused(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        (tmp_path / "a.rrd").touch()
+        assert refusal(capsys, "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
+        assert refusal(capsys, "--save", tmp_path / "a.png").endswith("ends in .rrd")
+        assert "a.mcap" in refusal(capsys, tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
+        assert not (tmp_path / "b.rrd").exists()
+
+    @pytest.mark.parametrize("option", ["--port", "--data-port"])
+    def test_a_port_in_use_is_told(self, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+        import socket
+
+        from comotion_clients.viewing.sink import free_port
+
+        ports = {"--port": str(free_port()), "--data-port": str(free_port())}
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            taken.listen()
+            ports[option] = str(taken.getsockname()[1])
+            arguments = [word for pair in ports.items() for word in pair]
+            error = refusal(capsys, "--web", "--no-browser", *arguments)
+        assert error == f"port {ports[option]} cannot be used: Address already in use"
+
+    def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
+        from comotion_clients.viewing.picture import ScenePicture
+        from comotion_clients.viewing.sink import Destination, RerunSink
+
+        picture = ScenePicture("lab")
+        with RerunSink(Destination(file=tmp_path / "a.rrd")) as sink:
+            for k in range(1, 6):
+                moments = _feed(picture, k)
+                sink.arrange(picture.layout)
+                sink.show(moments)
+        told = _printed(tmp_path / "a.rrd")
+        expected = [
+            "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
+            "/scores/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
+            "/spaces/plane/hypotheses", "/spaces/plane/trails", "/spaces/plane/twist/linear",
+        ]  # fmt: skip
+        assert [path for path in expected if path not in told] == []
+
+    def test_a_recording_is_shown(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        pytest.importorskip("mcap")
+        from comotion_clients.recording.file import RecordingFile
+        from comotion_schemas import encode
+
+        with RecordingFile(tmp_path / "a.mcap", scene="lab") as file:
+            for k in range(1, 6):
+                file.add("comotion/@v1/lab/obs/a", k * S, encode(_batch(k)), _batch(k))
+                file.add("comotion/@v1/lab/hypotheses", k * S, encode(_update(k)), _update(k))
+        assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
+        assert "5 updates" in capsys.readouterr().err
+        assert "/spaces/plane/features/a" in _printed(tmp_path / "a.rrd")
+
+
+def _printed(path: Path) -> str:
+    import rerun_cli
+
+    program = Path(rerun_cli.__file__).with_name("rerun")
+    return subprocess.run(
+        [program, "rrd", "print", "-v", path], check=True, capture_output=True, text=True
+    ).stdout
+
+
+def _feed(picture, k):
+    from comotion_schemas import Preview, TruthBatch
+
+    image = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    picture.on_batch(_batch(k), float(k), k * S)
+    picture.on_truth(TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
+    picture.on_preview(
+        Preview(
+            source="a",
+            session=SESSION,
+            stamp_ns=k * S,
+            encoding="jpeg",
+            image=image,
+            ids=[10],
+            pixels=[[1, 2]],
+        ),
+        float(k),
+    )
+    return picture.on_update(_update(k), float(k)) + picture.tick(k + 0.5)
+
+
+def _batch(k: int):
+    from comotion_schemas import ObservationBatch
+
+    return ObservationBatch(
+        source="a",
+        session=SESSION,
+        seq=k,
+        space="plane",
+        unit="m",
+        dim=2,
+        stamp_ns=k * S,
+        ids=[10, 11],
+        positions=np.full((2, 2), k, np.float32),
+    )
+
+
+def _update(k: int):
+    from comotion_schemas import Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
+
+    return HypothesisUpdate(
+        scene="lab",
+        session=SESSION,
+        seq=k,
+        stamp_ns=k * S,
+        published_ns=k * S,
+        period_ns=S // 10,
+        sources=[SourceRef(name="a", session=SESSION)],
+        track_source=[0, 0],
+        track_id=[10, 11],
+        track_hypothesis=[1, 2**32 - 1],
+        track_confidence=[0.5, 0.5],
+        track_position=np.array([[k, k, np.nan]] * 2, np.float32),
+        hypotheses=[
+            Hypothesis(
+                id=1,
+                space="plane",
+                size=1,
+                born_ns=0,
+                state="moving",
+                centroid=[float(k), float(k)],
+                pose=Pose(translation=[0.0, 0.0], rotation=0.1),
+                twist=Twist(linear=[1.0, 0.0], angular=1.0),
+            )
+        ],
+        events=[Event(stamp_ns=k * S, kind="born", hypothesis=1, others=[])],
+    )
