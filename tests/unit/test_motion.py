@@ -12,9 +12,12 @@ from comotion.motion.config import MotionConfig
 from comotion.motion.frames import Frames
 from comotion.motion.identity import match
 from comotion.motion.kinematics import align
+from comotion.motion.noise import READ, Differences, noise_variance
 from comotion.motion.rotation import planar_rotation, spatial_rotation
 from comotion.motion.sampling import difference_noise, distance_deviation, resample
 from comotion.motion.selection import select
+from comotion.motion.tracks import gather
+from comotion.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline
@@ -101,7 +104,8 @@ def test_resampling_is_linear_and_stops_at_gaps(seed):
     stamps = np.sort(rng.integers(times[0], times[-1], 50))
     y, w = np.zeros((1, 50, 3)), np.zeros((1, 50))
     gap = np.array([500_000_000])
-    resample(times, positions, np.array([0]), np.array([30]), stamps, gap, np.array([0]), y, w)
+    none = np.array([0])
+    resample(times, positions, none, np.array([30]), stamps, gap, none, none, y, w)
     for f, t in enumerate(stamps):
         left = np.searchsorted(times, t, side="right") - 1
         broken = times[left] != t and times[left + 1] - times[left] > gap[0]
@@ -300,22 +304,33 @@ def test_motion_parameters_are_checked():
 
 
 def test_published_sigma_is_used():
-    from comotion.motion.noise import noise_variance
-    from comotion.motion.tracks import Tracks
-
-    times = np.arange(20, dtype=np.int64) * (NS // 15)
-    tracks = Tracks(
-        dim=3,
-        times=times,
-        positions=np.random.default_rng(0).normal(0, 0.01, (20, 3)),
-        sigma=np.full(20, 0.02),
-        quaternions=None,
-        offsets=np.array([0, 20]),
-        key=np.array([1]),
-        source=np.array([0]),
-        alive=np.array([True]),
-        period=np.array([1 / 15]),
-    )
-    one = np.array([0])
-    found = noise_variance(tracks, tracks.positions, one, np.array([NS]), 6.0, on_arm=False)
+    window = Window(3, 10 * NS, NS)
+    slots = window.open(1, 0)
+    for k, x in enumerate(np.random.default_rng(0).normal(0, 0.01, (20, 1, 3))):
+        window.insert(slots, k * NS // 15, x, np.array([0.02]), None)
+    tracks = gather(window, slots, 2 * NS)
+    found = noise_variance(tracks, *Differences().read(tracks, np.array([NS])), slots, 6.0, on_arm=False)
     assert found[0] == pytest.approx(0.02**2)
+
+
+def test_differences_that_are_kept_are_those_computed_afresh():
+    rng = np.random.default_rng(3)
+    window = Window(3, 10 * NS, NS // 2)
+    slots = window.open(5, 0)
+    kept, gap = Differences(), np.full(5, NS // 5)
+    for k in range(700):
+        # Some go unseen for a while; some of what comes late falls between others.
+        seen = slots[rng.random(5) < 0.97] if k % 90 < 80 else slots[:2]
+        late = k % 50 == 49
+        stamp = (k - 3 if late else k) * NS // 30 - late
+        window.insert(seen, stamp, rng.normal(size=(len(seen), 3)), np.full(len(seen), np.nan), None)
+        if late:
+            kept.rewritten(seen)
+        if k % 7 == 0:
+            gone = window.evictable(stamp - window.span_ns)
+            window.evict(*gone)
+            tracks = gather(window, slots, stamp)
+            found = kept.read(tracks, gap)
+            args = tracks.times, tracks.positions, tracks.start, tracks.stop, gap, READ
+            for one, fresh in zip(found, difference_noise(*args), strict=True):
+                np.testing.assert_array_equal(one, fresh)

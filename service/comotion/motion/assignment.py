@@ -17,7 +17,7 @@ _SETTLED = 1.0
 # The dead speak too, if they lived for so many frames.
 DEAD_FRAMES = 8
 # Evidence so far beyond what the prior can outweigh, nat, leaves neither a label nor a confidence open.
-_BEYOND = 60.0
+_BEYOND = 30.0
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from .tracks import Ints
 # Smallest variance of a density in any direction, as a share of all.
 _FLATTEST = 1e-9
 # So many members, evenly drawn from all, stand for a density; so many points for the spacing of all.
-_MEMBERS = 256
-_ASKED = 512
+_MEMBERS = 128
+_ASKED = 256
 # Beyond this squared distance in bandwidths a kernel is below the smallest number added to their sum.
 _NOTHING = 1400.0
 

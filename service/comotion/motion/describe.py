@@ -107,9 +107,10 @@ class Describer:
 
 def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
     """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
-    place = np.zeros(len(frames.owner), np.int64)
-    for row, owner in enumerate(frames.owner.tolist()):
-        place[row] = int((frames.owner[:row] == owner).sum())
+    order = np.argsort(frames.owner, kind="stable")
+    owner = frames.owner[order]
+    place = np.zeros(len(owner), np.int64)
+    place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
     return tracks.key[frames.owner] * _ROWS_PER_TRACK + place
 
 

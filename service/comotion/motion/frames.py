@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ..window import Bools, Floats, Stamps
 from .config import MotionConfig
-from .noise import noise_variance
-from .sampling import resample
-from .tracks import Ints, Tracks
+from .noise import READ, Differences, noise_variance
+from .sampling import all_known, difference_noise, move, resample, scatter
+from .tracks import Ints, Tracks, ranges
 
 # An orientation is carried by points on arms of this share of the scene: far enough to tell turning
 # from noise; its noise grows with the arm alike, so the share hardly matters.
@@ -82,37 +82,65 @@ class Frames:
         return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)
 
 
+@dataclass(frozen=True)
+class Curves:
+    """Rows of one kind: the trajectories themselves, or one arm of each 6-DoF one.
+
+    `own` intp [n] says whose they are; observations of the k-th are [start[k]:stop[k]] of `times` and
+    `positions`, whose noise is summed up by `squared` and `count` (see
+    :func:`~comotion.motion.noise.noise_variance`).
+    """
+
+    on_arm: bool
+    own: Ints
+    times: Stamps
+    positions: Floats
+    start: Ints
+    stop: Ints
+    squared: Floats
+    count: Ints
+
+
 def make_frames(
-    tracks: Tracks, stamp_ns: int, span_ns: int, gap_ns: int, lag_ns: Ints | Stamps, config: MotionConfig
+    tracks: Tracks,
+    differences: Differences,
+    stamp_ns: int,
+    span_ns: int,
+    gap_ns: int,
+    config: MotionConfig,
 ) -> Frames:
     """Interpolate every trajectory at frames that end at the watermark.
 
     Frames are tied to the watermark, not to any source: sources share no frames. Nothing is
     interpolated across a gap longer than `gap_ns` or three periods of the source; past its newest
-    observation a trajectory is extended by a period at most (plus `lag_ns` [N], a corrected clock).
+    observation a trajectory is extended by a period at most (plus the correction of its clock).
     """
     step = round(1e9 / config.frame_rate)
     count = max(int(span_ns // step), 2)
     stamps = stamp_ns - step * np.arange(count - 1, -1, -1, dtype=np.int64)
-    stamps = stamps[np.searchsorted(stamps, tracks.times.min()) :] if len(tracks.times) else stamps
+    first_ns = (tracks.times[tracks.start] + tracks.delay_ns).min()
+    stamps = stamps[np.searchsorted(stamps, first_ns) :]
     stamps = stamps if len(stamps) else np.array([stamp_ns], np.int64)
     period_ns = (tracks.period * 1e9).astype(np.int64)
     gap = np.maximum(gap_ns, 3 * period_ns)
-    hold = np.minimum(step, period_ns) + lag_ns + _ROUNDING_NS
-    points, owner, weight = _rows(tracks)
-    y = np.zeros((len(owner), len(stamps), 3))
-    w = np.zeros((len(owner), len(stamps)))
-    noise = np.zeros(len(owner))
-    for on_arm, positions, rows in points:
-        own = owner[rows]
-        part = np.zeros((len(own), len(stamps), 3)), np.zeros((len(own), len(stamps)))
-        resample(
-            tracks.times, positions, tracks.start[own], tracks.stop[own], stamps, gap[own], hold[own], *part
-        )
-        y[rows], w[rows] = part
-        noise[rows] = noise_variance(tracks, positions, own, gap[own], config.noise_pool, on_arm=on_arm)
+    hold = np.minimum(step, period_ns) + np.abs(tracks.delay_ns) + _ROUNDING_NS
+    parts = _curves(tracks, differences, gap)
+    owner = np.concatenate([part.own for part in parts])
+    y, w = np.zeros((len(owner), len(stamps), 3)), np.zeros((len(owner), len(stamps)))
+    noise, seen, squared = np.zeros(len(owner)), np.zeros(len(owner), np.intp), np.zeros(len(owner))
+    first = 0
+    for c in parts:
+        rows, own = slice(first, first + len(c.own)), c.own
+        first = rows.stop
+        delay = tracks.delay_ns[own]
+        resample(c.times, c.positions, c.start, c.stop, stamps, gap[own], hold[own], delay, y[rows], w[rows])
+        if not c.on_arm and tracks.corrected.any():
+            move(y[rows], w[rows], tracks.turn[own], tracks.shift[own], tracks.corrected[own])
+        noise[rows] = noise_variance(tracks, c.squared, c.count, own, config.noise_pool, on_arm=c.on_arm)
+    scatter(y, w, seen, squared)
     life = np.zeros(len(tracks.key), np.intp)
-    np.maximum.at(life, owner, (w > 0).sum(1))
+    np.maximum.at(life, owner, seen)
+    weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in parts])
     return Frames(
         dim=tracks.dim,
         stamps=stamps,
@@ -121,43 +149,50 @@ def make_frames(
         owner=owner,
         weight=weight,
         noise=noise,
-        tolerance=noise + _deformation(y, w, tracks.extent(), config),
+        tolerance=noise + _deformation(squared, tracks.extent(), config),
         life=life,
         alive=tracks.alive,
     )
 
 
-def _rows(tracks: Tracks) -> tuple[list[tuple[bool, Floats, Ints]], Ints, Floats]:
-    """(whether at an arm's end, positions [M, dim], rows), the trajectory of each row, and its weight."""
-    count = len(tracks.key)
-    turns = tracks.quaternions
-    if turns is None or tracks.dim != 3:
-        return [(False, tracks.positions, np.arange(count))], np.arange(count), np.ones(count)
-    known = np.asarray(np.isfinite(turns).all(axis=1), np.bool_)
-    posed = np.asarray(np.logical_and.reduceat(known, tracks.start), np.bool_)
-    turning = Rotation.from_quat(np.where(known[:, None], turns, [0.0, 0, 0, 1]))
-    plain, six = np.flatnonzero(~posed), np.flatnonzero(posed)
-    points: list[tuple[bool, Floats, Ints]] = [(False, tracks.positions, np.arange(len(plain)))]
-    owner = [plain]
-    for k, arm in enumerate(_ARMS * _ARM * tracks.extent()):
-        points.append(
-            (True, tracks.positions + turning.apply(arm), len(plain) + k * len(six) + np.arange(len(six)))
-        )
-        owner.append(six)
-    weight = np.concatenate([np.ones(len(plain)), np.full(len(_ARMS) * len(six), _ARM_WEIGHT)])
-    return points, np.concatenate(owner), weight
+def _curves(tracks: Tracks, differences: Differences, gap: Stamps) -> list[Curves]:
+    """Points first, then the ends of the arms of what has an orientation, arm by arm."""
+    squared, count = differences.read(tracks, gap)
+    six = np.zeros(len(tracks.key), np.bool_)
+    if tracks.quaternions is not None and tracks.dim == 3:
+        six = all_known(tracks.quaternions, tracks.start, tracks.stop)
+    own = np.flatnonzero(~six)
+    start, stop = tracks.start[own], tracks.stop[own]
+    plain = Curves(False, own, tracks.times, tracks.positions, start, stop, squared[own], count[own])
+    return [plain, *_arms(tracks, np.flatnonzero(six), gap)] if six.any() else [plain]
 
 
-def _deformation(y: Floats, w: Floats, extent: float, config: MotionConfig) -> Floats:
+def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[Curves]:
+    assert tracks.quaternions is not None  # noqa: S101 - they have orientations
+    observed = ranges(tracks.start[own], tracks.stop[own])
+    counts = tracks.stop[own] - tracks.start[own]
+    of = np.repeat(own, counts)
+    stop = np.cumsum(counts)
+    start, times = stop - counts, tracks.times[observed]
+    turning = Rotation.from_quat(tracks.quaternions[observed])
+    places = tracks.positions[observed]
+    if tracks.corrected[own].any():
+        turning = Rotation.from_matrix(tracks.turn[of]) * turning
+        places = np.einsum("nij,nj->ni", tracks.turn[of], places) + tracks.shift[of]
+    found = []
+    for arm in _ARMS * _ARM * tracks.extent():
+        ends = places + turning.apply(arm)
+        squared, count = difference_noise(times, ends, start, stop, gap[own], READ)
+        found.append(Curves(True, own, times, ends, start, stop, squared, count))
+    return found
+
+
+def _deformation(squared: Floats, extent: float, config: MotionConfig) -> Floats:
     """Variance that a body's not being perfectly rigid adds to a coordinate, float64 [P].
 
-    Real bodies bend and skin slides, in proportion to how they move and up to a share of their size;
-    what does not move does not bend.
+    Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared
+    displacement) and up to a share of their size; what does not move does not bend.
     """
-    seen = w > 0
-    count = np.maximum(seen.sum(1), 1)
-    mean = (y * seen[:, :, None]).sum(1) / count[:, None]
-    squared = (((y - mean[:, None]) ** 2).sum(2) * seen).sum(1) / count
     slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
     # Two points of a body that each deform, and both their means: 4 slack^2 as in a pair's distance.
     return np.asarray(4 * slack**2)

@@ -32,5 +32,7 @@ def match(labels: Ints, before: NDArray[np.int64], bodies: int) -> dict[int, int
 
 def columns_before(before: NDArray[np.int64], matched: dict[int, int]) -> Ints:
     """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
-    column = {hypothesis: k for k, hypothesis in matched.items()}
-    return np.array([column.get(h, -1) for h in before.tolist()], np.intp)
+    found = np.full(len(before), -1, np.intp)
+    for k, hypothesis in matched.items():
+        found[before == hypothesis] = k
+    return found

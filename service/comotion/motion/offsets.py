@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..window import Floats
 from .bodies import Body, fit
 from .frames import Frames
-from .tracks import Ints, Tracks, restamped
+from .tracks import Ints, Tracks
 
 # What a careful calibration leaves: rad, share of the scene's extent, s.
 _ROTATION = float(np.radians(2.0))
@@ -52,28 +51,19 @@ class Offsets:
         self.reference: int | None = None
         self.found: dict[int, Offset] = {}
 
-    def lag_ns(self, tracks: Tracks) -> NDArray[np.int64]:
-        """By how much each trajectory's stamps may have been moved back, int64 [N]."""
-        delays = [abs(self.found[s].delay) if s in self.found else 0.0 for s in tracks.source.tolist()]
-        return (np.array(delays) * 1e9).astype(np.int64)
-
     def correct(self, tracks: Tracks) -> Tracks:
         """The same trajectories as the reference would have seen them."""
         known = [s for s in np.unique(tracks.source).tolist() if s in self.found]
         if not known:
             return tracks
-        owner = np.repeat(tracks.source, np.diff(tracks.offsets))
-        times, positions = tracks.times.copy(), tracks.positions.copy()
-        turns = None if tracks.quaternions is None else tracks.quaternions.copy()
+        delay, turn, shift = tracks.delay_ns.copy(), tracks.turn.copy(), tracks.shift.copy()
         for source in known:
-            offset, mine = self.found[source], owner == source
-            times[mine] += round(offset.delay * 1e9)
-            positions[mine] = _moved(offset, positions[mine])
-            if turns is not None:
-                posed = mine & np.isfinite(turns).all(1)
-                turned = Rotation.from_rotvec(offset.rotation) * Rotation.from_quat(turns[posed])
-                turns[posed] = turned.as_quat() if posed.any() else turns[posed]
-        return restamped(tracks, times, positions, turns)
+            offset, mine = self.found[source], tracks.source == source
+            R = Rotation.from_rotvec(offset.rotation).as_matrix()
+            delay[mine] = round(offset.delay * 1e9)
+            turn[mine] = R
+            shift[mine] = offset.pivot + offset.shift - R @ offset.pivot
+        return tracks.moved(delay, turn, shift)
 
     def learn(self, tracks: Tracks, frames: Frames, labels: Ints) -> None:
         """Improve the offsets from corrected trajectories and the bodies they were assigned to."""
@@ -102,7 +92,7 @@ class Offsets:
     ) -> None:
         before = self.found.get(source)
         if before is None:
-            pivot = np.append(np.median(tracks.positions, 0), np.zeros(3 - frames.dim))
+            pivot = np.median(tracks.newest(), 0)
             before = Offset(np.zeros(3), np.zeros(3), pivot, 0.0)
         spread = np.array([_ROTATION] * 3 + [_SHIFT * extent] * 3 + [_DELAY])
         prior = np.diag(1 / (spread if frames.dim == 3 else spread[_PLANAR]) ** 2)
@@ -134,14 +124,6 @@ class Offsets:
         """Take up :meth:`state`."""
         self.reference = state["reference"]
         self.found = {int(s): Offset(r, x, p, float(d)) for s, r, x, p, d in state["found"]}
-
-
-def _moved(offset: Offset, positions: Floats) -> Floats:
-    dim = positions.shape[1]
-    z = np.zeros((len(positions), 3))
-    z[:, :dim] = positions
-    turned = Rotation.from_rotvec(offset.rotation).apply(z - offset.pivot)
-    return np.asarray((turned + offset.pivot + offset.shift)[:, :dim])
 
 
 def _groups(tracks: Tracks, frames: Frames, labels: Ints, source: int | None) -> list[Ints]:
