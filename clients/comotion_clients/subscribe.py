@@ -9,25 +9,20 @@ In asyncio the same object serves ``async with`` and ``async for``.
 
 import asyncio
 import threading
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Generic, TypeAlias, overload
 
-import zenoh
-
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
-from comotion_schemas.transport import DEFAULT_ENDPOINT, SessionSettings, TlsFiles, open_session
+from comotion_schemas.transport import DEFAULT_ENDPOINT, SessionSettings, TlsFiles, connect
 
 from .inbox import Closed
 from .subscription import Counters, M, Subscription
 
-__all__ = ["Closed", "Counters", "Subscribing", "Subscription", "connected", "subscribe"]
+__all__ = ["Closed", "Counters", "Subscribing", "Subscription", "subscribe"]
 
 Endpoints: TypeAlias = str | Sequence[str]
-
-_CONNECT_TRY_MS = 500
 
 
 class Subscribing(Generic[M]):
@@ -53,7 +48,9 @@ class Subscribing(Generic[M]):
 
     def __enter__(self) -> Subscription[M]:
         with ExitStack() as stack:
-            session = stack.enter_context(connected(self._settings, self._timeout, self._given_up))
+            session = stack.enter_context(
+                connect(self._settings, timeout=self._timeout, given_up=self._given_up)
+            )
             subscription = Subscription(
                 session, self._message, self._scene, capacity=self._capacity, timeout=self._timeout
             )
@@ -75,39 +72,6 @@ class Subscribing(Generic[M]):
 
     async def __aexit__(self, *exception: object) -> None:
         await asyncio.to_thread(self._exit.close)
-
-
-def connected(
-    settings: SessionSettings, timeout: float | None = None, given_up: threading.Event | None = None
-) -> zenoh.Session:
-    """Open a session, waiting for a router that is not there yet; Ctrl-C ends the wait.
-
-    Raises
-    ------
-    TimeoutError
-        If no router answered within `timeout` seconds, or `given_up` was set.
-    ValueError
-        If an endpoint or certificate is wrong, so that waiting would not help.
-    """
-    deadline = None if timeout is None else time.monotonic() + timeout
-    # Zenoh's own unlimited connect cannot be interrupted; short tries in a loop can. Once connected,
-    # the session reconnects by itself for ever.
-    once = {
-        "endpoints": list(settings.connect),
-        "timeout_ms": _CONNECT_TRY_MS,
-        "exit_on_failure": True,
-        "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
-    }
-    given_up = given_up or threading.Event()
-    while True:
-        try:
-            return open_session(settings, {"connect": once})
-        except zenoh.ZError as error:
-            reason = str(error).split(" at /")[0]
-            if "Unable to connect" not in reason:
-                raise ValueError(f"cannot connect to {', '.join(settings.connect)}: {reason}") from None
-        if given_up.wait(0.1) or (deadline is not None and time.monotonic() > deadline):
-            raise TimeoutError(f"no router answers at {', '.join(settings.connect)}")
 
 
 @overload

@@ -17,12 +17,11 @@ from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.component import Component, new_session_id
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.transport import SessionSettings, connect
 
 from .presence import Presence
 from .scene_model import SceneModel
 from .scene_rows import EventRow
-from .subscribe import connected
 from .subscription import Subscription
 from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
 
@@ -120,7 +119,7 @@ def watch(
 
 
 def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
-    with connected(settings, options.timeout) as session:
+    with connect(settings, timeout=options.timeout) as session:
         feed = _Feed(session, scene)
         try:
             _await_something(feed, settings, options.timeout)

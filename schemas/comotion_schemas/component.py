@@ -28,10 +28,9 @@ from . import metrics
 from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
 from .messages import RejectionReason, Role, Status, StatusState
-from .transport import Publisher, SessionSettings, declare_publisher, open_session
+from .transport import Publisher, SessionSettings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
-_CONNECT_TIMEOUT_MS = 500
 _SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
 
@@ -225,35 +224,10 @@ class Component:
         )
 
     def _connect(self) -> zenoh.Session:
-        """Open the session, trying again until a router answers or a signal stops it."""
-        # An unlimited connect cannot be interrupted by a signal; short ones in a loop can. Once
-        # connected, the session reconnects by itself for ever whatever the time-out says.
-        connect = {
-            "endpoints": list(self._settings.connect),
-            "timeout_ms": _CONNECT_TIMEOUT_MS,
-            "exit_on_failure": True,
-            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
-        }
-        waiting = False
-        while not self.stop.is_set():
-            began = time.monotonic()
-            try:
-                return open_session(self._settings, self._overrides | {"connect": connect})
-            except zenoh.ZError as error:
-                self._refuse_unless_unreachable(error)
-            if not waiting:
-                _log.warning("waiting for a router at %s", ", ".join(self._settings.connect))
-            waiting = True
-            self.stop.wait(max(0.0, began + 0.2 - time.monotonic()))
-        raise SystemExit(0)
-
-    def _refuse_unless_unreachable(self, error: zenoh.ZError) -> None:
-        """Waiting helps against an absent router, not against a wrong endpoint or certificate."""
-        reason = str(error).split(" at /")[0]
-        if "Unable to connect" not in reason:
-            raise ValueError(
-                f"cannot open a session at {', '.join(self._settings.connect)}: {reason}"
-            ) from error
+        try:
+            return connect(self._settings, self._overrides, given_up=self.stop)
+        except TimeoutError:  # stopped by a signal meanwhile
+            raise SystemExit(0) from None
 
     def _start_status(self, stack: ExitStack) -> None:
         publisher = declare_publisher(self.session, self.keys.stream("status", self.name), "status")

@@ -4,6 +4,9 @@ The one module of this package that imports zenoh; everything else is transport-
 """
 
 import json
+import logging
+import threading
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +24,9 @@ TRANSPORT_LIMIT = 32 * 1024 * 1024
 LEASE_MS = 2000
 WAIT_BEFORE_DROP_US = 10_000
 """Zenoh's 1 ms drops batches whenever a loaded machine schedules the sender late."""
+_CONNECT_TRY_MS = 500
+_RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +116,54 @@ def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = N
     """
     config = zenoh_config(settings) | (overrides or {})
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+
+def connect(
+    settings: SessionSettings,
+    overrides: dict[str, Any] | None = None,
+    *,
+    timeout: float | None = None,
+    given_up: threading.Event | None = None,
+) -> zenoh.Session:
+    """Open a session, waiting for a router that is not there yet; Ctrl-C ends the wait.
+
+    Parameters
+    ----------
+    settings, overrides
+        As for :func:`open_session`.
+    timeout
+        Seconds to wait; None: for ever.
+    given_up
+        Ends the wait when set.
+
+    Raises
+    ------
+    TimeoutError
+        If no router answered in time, or `given_up` was set.
+    ValueError
+        If an endpoint or certificate is wrong, so that waiting would not help.
+    """
+    endpoints = ", ".join(settings.connect)
+    deadline = None if timeout is None else time.monotonic() + timeout
+    # Zenoh's own unlimited connect cannot be interrupted; short tries in a loop can. Once connected,
+    # the session reconnects by itself for ever, whatever the time-out says.
+    once = {"timeout_ms": _CONNECT_TRY_MS, "exit_on_failure": True, "retry": _RETRY}
+    overrides = {**(overrides or {}), "connect": {"endpoints": list(settings.connect), **once}}
+    given_up = given_up or threading.Event()
+    waiting = False
+    while not given_up.is_set() and (deadline is None or time.monotonic() < deadline or not waiting):
+        began = time.monotonic()
+        try:
+            return open_session(settings, overrides)
+        except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0]
+            if "Unable to connect" not in reason:
+                raise ValueError(f"cannot open a session at {endpoints}: {reason}") from None
+        if not waiting and deadline is None:
+            _log.warning("waiting for a router at %s; 'comotion router' starts one", endpoints)
+        waiting = True
+        given_up.wait(max(0.0, began + 0.2 - time.monotonic()))
+    raise TimeoutError(f"no router answers at {endpoints}; 'comotion router' starts one")
 
 
 def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher:

@@ -194,5 +194,5 @@ def test_no_router_is_a_timeout_that_names_it() -> None:
 def test_wrong_names_and_endpoints_are_refused_at_once() -> None:
     with pytest.raises(ValueError, match="scene"):
         subscribe("No Scene")
-    with pytest.raises(ValueError, match="cannot connect"):
+    with pytest.raises(ValueError, match="cannot open a session at nonsense"):
         subscribe("scene", "nonsense").__enter__()
