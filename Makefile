@@ -14,6 +14,7 @@ setup: $(STAMP)  ## create .venv and install comotion with what the tests need
 
 $(STAMP): pyproject.toml requirements.txt
 	@test -n "$(PYTHON)" || { echo "comotion needs Python 3.11 or newer on the PATH" >&2; exit 2; }
+	@echo "setting up $(VENV), once: a minute or two"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[metrics,mocap,plot,record]' --group dev

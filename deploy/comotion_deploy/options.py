@@ -75,7 +75,7 @@ Connect = Annotated[
         "--connect",
         envvar="COMOTION_CONNECT",
         metavar="ENDPOINT",
-        help="Router to connect to; may be repeated. [default: tcp/127.0.0.1:7447]",
+        help="Router to connect to; may be repeated. Default: tcp/127.0.0.1:7447.",
     ),
 ]
 Listen = Annotated[

@@ -8,8 +8,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import typer
+from rich.text import Text
 
-from comotion_deploy.cli import run
+from comotion_deploy.cli import app, run
 from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline, time_scale
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
@@ -308,3 +310,13 @@ def test_cameras_of_the_service_come_from_files_or_the_table(
         ("door=/no/such/file.yaml", "No such file"),
     ):
         assert words in refused(capsys, "serve", "--camera", text)
+
+
+def test_help_shows_all_its_words() -> None:
+    """What Rich takes for markup is not shown: "[default: ...]" for one."""
+    commands = [typer.main.get_command(app)]
+    for command in commands:
+        commands += getattr(command, "commands", {}).values()
+        for text in (command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)):
+            assert Text.from_markup(text or "").plain == (text or "")
+    assert len(commands) > 15

@@ -23,11 +23,11 @@ def bench(
     ctx: typer.Context,
     features: Annotated[
         str | None,
-        typer.Option("--features", help="Numbers of features. [default: 500,1000,3000,5000; quick 200,500]"),
+        typer.Option("--features", help="Numbers of features. Default: 500,1000,3000,5000; quick 200,500."),
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option("--method", help="Method; may be repeated. [default: comotion and thesis]"),
+        typer.Option("--method", help="Method; may be repeated. Default: comotion and thesis."),
     ] = None,
     updates: Annotated[int | None, typer.Option("--updates", min=2, help="Updates to time per row.")] = None,
     bodies: Annotated[int, typer.Option("--bodies", min=1, help="Moving bodies of the scene.")] = 6,

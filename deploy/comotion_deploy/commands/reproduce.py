@@ -50,13 +50,13 @@ def fusion(
     workcell: Annotated[
         list[str] | None,
         typer.Option(
-            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. [default: the four]"
+            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. Default: the four."
         ),
     ] = None,
     seeds: Annotated[
         str | None,
         typer.Option(
-            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 0-4 or 0,3. [default: 0-4, quick 0-1]"
+            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 0-4 or 0,3. Default: 0-4, quick 0-1."
         ),
     ] = None,
     quick: Annotated[
@@ -72,7 +72,7 @@ def fusion(
             "--cache",
             metavar="DIR",
             envvar="COMOTION_CACHE",
-            help="Where tracks are kept for the next run. [default: ~/.cache/comotion/fusion]",
+            help="Where tracks are kept for the next run. Default: ~/.cache/comotion/fusion.",
         ),
     ] = None,
     method: options.Method = None,
@@ -105,7 +105,7 @@ def pixels(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go. [default: nowhere]"),
+        typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go. Default: nowhere."),
     ] = None,
     baselines: Annotated[bool, typer.Option(help="Run the baselines too.")] = True,
     cross_validate: Annotated[bool, typer.Option(help="Cross-validate over scenes too.")] = True,
@@ -145,7 +145,7 @@ def pixels(
 def accuracy(
     data: Annotated[
         Path | None,
-        typer.Option("--data", metavar="DIR", help="Folder of labelled .npz recordings. [default: none]"),
+        typer.Option("--data", metavar="DIR", help="Folder of labelled .npz recordings. Default: none."),
     ] = None,
     seeds: Annotated[str, typer.Option("--seeds", help="Seeds of scenes, e.g. 0-4 or 0,3.")] = "0-4",
     robustness: Annotated[bool, typer.Option(help="Halve and double every parameter too.")] = True,

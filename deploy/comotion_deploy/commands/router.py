@@ -37,7 +37,7 @@ def router(
             "--max-message-bytes",
             envvar="COMOTION_MAX_MESSAGE_BYTES",
             min=1024,
-            help="Drop larger messages at the router. [default: no limit below the transport's 32 MiB]",
+            help="Drop larger messages at the router. Default: no limit below the transport's 32 MiB.",
         ),
     ] = None,
     ready_file: options.ReadyFile = None,

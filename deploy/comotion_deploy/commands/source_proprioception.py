@@ -65,13 +65,13 @@ def proprioception(
         typer.Option(
             "--ros-connect",
             metavar="ENDPOINT",
-            help="Router of the ROS network. [default: the scene's router]",
+            help="Router of the ROS network. Default: the scene's router.",
         ),
     ] = None,
     link: Annotated[
         list[str] | None,
         typer.Option(
-            "--link", help="Link to report; may be repeated. [default: all moving, or the scene's robot]"
+            "--link", help="Link to report; may be repeated. Default: all moving, or the scene's robot."
         ),
     ] = None,
     base: Annotated[
@@ -89,7 +89,7 @@ def proprioception(
     ] = 0.02,
     resolution: Annotated[
         float,
-        typer.Option("--encoder", min=0, help="Resolution of the rotary encoders, rad. [default: 16 bits]"),
+        typer.Option("--encoder", min=0, help="Resolution of the rotary encoders, rad. Default: 16 bits."),
     ] = 9.5873799e-05,
     linear: Annotated[
         float, typer.Option("--linear-encoder", min=0, help="Resolution of the linear encoders, m.")

@@ -36,8 +36,8 @@ def up(
             "--log",
             envvar="COMOTION_LOG",
             metavar="PATH",
-            help="Write the processes' lines there. [default: standard output, or "
-            f"{DEFAULT_LOG} with a foreground process]",
+            help="Write the processes' lines there. Default: standard output, or "
+            f"{DEFAULT_LOG} with a foreground process.",
         ),
     ] = None,
     duration: Annotated[
