@@ -83,30 +83,44 @@ class Costs:
     opening: Floats
 
 
-def costs(frames: Frames, bodies: list[Body], config: MotionConfig, stretch: float = 1.0) -> Costs:
+def costs(
+    frames: Frames, bodies: list[Body], config: MotionConfig, stretch: float = 1.0, stride: int = 1
+) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
     C_ik = 1/2 sum_f min(|y_body - b_i|^2 / v_ik, cap dim), y_body the trajectory in the body's frame
     and b_i its robust mean. A degree of freedom gains half a nat by fitting noise, whatever it is worth;
-    its price is beyond that. `stretch` scales costs of thinned frames to those of all.
+    its price is beyond that. `stretch` scales costs of thinned frames to those of all. With a `stride` above
+    1 the costs of motions far from the best are estimates.
     """
     rows = np.arange(len(frames.owner))
     wider = np.array([_widening(frames, body, config) for body in bodies])
-    found, _ = _residuals(frames, bodies, rows, wider, config)
+    found, _ = _residuals(frames, bodies, rows, wider, config, stride)
     wide = frames.tolerance[:, None] + wider
     found += 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance[:, None])
     body = np.stack([frames.per_track(one) for one in found.T], 1) * stretch
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
-    opening = np.array(
-        [
-            0.0
-            if b.static
-            else 0.5 * b.dof * (1 + config.pose_price) * stretch * int(b.posed.sum()) + config.birth_price
-            for b in bodies
-        ]
-    )
+    opening = np.array([_opening(b, config, stretch) for b in bodies])
     return Costs(body, outlier, opening)
+
+
+def _opening(body: Body, config: MotionConfig, stretch: float) -> float:
+    if body.static:
+        return 0.0
+    poses = 0.5 * body.dof * (1 + config.pose_price) * stretch * int(body.posed.sum())
+    return poses + config.birth_price
+
+
+def moves(frames: Frames, body: Body, config: MotionConfig) -> bool:
+    """Whether a body explains its own rows so much better than rest, both at its tolerance, as it costs.
+
+    A wider tolerance suits everybody: among very many at rest, a body could live on that alone.
+    """
+    wider = np.full(2, _widening(frames, body, config))
+    both = [static_body(len(frames.stamps)), body]
+    cost, _ = _residuals(frames, both, body.rows, wider, config)
+    return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows]) > _opening(body, config, 1.0)
 
 
 def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> Floats:
@@ -115,7 +129,7 @@ def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> F
 
 
 def _residuals(
-    frames: Frames, bodies: list[Body], rows: Ints, wider: Floats, config: MotionConfig
+    frames: Frames, bodies: list[Body], rows: Ints, wider: Floats, config: MotionConfig, stride: int = 1
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
     cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
@@ -136,6 +150,7 @@ def _residuals(
         t,
         posed,
         unposed,
+        stride,
         cost,
         squared,
     )

@@ -14,6 +14,10 @@ _SOFT = 9.0
 # Pull towards the neighbouring frame's rotation, as a share of the moments: it settles what the points
 # leave open, such as a pair's turning about itself.
 _PULL = 1e-3
+# A first look at a few frames must leave so many to a row; a second one goes to motions whose cost is
+# below so many times the least and so many nats.
+_WORTH_A_LOOK = 6
+_NEAR, _CLOSE = 3.0, 100.0
 # Sums may be reordered, which vector instructions need; not-a-number and infinity keep their meaning.
 _REORDERED = {"reassoc", "contract", "nsz"}
 
@@ -218,6 +222,7 @@ def body_costs(
     t: Floats,
     posed: Floats,
     unposed: Floats,
+    stride: int,
     cost: Floats,
     squared: Floats,
 ) -> None:
@@ -236,25 +241,60 @@ def body_costs(
         float64 [K], by how much a body's tolerance exceeds its rows': v = tolerance + wider.
     R, t, posed, unposed
         float64 [K, 9, F], [K, 3, F], [K, F] (1 or 0) and [K].
+    stride
+        Above 1: look at every stride-th frame first, and only where that leaves a motion near the best
+        one at all of them.
     cost, squared
         Out: float64 [n, K].
     """
-    count = w.shape[1]
+    count, bodies = w.shape[1], len(R)
     row, x = np.empty((4, count)), np.empty((4, count))
+    first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
+    first_posed = np.ascontiguousarray(posed[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
-        first, stop = 0, count
+        first, stop, reach = 0, count, np.inf
         while first < stop and w[i, first] <= 0:
             first += 1
         while stop > first and w[i, stop - 1] <= 0:
             stop -= 1
-        for f in range(first, stop):
-            row[0, f], row[1, f], row[2, f], row[3, f] = y[i, f, 0], y[i, f, 1], y[i, f, 2], w[i, f]
-        for k in range(len(R)):
-            v = tolerance[i] + wider[k]
-            cost[n, k], squared[n, k] = _body_cost(
-                row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed[k], x
-            )
+        if stride > 1 and stop - first >= _WORTH_A_LOOK * stride:
+            seen = _take(y[i], w[i], stride, row)
+            for k in range(bodies):
+                cost[n, k], squared[n, k] = _body_cost(
+                    row,
+                    first_R[k],
+                    first_t[k],
+                    first_posed[k],
+                    0,
+                    first_posed.shape[1],
+                    1.0 / (tolerance[i] + wider[k]),
+                    dim,
+                    cap,
+                    unposed[k],
+                    x,
+                )
+            cost[n] *= _take(y[i], w[i], 1, row) / max(seen, 1)
+            reach = _NEAR * cost[n].min() + _CLOSE if seen > 0 else np.inf
+        else:
+            _take(y[i], w[i], 1, row)
+        for k in range(bodies):
+            if reach == np.inf or cost[n, k] < reach:
+                v = tolerance[i] + wider[k]
+                cost[n, k], squared[n, k] = _body_cost(
+                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed[k], x
+                )
+
+
+@compiled()
+def _take(y: Floats, w: Floats, stride: int, row: Floats) -> int:
+    """Every stride-th frame of a row to [4, F]; in how many it is observed."""
+    seen = 0
+    for f in range(0, len(w), stride):
+        k = f // stride
+        row[0, k], row[1, k], row[2, k], row[3, k] = y[f, 0], y[f, 1], y[f, 2], w[f]
+        seen += w[f] > 0
+    return seen
 
 
 @compiled(fastmath=_REORDERED)

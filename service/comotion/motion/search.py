@@ -12,7 +12,7 @@ from ..compiled import compiled
 from ..engine import NO_HYPOTHESIS
 from ..window import Bools, Floats
 from .assignment import DEAD_FRAMES, Assignment, assign, cheapest
-from .bodies import Body, Costs, costs, fit, static_body
+from .bodies import Body, Costs, costs, fit, moves, static_body
 from .config import MotionConfig
 from .frames import Frames
 from .identity import columns_before, match
@@ -24,6 +24,9 @@ from .tracks import Ints
 # Candidates are compared on this many frames; what is chosen is fitted to all.
 _KEY_FRAMES = 50
 _ROUNDS = 2
+# Where trajectories are many, most motions are out of the question for each after a look at every so
+# many frames.
+_FIRST_LOOK = 5
 # The dead tell how bodies moved, but a hypothesis is for the living.
 _DEAD_SAY = 0.5
 UNSEATED = -2
@@ -78,7 +81,7 @@ def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> 
     chosen = panel(frames, newest, past.labels, past.strange, judged)
     if chosen is not None:
         bodies = _by_panel(frames, newest, past, judged, chosen, config)
-        return _settled(frames, newest, bodies, past, judged, config)
+        return _settled(frames, newest, bodies, past, judged, config, _FIRST_LOOK)
     bodies, labels = _first(frames, past, judged, np.ones(len(judged), np.bool_), config)
     bodies = [static_body(len(frames.stamps)), *bodies[1:]]
     for round_ in range(_ROUNDS):
@@ -89,10 +92,16 @@ def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> 
 
 
 def _settled(
-    frames: Frames, newest: Floats, bodies: list[Body], past: Past, judged: Bools, config: MotionConfig
+    frames: Frames,
+    newest: Floats,
+    bodies: list[Body],
+    past: Past,
+    judged: Bools,
+    config: MotionConfig,
+    stride: int = 1,
 ) -> Found:
     """The best of bodies, and everybody's assignment to them."""
-    found = costs(frames, bodies, config)
+    found = costs(frames, bodies, config, stride=stride)
     chosen = select(_of(frames, found, judged))
     bodies = [bodies[k] for k in chosen]
     evidence = Costs(found.body[:, chosen], found.outlier, found.opening[chosen])
@@ -125,7 +134,8 @@ def _by_panel(
     kept = {past.static, NO_HYPOTHESIS, *continued.values()}
     groups += [past.labels == h for h in np.unique(past.labels).tolist() if h not in kept]
     rows = [representatives(frames, newest, group & judged) for group in groups]
-    return [static_body(len(frames.stamps)), *(fit(frames, some) for some in rows if len(some) >= 2)]
+    found = [fit(frames, some) for some in rows if len(some) >= 2]
+    return [static_body(len(frames.stamps)), *(body for body in found if moves(frames, body, config))]
 
 
 def _first(
