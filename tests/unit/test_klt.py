@@ -136,6 +136,40 @@ def test_features_end_when_something_passes_in_front_of_them() -> None:
     assert len(wandered) <= 0.05 * len(start)
 
 
+def test_features_stay_on_their_spot_however_long_they_live() -> None:
+    """Small errors of each step must not add up, nor may turning and shading move a feature."""
+    rng, image = np.random.default_rng(7), texture(5)
+    tracker = Tracker(TrackerConfig(max_features=80, respawn_every=1000))
+    poses = [motion(k, (0.23, 0.11), 0.004, 0.001) for k in range(120)]
+    ramp = np.linspace(-20, 20, SHAPE[1])
+    for k, matrix in enumerate(poses):
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix) + ramp * k / 120, rng, 2.0)))
+        if k == 0:
+            birth = dict(zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True))
+    true = moved(np.array([birth[i] for i in tracks.ids.tolist()]), poses[0], poses[-1])
+    errors = np.linalg.norm(tracks.pixels - true, axis=1)
+    assert len(errors) > 40
+    assert np.quantile(errors, 0.9) < 0.3
+
+
+def test_no_feature_goes_along_a_line_with_the_shadow_that_crosses_it() -> None:
+    """A line under a shadow's soft edge looks like a corner, but nothing of it is fixed to the surface."""
+    rng, y = np.random.default_rng(8), np.arange(SHAPE[0])[:, None]
+    floor = np.full(SHAPE, 160.0)
+    floor[:, 80::80] = 90.0
+    for row in range(20, 220, 50):
+        floor[row : row + 5, np.arange(30, SHAPE[1], 80)[:, None] + np.arange(5)] = 40.0
+    floor = cv2.GaussianBlur(floor, (0, 0), 1.0)
+    tracker = Tracker(TrackerConfig(respawn_every=5))
+    birth: dict[int, np.ndarray] = {}
+    for k in range(30):
+        shadow = 1 - 0.35 / (1 + np.exp((y - 60 - 3 * k) / 4.0))
+        tracks = tracker.step(Frame(k * PERIOD, to_uint8(floor * shadow, rng, 1.5)))
+        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True):
+            assert np.linalg.norm(pixel - birth.setdefault(feature, pixel)) < 1.5
+    assert len(birth) >= 12
+
+
 def test_ended_features_are_told_once_and_ids_are_never_used_again() -> None:
     rng, image = np.random.default_rng(0), texture(4)
     tracker = Tracker(TrackerConfig(max_features=80, respawn_every=3))

@@ -27,7 +27,7 @@ Sources: TypeAlias = dict[str, list[Message]]
 _SESSION = "0" * 16
 _COVERED = ".covered"
 _MAKERS = (
-    *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "tracker")),
+    *(f"klt.{name}" for name in ("anchor", "config", "corners", "depth", "flow", "observer", "tracker")),
     *(f"proprioception.{name}" for name in ("kinematics", "packer")),
     *(
         f"workcell.{name}"

@@ -13,8 +13,8 @@ class TrackerConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    max_features: Annotated[int, Field(ge=1, le=100_000)] = 400
-    """Feature budget of the whole image."""
+    max_features: Annotated[int, Field(ge=1, le=30_000)] = 400
+    """Feature budget of the whole image; OpenCV samples no more at once."""
     respawn_every: Annotated[int, Field(ge=1)] = 15
     """Frames between two looks for new corners."""
     spawn_limit: Annotated[int, Field(ge=1)] | None = None
@@ -43,6 +43,16 @@ class TrackerConfig(BaseModel):
     Chosen on three rendered scenes with truth: of the features alive after 1 s, 98.1 % are on the body they
     were born on without depth (0.5: 97.7 %), and the tenth that drifts most drifts 8.0 mm (0.5: 9.5 mm; with
     a share of 0.5: 10.7 mm). It costs 6 % of the features a second, which respawning makes up for.
+    """
+    likeness: Annotated[float, Field(ge=-1, le=1)] = 0.8
+    """Least correlation of a feature's birth patch with what is there."""
+    anchor_reach: Positive = 2.0
+    """Farthest that the birth patch may be found from where Lucas-Kanade went, px."""
+    birth_sigma: Positive = 0.05
+    """A new feature's texture must fix it to this in any direction, px, under noise of two grey levels.
+
+    Shadows and brightness that changes by a slope are not texture. At 0.1 an edge that a shadow crosses
+    still counts as a corner, and goes with the shadow.
     """
     min_distance: NotNegative = 4.0
     """Of two features closer than this the younger one goes, px."""

@@ -1,10 +1,11 @@
 """The KLT tracker: frames in, tracks out. Pure: no device, no clock, no wire.
 
 Per frame (thesis 4.2): follow every feature by Lucas-Kanade, drop what fails the forward-backward
-check, lift to 3-D where there is depth, drop what jumps, and every n frames look for new corners.
+check, put it where its birth patch is, drop what no longer looks like that, lift to 3-D where there is
+depth, drop what jumps, and every n frames look for new corners.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
+from .anchor import Anchors, align, joined, no_anchors, take
 from .config import TrackerConfig
 from .corners import crowded, new_corners
 from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
@@ -23,6 +25,7 @@ Floats = NDArray[np.float64]
 _NOMINAL_PERIOD_NS = 1e9 / 30
 _LONGEST_GAP_NS = 0.5e9
 _NOISE_MEMORY = 0.7
+_GREY_NOISE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,14 +78,18 @@ class _Features:
     seen_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     missing: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     lifted: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
+    anchors: Anchors = field(default_factory=no_anchors)
 
     def select(self, keep: NDArray[np.bool_]) -> "_Features":
         return _Features(**{name: column[keep] for name, column in vars(self).items()})
 
     def extended(self, new: "_Features") -> "_Features":
-        return _Features(
-            **{name: np.concatenate([column, getattr(new, name)]) for name, column in vars(self).items()}
-        )
+        both = {
+            name: np.concatenate([column, getattr(new, name)])
+            for name, column in vars(self).items()
+            if name != "anchors"
+        }
+        return _Features(**both, anchors=joined(self.anchors, new.anchors))
 
 
 class Tracker:
@@ -145,9 +152,13 @@ class Tracker:
         if self._grey is None or not len(features.ids):
             return
         flow = track(self._grey, grey, features.pixels, self._config)
-        features.pixels = flow.pixels
-        features.noise = np.sqrt(_NOISE_MEMORY * features.noise**2 + (1 - _NOISE_MEMORY) * flow.noise**2)
-        features = features.select(flow.kept)
+        found = align(grey, flow.pixels, features.anchors, self._config.window)
+        strayed = np.abs(found.pixels - flow.pixels).max(axis=1) > self._config.anchor_reach
+        features.pixels = found.pixels
+        features.anchors = replace(features.anchors, shape=found.shape)
+        noise = np.hypot(flow.noise, found.noise)
+        features.noise = np.sqrt(_NOISE_MEMORY * features.noise**2 + (1 - _NOISE_MEMORY) * noise**2)
+        features = features.select(flow.kept & ~strayed & (found.correlation > self._config.likeness))
         self._features = features.select(~crowded(features.pixels, self._config.min_distance))
 
     def _lift(self, frame: Frame) -> None:
@@ -178,20 +189,22 @@ class Tracker:
         if self._intrinsics is not None and depth is None:
             return
 
-        def has_depth(pixels: Pixels) -> NDArray[np.bool_]:
-            assert depth is not None  # noqa: S101 - checked above
-            return np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
+        def usable(pixels: Pixels) -> NDArray[np.bool_]:
+            noise = _GREY_NOISE * np.sqrt(take(grey, pixels, self._config.window).spread)
+            chosen = np.asarray(noise < self._config.birth_sigma)
+            if self._intrinsics is not None and depth is not None:
+                chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
+            return chosen
 
-        usable = None if self._intrinsics is None else has_depth
         pixels = new_corners(grey, self._features.pixels, self._config, usable)
         points = np.full((len(pixels), 3), np.nan)
         if self._intrinsics is not None and depth is not None and len(pixels):
             z = look_up(depth, pixels, self._config, LOOKUP_RADIUS).z
             pixels, z = pixels[np.isfinite(z)], z[np.isfinite(z)]
             points = self._intrinsics.lift(pixels, z)
-        self._add(pixels, points, frame.stamp_ns)
+        self._add(grey, pixels, points, frame.stamp_ns)
 
-    def _add(self, pixels: Pixels, points: Floats, stamp_ns: int) -> None:
+    def _add(self, grey: Image, pixels: Pixels, points: Floats, stamp_ns: int) -> None:
         count = len(pixels)
         self._features = self._features.extended(
             _Features(
@@ -202,6 +215,7 @@ class Tracker:
                 seen_ns=np.full(count, stamp_ns),
                 missing=np.zeros(count, np.int64),
                 lifted=np.asarray(np.isfinite(points).all(axis=1)),
+                anchors=take(grey, pixels, self._config.window),
             )
         )
         self._next_id += count
