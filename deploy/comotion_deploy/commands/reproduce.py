@@ -1,14 +1,15 @@
 """``comotion reproduce``: experiments that anyone can run again."""
 
 import json
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from .. import options
-from ..errors import UserError, missing_extra
+from . import reproduce_figures
+from .experiments import cache_folder, check, check_folder, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.fusion import Results
@@ -38,10 +39,35 @@ Examples:
 
   comotion reproduce accuracy --data recordings/mocap --out docs
 
-  comotion reproduce accuracy --seeds 0 --no-robustness --out report
+  comotion reproduce accuracy --quick
 """
 
-app = typer.Typer(help="Run the project's experiments again.", no_args_is_help=True)
+EPILOG = """
+Examples:
+
+  comotion reproduce --quick
+
+  comotion reproduce figures --help
+
+  comotion reproduce fusion --quick
+"""
+
+
+class _FiguresByDefault(TyperGroup):
+    """Without a command, options are those of ``figures``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args or (args[0].startswith("-") and args[0] not in ctx.help_option_names):
+            args = ["figures", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_FiguresByDefault,
+    help="Run the project's experiments again. Without a command: the figures of the thesis.",
+    epilog=EPILOG,
+)
+app.command("figures", epilog=reproduce_figures.EPILOG)(reproduce_figures.figures)
 
 
 @app.command("fusion", epilog=FUSION_EPILOG)
@@ -85,13 +111,13 @@ def fusion(
     from comotion_experiments.fusion import QUICK, SCENES, Setup, run_experiment
     from comotion_experiments.inputs import parse_seeds
 
-    _check(out)
+    check(out)
     results = run_experiment(
         workcell or (SCENES[:2] if quick else SCENES),
         parse_seeds(seeds or ("0-1" if quick else "0-4")),
         options.fusion_config(ctx, method, assignments),
         setup=QUICK if quick else Setup(),
-        cache=cache or _cache_folder() / "fusion",
+        cache=cache or cache_folder() / "fusion",
         period=period,
     )
     _report(results, out, as_json=json_)
@@ -103,10 +129,10 @@ def pixels(
         Path,
         typer.Option("--data", metavar="DIR", envvar="COMOTION_DATA", help="Folder of the recordings."),
     ],
+    quick: Annotated[bool, typer.Option("--quick", help="As --no-baselines --no-cross-validate.")] = False,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go. Default: nowhere."),
-    ] = None,
+        Path, typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go.")
+    ] = Path("pixels"),
     baselines: Annotated[bool, typer.Option(help="Run the baselines too.")] = True,
     cross_validate: Annotated[bool, typer.Option(help="Cross-validate over scenes too.")] = True,
     json_: options.Json = False,
@@ -118,20 +144,18 @@ def pixels(
 
     from comotion_experiments.pixels import find_data_sets, report, run_benchmark
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is no folder")
-    status = Console(stderr=True)
-    found = run_benchmark(
-        find_data_sets(data),
-        baselines=baselines,
-        cross_validate=cross_validate,
-        progress=lambda what: status.print(what, style="dim", highlight=False),
-    )
+    check_folder(out)
+    with progress() as note:
+        found = run_benchmark(
+            find_data_sets(data),
+            baselines=baselines and not quick,
+            cross_validate=cross_validate and not quick,
+            progress=note,
+        )
     values = json.dumps(found.as_json(), indent=2)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "pixels.md").write_text(report.markdown(found))
-        (out / "pixels.json").write_text(values + "\n")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "pixels.md").write_text(report.markdown(found))
+    (out / "pixels.json").write_text(values + "\n")
     if json_:
         print(values)
         return
@@ -139,6 +163,7 @@ def pixels(
     console.print(report.table(found))
     for line in report.lines(found):
         console.print(line, highlight=False)
+    console.print(f"written: {out / 'pixels.md'}, {out / 'pixels.json'}", highlight=False)
 
 
 @app.command("accuracy", epilog=ACCURACY_EPILOG)
@@ -147,48 +172,41 @@ def accuracy(
         Path | None,
         typer.Option("--data", metavar="DIR", help="Folder of labelled .npz recordings. Default: none."),
     ] = None,
-    seeds: Annotated[str, typer.Option("--seeds", help="Seeds of scenes, e.g. 0-4 or 0,3.")] = "0-4",
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds",
+            envvar="COMOTION_SEEDS",
+            help="Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One seed, the scenes of the thesis, as --no-robustness.")
+    ] = False,
     robustness: Annotated[bool, typer.Option(help="Halve and double every parameter too.")] = True,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where accuracy.md and its picture go.")
-    ] = Path("docs"),
+    ] = Path("accuracy"),
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
     """Accuracy of the default method beside the thesis', on scenes and recordings."""
-    from rich.console import Console
-
     from comotion_experiments import accuracy as study
     from comotion_experiments.accuracy import report
     from comotion_experiments.inputs import parse_seeds
 
-    _check(out)
-    cases = study.scene_cases() + study.displaced_cases()
+    check(out)
+    cases = study.scene_cases()
+    cases = [c for c in cases if c.group == "thesis scenes"] if quick else cases + study.displaced_cases()
     cases += study.recorded_cases(data) if data is not None else []
-    status = Console(stderr=True)
-    results = study.run_experiment(
-        study.Experiment(cases, parse_seeds(seeds), robustness),
-        progress=lambda what: status.print(what, style="dim", highlight=False),
-    )
+    chosen = parse_seeds(seeds or ("0" if quick else "0-4"))
+    experiment = study.Experiment(cases, chosen, robustness and not quick)
+    with progress() as note:
+        results = study.run_experiment(experiment, progress=note)
     (out / "images").mkdir(parents=True, exist_ok=True)
     report.save_reliability(out / "images" / "reliability.png", results)
     (out / "accuracy.md").write_text(report.markdown(results, "images/reliability.png"))
     print(f"written: {out / 'accuracy.md'}")
-
-
-def _check(out: Path) -> None:
-    """Find out what would fail at the end before hours of work."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("plot", error) from None
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is no folder")
-
-
-def _cache_folder() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "comotion"
 
 
 def _report(results: "Results", out: Path, *, as_json: bool) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Score, Truth, contingency
+from comotion_clients.metrics import Labels, Score, Truth, contingency
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
 from ..offline import run_offline
@@ -64,7 +64,7 @@ def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
     return found
 
 
-def rightly_assigned(labels: NDArray[np.uint32], objects: NDArray[np.int32]) -> NDArray[np.bool_]:
+def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
     """Whether each track's hypothesis is the one that stands for its object, bool [N].
 
     Hypotheses and objects are matched one to one with as many right tracks as can be.

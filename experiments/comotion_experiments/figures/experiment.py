@@ -1,0 +1,106 @@
+"""Runs and draws figures one by one, and keeps their numbers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .figure import Figure, Row
+from .panels import mean_and_spread
+from .runs import Take
+from .study import Note, Options, Study
+
+
+@dataclass(frozen=True)
+class Made:
+    """A figure that has been drawn: its picture, its numbers, and what it was made with.
+
+    `curves` has, by label, seconds `t`, and `mean` and `std` of NMI over the seeds.
+    """
+
+    figure: Figure
+    picture: Path
+    rows: Sequence[Row]
+    parameters: Mapping[str, str]
+    curves: Mapping[str, Mapping[str, list[float | None]]]
+    summary: tuple[str, str] | None
+
+
+@dataclass
+class Results:
+    """Figures made, figures left out for want of the workcell, and the options of the run."""
+
+    options: Options
+    made: list[Made] = field(default_factory=list)
+    left_out: list[Figure] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything as plain values."""
+        return {
+            "seeds": list(self.options.seeds),
+            "workcell_seeds": list(self.options.workcell_seeds),
+            "quick": self.options.quick,
+            "default_method": self.options.default.model_dump(mode="json"),
+            "left_out": [figure.name for figure in self.left_out],
+            "figures": {
+                one.figure.name: {
+                    "title": one.figure.title,
+                    "picture": one.picture.name,
+                    "numbers": [asdict(row) for row in one.rows],
+                    "parameters": dict(one.parameters),
+                    "curves": {label: dict(curve) for label, curve in one.curves.items()},
+                }
+                for one in self.made
+            },
+        }
+
+
+def reproduce(
+    figures: Sequence[Figure],
+    options: Options,
+    out: Path,
+    *,
+    workcell: bool = True,
+    note: Note = lambda what: None,  # noqa: ARG005
+) -> Results:
+    """Make figures.
+
+    Parameters
+    ----------
+    figures
+        Which, in order.
+    options
+        What to run with.
+    out
+        Folder of the pictures; made if need be.
+    workcell
+        Whether MuJoCo is there; without it the figures of the workcell are left out.
+    note
+        Told what is run next.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    results = Results(options, left_out=[figure for figure in figures if figure.workcell and not workcell])
+    chosen = [figure for figure in figures if figure not in results.left_out]
+    study = Study(options)
+    for number, figure in enumerate(chosen, 1):
+        place = f"[{number}/{len(chosen)}] figure {figure.name}"
+        note(place)
+        study.note = lambda what, place=place: note(f"{place}: {what}")  # type: ignore[misc]
+        drawn = figure.draw(study)
+        picture = out / figure.file
+        drawn.figure.savefig(picture)
+        curves = {label: _curve(take) for label, take in drawn.curves.items()}
+        results.made.append(Made(figure, picture, drawn.rows, drawn.parameters, curves, drawn.summary))
+    return results
+
+
+def _curve(take: Take) -> dict[str, list[float | None]]:
+    mean, spread = mean_and_spread(take.nmi)
+    return {"t": _plain(take.t, 4), "mean": _plain(mean, 4), "std": _plain(spread, 4)}
+
+
+def _plain(values: Any, digits: int) -> list[float | None]:
+    filled = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
+    return [round(value, digits) if np.isfinite(value) else None for value in filled.tolist()]

@@ -1,0 +1,173 @@
+"""The page: one HTML file that needs nothing beside it."""
+
+import base64
+import json
+import platform
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib import metadata
+
+from .experiment import Made, Results
+from .figure import Row
+
+_PACKAGES = (
+    "comotion",
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "numba",
+    "opencv-python-headless",
+    "mujoco",
+    "matplotlib",
+)
+WITHOUT_WORKCELL = "they need the workcell: pip install 'comotion[sim3d]'"
+_LEAD = """Inferring object hypotheses from how features move: the method of the thesis beside the default
+method of comotion, on the same data."""
+_MEANS = """Mean over updates and, after ±, the standard deviation over seeds. The thesis method's parameters
+are the best of those drawn, chosen in hindsight; the default method has none to choose, and the same
+parameters everywhere. In figure 4.3 nothing moves for 10 of 12.67 s: nothing can score above 0 until then."""
+_KEY = """Trajectories are coloured by hypothesis. A circle in the colour of an object is the hypothesis
+that matches this object best over the run; any other marker is a surplus hypothesis, a cross is
+undetermined. NMI is the normalized mutual information (4.1) of hypotheses and true objects: 1 is the same
+partition, 0 no relation."""
+_STYLE = """
+:root { --ink: #1c2430; --soft: #5b6675; --line: #d9dee6; --wash: #f5f7fa; --mark: #0072b2; }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 1240px; padding: 28px 24px 80px; color: var(--ink); background: white;
+       font: 16px/1.55 system-ui, "Segoe UI", "Helvetica Neue", "DejaVu Sans", sans-serif; }
+h1 { font-size: 30px; line-height: 1.2; margin: 0 0 8px; }
+h2 { font-size: 21px; margin: 52px 0 6px; padding-top: 18px; border-top: 1px solid var(--line); }
+h2 .no { color: var(--mark); margin-right: 10px; }
+p { max-width: 860px; margin: 8px 0 14px; }
+.lead { color: var(--soft); font-size: 17px; }
+img { display: block; max-width: 100%; margin: 14px auto; }
+table { border-collapse: collapse; font-size: 14px; margin: 10px 0 16px; }
+th, td { text-align: left; vertical-align: top; padding: 5px 18px 5px 0; }
+tr { border-bottom: 1px solid var(--line); }
+th { font-weight: 600; color: var(--soft); }
+td.number { font-variant-numeric: tabular-nums; }
+.with { font-size: 14px; color: var(--soft); max-width: none; }
+code, pre { font: 13px/1.5 ui-monospace, "DejaVu Sans Mono", monospace; background: var(--wash); }
+code { padding: 2px 6px; }
+pre { padding: 12px 16px; overflow-x: auto; }
+details { font-size: 14px; margin: 6px 0; }
+summary { cursor: pointer; color: var(--soft); }
+.notice { background: #fff4d6; border-left: 4px solid #e69f00; padding: 10px 16px; max-width: 860px; }
+a { color: var(--mark); }
+@media print { h2 { break-before: page; } details { display: none; } }
+"""
+
+
+def page(results: Results, command: str) -> str:
+    """Compose the page.
+
+    Parameters
+    ----------
+    results
+        What has been made; its pictures are read and embedded.
+    command
+        The command line that makes it again.
+    """
+    body = [
+        "<h1>The figures of the thesis, made again</h1>",
+        f'<p class="lead">{_LEAD}</p>',
+        f"<p>Made by <code>{escape(command)}</code></p>",
+        _notice(results),
+        _summary(results),
+        _reading(results),
+        *(_section(made) for made in results.made),
+        _appendix(results),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width">\n'
+        f"<title>comotion: the figures of the thesis</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(part for part in body if part)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def left_out(results: Results) -> str:
+    """One line about the figures that were left out; empty when none was."""
+    names = [figure.name for figure in results.left_out]
+    if not names:
+        return ""
+    which = f"figure {names[0]} is" if len(names) == 1 else f"figures {', '.join(names)} are"
+    return f"{which} left out; {WITHOUT_WORKCELL}"
+
+
+def _notice(results: Results) -> str:
+    line = left_out(results)
+    return f'<p class="notice">{escape(line[0].upper() + line[1:])}.</p>' if line else ""
+
+
+def _summary(results: Results) -> str:
+    rows = [
+        (_link(made), *(escape(text) for text in (made.figure.title, *made.summary)))
+        for made in results.made
+        if made.summary is not None
+    ]
+    if not rows:
+        return ""
+    head = ("figure", "", "mean NMI, thesis method at its best", "mean NMI, default method")
+    return f"{_table(head, rows)}<p>{_MEANS}</p>"
+
+
+def _link(made: Made) -> str:
+    return f'<a href="#{_anchor(made)}">{escape(made.figure.name)}</a>'
+
+
+def _anchor(made: Made) -> str:
+    return made.picture.stem
+
+
+def _reading(results: Results) -> str:
+    links = " · ".join(_link(made) for made in results.made)
+    return f"<p>Figures: {links}</p><p>{_KEY}</p>"
+
+
+def _section(made: Made) -> str:
+    image = base64.b64encode(made.picture.read_bytes()).decode("ascii")
+    figure = made.figure
+    parameters = [f"<b>{escape(name)}</b> {escape(text)}" for name, text in made.parameters.items()]
+    return (
+        f'<h2 id="{_anchor(made)}"><span class="no">{escape(figure.name)}</span>{escape(figure.title)}</h2>\n'
+        f"<p>{escape(figure.shows)}</p>\n"
+        f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{image}">\n'
+        + numbers(made.rows)
+        + f'<p class="with">{" · ".join(parameters)}</p>'
+    )
+
+
+def numbers(rows: Sequence[Row]) -> str:
+    """Table of numbers beside the thesis."""
+    cells = [tuple(map(escape, (r.quantity, r.printed, r.thesis, r.default))) for r in rows]
+    return _table(("", "the thesis says", "thesis method here", "default method here"), cells)
+
+
+def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    titles = "".join(f"<th>{title}</th>" for title in head)
+    top = f"<tr>{titles}</tr>" if titles.replace("<th></th>", "") else ""
+    lines = "".join("<tr>" + "".join(f'<td class="number">{c}</td>' for c in row) + "</tr>" for row in rows)
+    return f"<table>{top}{lines}</table>"
+
+
+def _appendix(results: Results) -> str:
+    config = json.dumps(results.options.default.model_dump(mode="json"), indent=2)
+    versions = [(escape(name), escape(version)) for name, version in versions_in_use()]
+    return (
+        '<h2 id="versions">Parameters and versions</h2>\n'
+        "<details><summary>Parameters of the default method</summary>"
+        f"<pre>{escape(config)}</pre></details>\n" + _table(("", ""), versions)
+    )
+
+
+def versions_in_use() -> list[tuple[str, str]]:
+    """Name and version of what has a part in the figures."""
+    found = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
+    for name in _PACKAGES:
+        try:
+            found.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            found.append((name, "not installed"))
+    return found

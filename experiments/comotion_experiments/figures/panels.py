@@ -1,0 +1,171 @@
+"""The kinds of panels that figures are made of. Needs matplotlib, imported when first drawn."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_sources.simulator import SceneSpec, simulate
+
+from ..plot import broken
+from .colouring import LETTERS, Styles, object_colours, unit
+from .runs import Take, View
+
+DPI = 110
+DEFAULT_COLOUR = "black"
+# Red is 0 and blue is 1 as in the thesis; safe for the colour-blind (ColorBrewer).
+AFFINITY_COLOURS = "RdYlBu"
+# Dark to light, so that the order can be seen without hues as well (viridis, less its pale end).
+RAMP = ("#440154", "#31688e", "#1f9e89", "#e69f00", "#d55e00")
+DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (4, 1, 1, 1, 1, 1)))
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Make an empty figure of a size in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def halves(figure: Any, left: str, right: str) -> tuple[Any, Any]:
+    """Split a figure in two, the thesis method left and the default method right."""
+    parts = figure.subfigures(1, 2, wspace=0.03)
+    for part, title in zip(parts, (left, right), strict=True):
+        part.suptitle(title, fontsize=11, fontweight="bold")
+    return parts[0], parts[1]
+
+
+def scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: int) -> None:
+    """Draw trajectories in the colours of their hypotheses, over the outlines of the true objects."""
+    from matplotlib.patches import Polygon
+
+    for name, corners in outlines(spec, seed, view.t):
+        rgb = unit(LETTERS[name])
+        axes.add_patch(Polygon(corners, facecolor=(*rgb, 0.10), edgecolor=(*rgb, 0.9), linewidth=1.0))
+    draw_tracks(axes, view, styles, size=3.4)
+    axes.set_xlim(-0.08, 1.14)
+    axes.set_ylim(-0.08, 1.08)
+    axes.set_aspect("equal")
+    axes.set_xticks([0, 0.5, 1])
+    axes.set_yticks([0, 0.5, 1])
+    axes.tick_params(labelsize=7, length=2)
+    axes.set_title(f"t = {view.t:.3g} s", fontsize=9)
+
+
+def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float = 0.3) -> None:
+    """Draw every track as its trail and a point, in the style of its hypothesis."""
+    labels = view.moment.hypotheses
+    for label in np.unique(labels).tolist():
+        members = np.flatnonzero(labels == label)
+        rgb, shape = styles.of(label)
+        axes.plot(*broken(view.trails, members, 2), color=rgb, linewidth=0.9, alpha=0.75)
+        points = view.moment.positions[members].T
+        width = 0.9 if shape == "x" else edge
+        axes.plot(
+            *points,
+            linestyle="",
+            marker=shape,
+            markersize=size,
+            color=rgb,
+            markeredgecolor=rgb if shape == "x" else "black",
+            markeredgewidth=width,
+        )
+
+
+def outlines(spec: SceneSpec, seed: int, t: float) -> list[tuple[str, NDArray[np.float64]]]:
+    """Name and corners [4, 2] of every rectangle of a 2-D scene at a time."""
+    (simulation,) = simulate(spec, seed=seed)
+    found = []
+    for index, body in enumerate(spec.bodies):
+        pose = simulation.poses(index, np.array([min(t, spec.duration)]))
+        half = np.asarray(body.size, np.float64) / 2
+        square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+        found.append((body.name, square @ pose.rotations[0].T + pose.translations[0]))
+    return found
+
+
+def affinity_panel(axes: Any, view: View, names: Mapping[int, str]) -> Any:
+    """Draw an affinity matrix sorted by objects; answers with the image, for a colour bar."""
+    image = axes.imshow(view.affinity, cmap=AFFINITY_COLOURS, vmin=0, vmax=1, interpolation="nearest")
+    numbers, first, count = np.unique(view.affinity_objects, return_index=True, return_counts=True)
+    for start in first[1:]:
+        axes.axhline(start - 0.5, color="black", linewidth=0.5)
+        axes.axvline(start - 0.5, color="black", linewidth=0.5)
+    middles = first + (count - 1) / 2
+    letters = [names.get(int(number), "?") for number in numbers]
+    axes.set_xticks(middles, letters)
+    axes.set_yticks(middles, letters)
+    axes.tick_params(labelsize=8, length=0)
+    axes.set_title(f"affinity, t = {view.t:.3g} s", fontsize=9)
+    return image
+
+
+def affinity_bar(figure: Any, image: Any, axes: Any) -> None:
+    """Add the scale of affinities below some panels."""
+    bar = figure.colorbar(image, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.02)
+    bar.set_label("affinity", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+
+
+def object_legend(figure: Any, names: Mapping[int, str]) -> None:
+    """Explain colours and markers below a figure."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    colours = object_colours(names)
+    handles: list[Any] = [
+        Patch(facecolor=(*unit(colours[n]), 0.35), edgecolor=unit(colours[n]), label=name)
+        for n, name in sorted(names.items())
+    ]
+    style: dict[str, Any] = {"linestyle": "", "color": "0.6", "markeredgecolor": "black", "markersize": 5}
+    handles += [
+        Line2D([], [], marker="o", label="hypothesis that matches the object of its colour", **style),
+        Line2D([], [], marker="s", label="surplus hypothesis (any other marker)", **style),
+        Line2D([], [], marker="x", linestyle="", color="0.4", markersize=5, label="undetermined"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)
+
+
+def curve(
+    axes: Any, take: Take, label: str, *, colour: Any, dashes: Any = "-", width: float = 1.8, order: int = 2
+) -> None:
+    """Draw NMI over time: mean over seeds, and one standard deviation to both sides."""
+    mean, spread = mean_and_spread(take.nmi)
+    axes.plot(take.t, mean, color=colour, linestyle=dashes, linewidth=width, label=label, zorder=order)
+    if len(take.seeds) > 1:
+        axes.fill_between(
+            take.t,
+            np.clip(mean - spread, 0, 1),
+            np.clip(mean + spread, 0, 1),
+            color=colour,
+            alpha=0.16,
+            linewidth=0,
+            zorder=order - 1,
+        )
+
+
+def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Mean and standard deviation over seeds [U], masked where no seed has a value."""
+    known = np.ma.masked_invalid(values)
+    return known.mean(axis=0), known.std(axis=0)
+
+
+def nmi_axes(axes: Any, *, duration: float, legend: str = "lower right", columns: int = 1) -> None:
+    """Label the axes of NMI curves."""
+    axes.set_xlim(0, duration)
+    axes.set_ylim(-0.02, 1.03)
+    axes.set_xlabel("t [s]")
+    axes.set_ylabel("normalized mutual information")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(loc=legend, fontsize=8.5, ncols=columns, framealpha=0.9)
+
+
+def spread_note(seeds: Sequence[int], mark: str = "band") -> str:
+    """Say what curves, and bands or bars, are."""
+    if len(seeds) == 1:
+        return f"seed {seeds[0]}"
+    return f"mean over {len(seeds)} seeds, {mark}: ± 1 standard deviation"

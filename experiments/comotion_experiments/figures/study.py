@@ -1,0 +1,97 @@
+"""Runs what figures ask for, each thing once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from comotion import FusionConfig
+from comotion_sources import simulator
+from comotion_sources.simulator import SceneSpec
+
+from .runs import Close, Take, run_seed
+
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to run with.
+
+    Attributes
+    ----------
+    seeds
+        Of the simulated scenes.
+    workcell_seeds
+        Of the workcell.
+    quick
+        Small images and a short run of the workcell.
+    cache
+        Where rendered and tracked features are kept; None: nowhere.
+    default
+        Parameters of the default method.
+    """
+
+    seeds: Sequence[int] = tuple(range(5))
+    workcell_seeds: Sequence[int] = (0, 1)
+    quick: bool = False
+    cache: Path | None = None
+    default: FusionConfig = field(default_factory=FusionConfig)
+
+
+class Study:
+    """Scenes through the core; what two figures share is run once.
+
+    Parameters
+    ----------
+    options
+        What to run with.
+    note
+        Told what is run next.
+    """
+
+    def __init__(self, options: Options, note: Note = lambda what: None) -> None:  # noqa: ARG005
+        self.options = options
+        self.note = note
+        self._takes: dict[Any, Take] = {}
+
+    def simulated(
+        self, scene: str, config: FusionConfig, *, period: float, close: Close | None = None
+    ) -> Take:
+        """Run all seeds of a simulated scene."""
+        close = close or Close()
+        spec = spec_of(scene)
+
+        def make() -> Take:
+            runs = []
+            for seed in self.options.seeds:
+                self.note(f"{scene}, {describe(config)}, seed {seed}")
+                messages = list(simulator.batches(simulator.simulate(spec, seed=seed)))
+                runs.append(run_seed(messages, config, period, close))
+            return Take(runs)
+
+        return self.once((scene, config.model_dump_json(), period, close), make)
+
+    def once(self, key: Any, make: Callable[[], Take]) -> Take:
+        """Take from memory, or make and keep."""
+        if key not in self._takes:
+            self._takes[key] = make()
+        return self._takes[key]
+
+
+def spec_of(scene: str) -> SceneSpec:
+    """A scene that ships with the simulator."""
+    return simulator.load_scene(scene)
+
+
+def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
+    """Parameters of the thesis method; equal weights unless `v_move` says otherwise."""
+    return FusionConfig(method="thesis", sigma_switch=sigma_switch, v_move=v_move)
+
+
+def describe(config: FusionConfig) -> str:
+    """Name a set of parameters in a few words."""
+    if config.method == "comotion":
+        return "default method"
+    weights = "equal weights" if config.v_move is None else f"v = {config.v_move:g}"
+    return f"thesis method, σ = {config.sigma_switch:g}, {weights}"

@@ -1,0 +1,217 @@
+"""Figures 4.6 to 4.11: features of a KLT tracker on three scenes of the workcell."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import panels
+from .colouring import Styles
+from .figure import Drawn, Row
+from .footage import PERIOD, PICTURE, Stills, filmed, shooting
+from .numbers import DEFAULT, right_at, spread, summary
+from .runs import Take, View
+from .study import Study, thesis
+
+SWITCHES = (0.01, 0.02, 0.04, 0.08)
+_DRAWN_SWITCH = 0.02
+_START_S = 4.0
+_SHADE = 8
+# When the shelf's door turns (see its scene).
+_OPENING_S, _CLOSING_S = (3.0, 5.0), (6.4, 8.8)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One scene of the thesis.
+
+    Attributes
+    ----------
+    scene
+        Its name here.
+    respawn_every
+        Frames between two looks for new features.
+    times
+        Moments to show, seconds.
+    apart, said
+        Two objects, and what the thesis says about telling them apart.
+    """
+
+    scene: str
+    respawn_every: int
+    times: tuple[float, ...]
+    apart: tuple[str, str]
+    said: str
+
+
+TRUCK = Shot(
+    "truck",
+    15,
+    (4.0, 6.0, 8.0, 14.0),
+    apart=("truck", "gripper"),
+    said="different hypotheses if observed for long; newer features of the hand go to the truck",
+)
+TOWER = Shot("truck-tower", 30, (4.0, 6.0, 8.0, 14.0), apart=("truck", "tower"), said="nicely separated")
+SHELF = Shot(
+    "shelf", 15, (10 / 3, 16 / 3, 22 / 3, 37 / 3), apart=("door", "drawer"), said="a hypothesis each"
+)
+
+
+def _takes(study: Study, shot: Shot) -> dict[str, Take]:
+    configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
+    return {
+        label: filmed(study, shot.scene, shot.respawn_every, config, shot.times)
+        for label, config in configs.items()
+    }
+
+
+def pictures(shot: Shot) -> Callable[[Study], Drawn]:
+    """Figures 4.6 to 4.8: moments of a scene, features coloured by hypothesis."""
+
+    def draw(study: Study) -> Drawn:
+        takes = _takes(study, shot)
+        shown = {
+            f"thesis method, σ = {_DRAWN_SWITCH:g} m": takes[f"σ = {_DRAWN_SWITCH:g} m"],
+            DEFAULT: takes[DEFAULT],
+        }
+        stills = Stills(shot.scene, study.options.workcell_seeds[0])
+        figure = panels.new_figure(3.25 * len(shot.times), 7.9)
+        rows = figure.subplots(3, len(shot.times))
+        for row, (label, take) in zip(rows, shown.items(), strict=False):
+            styles = Styles(take.seeds[0])
+            for axes, view in zip(row, take.seeds[0].views, strict=True):
+                _picture(axes, stills, view, styles)
+            row[0].set_ylabel(label, fontsize=11, fontweight="bold")
+        _truth(rows[2], stills, shown[DEFAULT])
+        panels.object_legend(figure, stills.names)
+        return Drawn(figure, _moment_rows(shown, shot), _parameters(study, shot, drawn=True))
+
+    return draw
+
+
+def curves(shot: Shot) -> Callable[[Study], Drawn]:
+    """Figures 4.9 to 4.11: NMI over time for several σ and the default method."""
+
+    def draw(study: Study) -> Drawn:
+        takes = _takes(study, shot)
+        figure = panels.new_figure(9.5, 4.8)
+        axes = figure.subplots()
+        for k, (label, take) in enumerate(takes.items()):
+            if label == DEFAULT:
+                panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.4, order=5)
+            else:
+                panels.curve(
+                    axes, take, f"thesis, {label}", colour=panels.RAMP[k + 1], dashes=panels.DASHES[k]
+                )
+        panels.nmi_axes(axes, duration=shooting(study, shot.respawn_every).seconds, columns=2)
+        axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
+        found = _parameters(study, shot, drawn=False)
+        return Drawn(figure, _mean_rows(takes), found, takes, summary(takes))
+
+    return draw
+
+
+def _picture(axes: Any, stills: Stills, view: View, styles: Styles) -> None:
+    # Paler than it was, so that the features stand out; in fewer shades, so that the file is small.
+    image = stills.picture(view.t).astype(np.float32)
+    pale = 0.45 * image + 0.2 * image.mean(axis=2, keepdims=True) + 0.35 * 255
+    shades = (pale / _SHADE).round() * _SHADE
+    extent = (-0.5, PICTURE[0] - 0.5, PICTURE[1] - 0.5, -0.5)
+    axes.imshow(shades.clip(0, 255).astype(np.uint8), extent=extent, interpolation="nearest")
+    flat = replace(
+        view,
+        moment=replace(view.moment, positions=stills.pixels(view.moment.positions)),
+        trails=[stills.pixels(trail) for trail in view.trails],
+    )
+    panels.draw_tracks(axes, flat, styles, size=4.0, edge=0.5)
+    axes.set_xlim(-0.5, PICTURE[0] - 0.5)
+    axes.set_ylim(PICTURE[1] - 0.5, -0.5)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title(f"t = {view.t:.3g} s", fontsize=10)
+
+
+def _truth(row: Any, stills: Stills, take: Take) -> None:
+    """Draw the true objects of the same features; those that are not scored are undetermined here."""
+    first = take.seeds[0]
+    votes = {(number, number): 1 for number in first.names}
+    styles = Styles(replace(first, votes=votes))
+    for axes, view in zip(row, first.views, strict=True):
+        objects = view.moment.objects
+        scored = np.flatnonzero(objects >= 0)
+        moment = replace(
+            view.moment,
+            tracks=[view.moment.tracks[k] for k in scored.tolist()],
+            positions=view.moment.positions[scored],
+            hypotheses=objects[scored],
+            objects=objects[scored],
+        )
+        trails = [view.trails[k] for k in scored.tolist()]
+        _picture(axes, stills, replace(view, moment=moment, trails=trails), styles)
+    row[0].set_ylabel("truth", fontsize=11, fontweight="bold")
+
+
+def _moment_rows(takes: dict[str, Take], shot: Shot) -> list[Row]:
+    rows = [
+        Row(
+            f"features of the right hypothesis at t = {t:.3g} s",
+            "-",
+            *(right_at(take, k) for take in takes.values()),
+        )
+        for k, t in enumerate(shot.times)
+    ]
+    one, other = shot.apart
+    apart = (f"{spread(_apart(take, one, other), 0)} % of updates" for take in takes.values())
+    rows.append(
+        Row(f"{one} and {other} in different hypotheses, from t = {_START_S:g} s on", shot.said, *apart)
+    )
+    if shot is SHELF:
+        rows.append(
+            Row("the door's hypothesis, closing", "another than opening", *map(_door, takes.values()))
+        )
+    return rows
+
+
+def _apart(take: Take, one: str, other: str) -> Any:
+    """Share of updates in which most of two objects' features are in different hypotheses, %, per seed."""
+    found = []
+    for seed in take.seeds:
+        first, second = seed.main_of(one), seed.main_of(other)
+        known = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
+        found.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
+    return np.array(found)
+
+
+def _door(take: Take) -> str:
+    """Whether the door has the same hypothesis while it closes as while it opened."""
+    same = 0
+    for seed in take.seeds:
+        ids = seed.main_of("door")
+        opening, closing = (_most(ids[(seed.t >= a) & (seed.t < b)]) for a, b in (_OPENING_S, _CLOSING_S))
+        same += opening == closing
+    return f"the same in {same} of {len(take.seeds)} seeds"
+
+
+def _most(ids: Any) -> int:
+    known = ids[ids >= 0]
+    return int(np.bincount(known).argmax()) if len(known) else -1
+
+
+def _mean_rows(takes: dict[str, Take]) -> list[Row]:
+    rows = [Row(f"{label}: mean NMI", "-", spread(take.mean_nmi()), "") for label, take in takes.items()]
+    return [*rows[:-1], Row("mean NMI", "-", "", spread(takes[DEFAULT].mean_nmi()))]
+
+
+def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
+    how = shooting(study, shot.respawn_every)
+    seeds = study.options.workcell_seeds
+    found = {
+        "scene": f"workcell:{shot.scene}, camera a, {how.size[0]}x{how.size[1]} at {how.rate:g} Hz",
+        "tracker": f"new features every {how.tracker.respawn_every} frames at the {how.tracker.spawn_limit} "
+        f"best corners, at most {how.tracker.max_features} at once",
+        "thesis method": f"σ = {', '.join(f'{s:g}' for s in SWITCHES)} m, equal weights",
+        "update every": f"{PERIOD:.3g} s",
+        "seeds": ", ".join(map(str, seeds)),
+    }
+    return found | ({"drawn": f"seed {seeds[0]}"} if drawn else {})
