@@ -27,7 +27,7 @@ class DemoOptions:
     bodies would jump.
     """
 
-    simulated: str = "fig4_4"
+    simulated: str = "3d_async"
     duration: float = 30.0
     seed: int = 0
     fusion: Sequence[str] = field(default_factory=tuple)

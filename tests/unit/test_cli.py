@@ -251,8 +251,8 @@ class TestDemo:
                 assert run([*spec.command[spec.command.index("comotion_deploy") + 1 :], "--help"]) == 0
 
     def test_a_pass_outlasts_the_demo_and_is_never_played_fast(self) -> None:
-        # Figure 4.4 lasts 8 s.
-        assert time_scale(DemoOptions(duration=30.0)) < 8 / 30
+        # The scene lasts 12 s.
+        assert time_scale(DemoOptions(duration=30.0)) < 12 / 30
         assert time_scale(DemoOptions(duration=0.0)) == 1.0
         with pytest.raises(ValueError, match="no scene 'nonsense'"):
             time_scale(DemoOptions(simulated="nonsense"))

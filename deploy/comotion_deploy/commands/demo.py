@@ -15,9 +15,9 @@ Examples:
 
   comotion demo --duration 60 --out /tmp/demo
 
-  comotion demo --method thesis
+  comotion demo fig4_4 --method thesis
 
-  comotion demo 3d_async
+  comotion demo 3d_outliers
 """
 
 _THESIS_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
@@ -30,7 +30,7 @@ def demo(
         typer.Argument(
             metavar="[SCENE]", help="A scene of the simulator; see 'comotion source simulator --list'."
         ),
-    ] = "fig4_4",
+    ] = "3d_async",
     duration: Annotated[float, typer.Option("--duration", min=1, help="s to run.")] = 30.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", file_okay=False, help="Where results and log go.")
