@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from .. import options
-from . import reproduce_figures
+from . import reproduce_figures, reproduce_links
 from .experiments import cache_folder, check, check_folder, progress
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ app = typer.Typer(
     epilog=EPILOG,
 )
 app.command("figures", epilog=reproduce_figures.EPILOG)(reproduce_figures.figures)
+app.command("links", epilog=reproduce_links.EPILOG)(reproduce_links.links)
 
 
 @app.command("fusion", epilog=FUSION_EPILOG)

@@ -13,7 +13,7 @@ import numpy as np
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig
-from comotion_sources.klt.observer import CameraSpace, Observer
+from comotion_sources.klt.observer import CameraSpace, Observer, choose_space
 from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.proprioception.packer import Packer, Packing
 from comotion_sources.workcell import Cover, Scene, Viewpoint
@@ -25,6 +25,7 @@ from .setup import CAMERA_A, CAMERA_B, ROBOT, Setup
 Message: TypeAlias = TruthBatch | ObservationBatch
 Sources: TypeAlias = dict[str, list[Message]]
 _SESSION = "0" * 16
+_WORLD = CameraSpace("world", "m", 3)
 _COVERED = ".covered"
 _MAKERS = (
     *(f"klt.{name}" for name in ("anchor", "config", "corners", "depth", "flow", "observer", "tracker")),
@@ -135,6 +136,8 @@ def track(
     rate: float,
     seconds: float,
     cover: Cover | None = None,
+    *,
+    depth: bool = True,
 ) -> Iterator[tuple[list[Message], list[Message]]]:
     """Render and track; messages of each frame, twice: as it is, and with the lens covered for a while.
 
@@ -150,11 +153,15 @@ def track(
         Hz, and how long.
     cover
         When the lens is covered; never by default, and then the second messages are none.
+    depth
+        False: a plain camera, whose features are in pixels, in a space of its own.
     """
     scene = view.scene
-    trackers = [Tracker(config, view.intrinsics) for _ in range(1 if cover is None else 2)]
-    space = CameraSpace("world", "m", 3, view.intrinsics, view.extrinsics)
-    observers = [Observer(space, _builder(source), scene.objects) for _ in trackers]
+    intrinsics = view.intrinsics if depth else None
+    trackers = [Tracker(config, intrinsics) for _ in range(1 if cover is None else 2)]
+    extrinsics = view.extrinsics if depth else None
+    space = choose_space(source, has_depth=depth, intrinsics=intrinsics, extrinsics=extrinsics)
+    observers = [Observer(space, _builder(source, space), scene.objects) for _ in trackers]
     for index in range(round(seconds * rate)):
         stamp = round(index * 1e9 / rate)
         frame = view.frame(scene.configuration(index / rate), stamp)
@@ -188,5 +195,5 @@ def robot_messages(scene: Scene, rate: float, seconds: float) -> Iterator[Messag
             )
 
 
-def _builder(source: str) -> MessageBuilder:
-    return MessageBuilder(source=source, session=_SESSION, space="world", unit="m", dim=3)
+def _builder(source: str, space: CameraSpace = _WORLD) -> MessageBuilder:
+    return MessageBuilder(source=source, session=_SESSION, space=space.name, unit=space.unit, dim=space.dim)

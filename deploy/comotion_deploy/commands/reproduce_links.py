@@ -1,0 +1,84 @@
+"""``comotion reproduce links``: what linking a plain camera to a depth camera's bodies gains."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options
+from .experiments import cache_folder, check_folder, progress
+
+EPILOG = """
+Examples:
+
+  comotion reproduce links --quick
+
+  comotion reproduce links --seeds 2-6 --out links
+
+  comotion reproduce links --workcell shelf --json
+"""
+
+
+def links(
+    ctx: typer.Context,
+    workcell: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. Default: six of them."
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 2-4 or 2,5. Default: 2-4, quick 2."
+        ),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
+    period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where links.md and links.json go. Default: nowhere."),
+    ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option(
+            "--cache",
+            metavar="DIR",
+            envvar="COMOTION_CACHE",
+            help="Where tracks are kept for the next run. Default: ~/.cache/comotion/links.",
+        ),
+    ] = None,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    json_: options.Json = False,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """What it gains to link a plain camera's hypotheses to bodies that a depth camera sees."""
+    from rich.console import Console
+
+    from comotion_experiments import links as study
+    from comotion_experiments.inputs import parse_seeds
+    from comotion_experiments.links import report
+
+    check_folder(out)
+    with progress() as note:
+        results = study.run_experiment(
+            workcell or study.SCENES,
+            parse_seeds(seeds or ("2" if quick else "2-4")),
+            options.fusion_config(ctx, method, assignments),
+            setup=study.QUICK if quick else None,
+            cache=cache or cache_folder() / "links",
+            period=period,
+            progress=note,
+        )
+    values = json.dumps(report.as_json(results), indent=2)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "links.md").write_text(report.markdown(results))
+        (out / "links.json").write_text(values + "\n")
+    if json_:
+        print(values)
+        return
+    Console(width=max(170, Console().width)).print(report.table(results))

@@ -1,0 +1,54 @@
+"""Renders and tracks a scene with both cameras once, and keeps the messages for the next time."""
+
+from pathlib import Path
+
+from comotion.linking import Camera
+from comotion_sources.klt import TrackerConfig
+from comotion_sources.workcell import Scene, Viewpoint
+from comotion_sources.workcell.atlas import build_atlas
+from comotion_sources.workcell.viewpoint import calibration
+
+from ..fusion.recording import Sources, keep, track
+from .setup import DEEP, PLAIN, Setup
+
+
+def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> Sources:
+    """Messages of both cameras, by name of the source.
+
+    Parameters
+    ----------
+    scene, seed
+        Of the workcell.
+    setup
+        Size, rate, features.
+    cache
+        Folder to keep messages in; what was made by other code or another set-up is not used.
+    """
+    return keep(cache, f"{scene}-{seed}", setup, lambda: _make(scene, seed, setup))
+
+
+def plain_camera(scene: str, seed: int, setup: Setup) -> Camera:
+    """True calibration of the plain camera."""
+    intrinsics, extrinsics = calibration(Scene.named(scene, seed), "b", setup.size)
+    return Camera(
+        fx=intrinsics.fx,
+        fy=intrinsics.fy,
+        cx=intrinsics.cx,
+        cy=intrinsics.cy,
+        translation=tuple(extrinsics.translation.tolist()),
+        quaternion=tuple(extrinsics.quaternion.tolist()),
+        frame=extrinsics.frame,
+    )
+
+
+def _make(name: str, seed: int, setup: Setup) -> Sources:
+    scene = Scene.named(name, seed)
+    atlas = build_atlas(scene.model, seed)
+    config = TrackerConfig(max_features=setup.features)
+    seconds = setup.duration or scene.period
+    sources: Sources = {}
+    for camera, source in (("a", DEEP), ("b", PLAIN)):
+        view = Viewpoint(scene, camera, setup.size, atlas=atlas)
+        frames = track(view, config, source, setup.rate, seconds, depth=source == DEEP)
+        sources[source] = [message for messages, _ in frames for message in messages]
+    return sources

@@ -1,0 +1,35 @@
+"""The set-up of the link experiment: an RGB-D camera and a plain one, and what is rendered of both."""
+
+from dataclasses import dataclass
+
+SCENES = ("truck", "shelf", "arm", "truck-clutter", "shelf-clutter", "arm-clutter")
+
+DEEP, PLAIN = "klt-a", "klt-b"
+"""Names of the sources: camera a of the scene with depth, camera b without."""
+PLAIN_SPACE = f"{PLAIN}/pixels"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is rendered and tracked.
+
+    Attributes
+    ----------
+    size
+        Width and height of the images in pixels.
+    rate
+        Hz, of both cameras.
+    features
+        Feature budget of each camera.
+    duration
+        Seconds; None: one period of the scene.
+    """
+
+    size: tuple[int, int] = (480, 360)
+    rate: float = 15.0
+    features: int = 250
+    duration: float | None = None
+
+
+QUICK = Setup(size=(320, 240), features=150, duration=12.0)
+"""Smaller images and a shorter run, for a first look."""
