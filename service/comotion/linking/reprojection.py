@@ -18,7 +18,7 @@ from .sightings import Sightings
 
 ITERATIONS = 5
 # Squared residual of a state, in variances, from which on it costs no more.
-CAP = 18.0
+CAP = 40.0
 # What is not on any of the bodies is charged this many times the expected residual.
 STRANGER = 4.0
 # A camera elsewhere sees other parts of a body than the features it is known by: depths within

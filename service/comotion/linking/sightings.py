@@ -14,6 +14,8 @@ STATES = 16
 _LEAST_STATES = 4
 # px; noise of a feature whose source does not tell.
 _NOISE = 0.3
+# A tracker tells the noise of a step; its place after many steps is worse.
+_STEPS = 2.0
 # Share of a trajectory's displacement in the image by which tracking drifts and calibration errs.
 _DRIFT = 0.02
 
@@ -69,7 +71,7 @@ def sight(window: Window, slots: Slots, stamps: Stamps, camera: Camera) -> Sight
         frame=frame,
         seen=seen,
         place=camera.normalised(pixels.reshape(-1, 2)).reshape(count, STATES, 2),
-        variance=(noise**2 + (_DRIFT * moved) ** 2) / camera.focal**2,
+        variance=((_STEPS * noise) ** 2 + (_DRIFT * moved) ** 2) / camera.focal**2,
     )
 
 
