@@ -39,6 +39,8 @@ class Camera(BaseModel):
             raise ValueError(f"{len(self.distortion)} distortion coefficients; OpenCV knows 4, 5, 8, 12, 14")
         if not 1e-9 < math.hypot(*self.quaternion) < 1e9:
             raise ValueError("the quaternion is zero or beyond measure")
+        if any(self.distortion):
+            import cv2  # noqa: F401, PLC0415 - now, not in the midst of an update
         return self
 
     @property
@@ -54,7 +56,7 @@ class Camera(BaseModel):
     def normalised(self, pixels: Floats) -> Floats:
         """Undistorted image coordinates at focal length one, float64 [N, 2], of pixels [N, 2]."""
         if any(self.distortion) and len(pixels):
-            import cv2  # noqa: PLC0415 - slow to import, and most cameras are told undistorted
+            import cv2  # noqa: PLC0415 - slow to import, and needed by few
 
             matrix = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
             flat = cv2.undistortPoints(pixels[:, None], matrix, np.array(self.distortion))

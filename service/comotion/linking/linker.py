@@ -20,7 +20,7 @@ from .sightings import sight
 # What moves has moved for seconds before it can be told: looking more often finds nothing sooner.
 PERIOD_NS = 500_000_000
 # Members per hypothesis that are asked.
-_ASKED = 24
+_ASKED = 12
 
 Partitions = Sequence[tuple[Space, Partition]]
 

@@ -16,7 +16,7 @@ from ..window import Bools, Floats
 from .camera import Camera
 from .sightings import Sightings
 
-ITERATIONS = 5
+ITERATIONS = 3
 # Squared residual of a state, in variances, from which on it costs no more.
 CAP = 40.0
 # What is not on any of the bodies is charged this many times the expected residual.

@@ -9,7 +9,7 @@ from ..window import Bools, Floats, Slots, Stamps, Window
 from .camera import Camera
 
 # A trajectory says how it moves by so many states, spread over its life.
-STATES = 16
+STATES = 12
 # Three numbers are fitted to the states, of which each has two.
 _LEAST_STATES = 4
 # px; noise of a feature whose source does not tell.
