@@ -62,7 +62,8 @@ def links(
     from comotion_experiments.inputs import parse_seeds
     from comotion_experiments.links import report
 
-    check_folder(out)
+    if out is not None:
+        check_folder(out)
     with progress() as note:
         results = study.run_experiment(
             workcell or study.SCENES,
