@@ -36,6 +36,8 @@ class Space:
         # (source index, id) of every slot in use, and back.
         self._slot_of: dict[tuple[int, int], int] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
+        # Ids that a source last sent, ascending, and their slots.
+        self._last_sent: dict[int, tuple[Ids, Slots]] = {}
         self.current: Slots = np.zeros(0, np.intp)
         self._opened = 0
 
@@ -80,13 +82,32 @@ class Space:
             self.engine.observed(self.window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
 
     def _find_or_open(self, ids: Ids, source: int, room: int) -> Slots:
-        slots = np.array([self._slot_of.get((source, i), -1) for i in ids.tolist()], np.intp)
+        slots = self._find(ids, source)
         fresh = np.flatnonzero(slots < 0)
         if len(fresh) > room:
             self._stats.reject("limit")
             fresh = fresh[:room]
         if len(fresh):
             slots[fresh] = self._open(ids[fresh], source)
+        order = np.argsort(ids, kind="stable")
+        self._last_sent[source] = ids[order], slots[order]
+        return slots
+
+    def _find(self, ids: Ids, source: int) -> Slots:
+        """Slots of ids, -1 where there is none; most are those that the source sent last."""
+        sent, their = self._last_sent.get(source, (ids[:0], np.zeros(0, np.intp)))
+        slots = np.full(len(ids), -1, np.intp)
+        if len(sent):
+            at = np.minimum(np.searchsorted(sent, ids), len(sent) - 1)
+            hit = np.flatnonzero((sent[at] == ids) & (their[at] >= 0))
+            slot = their[at[hit]]
+            # A slot may have been given to another since.
+            same = (
+                self.window.used[slot] & (self.window.source[slot] == source) & (self.ids[slot] == ids[hit])
+            )
+            slots[hit[same]] = slot[same]
+        for k in np.flatnonzero(slots < 0).tolist():
+            slots[k] = self._slot_of.get((source, int(ids[k])), -1)
         return slots
 
     def _open(self, ids: Ids, source: int) -> Slots:
@@ -107,6 +128,7 @@ class Space:
     def end_source(self, source: int) -> None:
         """Mark every trajectory of a session that is over."""
         self.window.ended |= self.window.used & (self.window.source == source)
+        self._last_sent.pop(source, None)
 
     def occupied(self) -> int:
         """Trajectories that count against the limit: those current at the last update or opened since.
@@ -158,7 +180,7 @@ class Space:
 
     def sources_in_use(self) -> set[int]:
         """Indices of the sessions that have a trajectory here."""
-        return set(self.window.source[self.window.used].tolist())
+        return set(np.unique(self.window.source[self.window.used]).tolist())
 
     def state(self) -> dict[str, Any]:
         """The window and the engine, as plain values and arrays."""

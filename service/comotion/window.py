@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .storing import append, compact
+
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Slots = NDArray[np.intp]
@@ -140,7 +142,14 @@ class Window:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
         fresh = self.last_ns[slots] < stamp_ns
         stored = fresh.copy()
-        self._append(slots[fresh], stamp_ns, fresh, positions, sigma, quaternions)
+        newest = slots[fresh]
+        if self.quaternions is not None:
+            turns = np.nan if quaternions is None else quaternions[fresh]
+            self.quaternions[newest, self.stop[newest]] = turns
+        columns = self.times, self.positions, self.speed, self.sigma
+        spans = self.start, self.stop, self._whole
+        append(newest, stamp_ns, positions[fresh], sigma[fresh], *columns, *spans)
+        self.last_ns[newest] = stamp_ns
         for k in np.flatnonzero(~fresh):
             turn = None if quaternions is None else quaternions[k]
             stored[k] = self._insert_between(int(slots[k]), stamp_ns, positions[k], float(sigma[k]), turn)
@@ -164,25 +173,6 @@ class Window:
         """Drop the oldest observations of slots."""
         self.start[slots] += counts
         self._whole[slots] = False
-
-    def _append(
-        self,
-        slots: Slots,
-        stamp_ns: int,
-        rows: Bools,
-        positions: Floats,
-        sigma: Floats,
-        quaternions: Floats | None,
-    ) -> None:
-        at = self.stop[slots]
-        self.times[slots, at] = stamp_ns
-        self.positions[slots, at] = positions[rows]
-        self.sigma[slots, at] = sigma[rows]
-        if self.quaternions is not None:
-            self.quaternions[slots, at] = np.nan if quaternions is None else quaternions[rows]
-        self.stop[slots] += 1
-        self._set_speed(slots, at)
-        self.last_ns[slots] = stamp_ns
 
     def _set_speed(self, slots: Slots, at: Slots) -> None:
         """Backward difference; the first observation of a trajectory takes the second's."""
@@ -227,11 +217,14 @@ class Window:
             return
         if int(self.counts(full).max()) > self._rows // 2:
             self._grow_rows()
-        for slot in full:
-            span, count = slice(self.start[slot], self.stop[slot]), int(self.stop[slot] - self.start[slot])
-            for column in self._columns():
-                column[slot, :count] = column[slot, span].copy()
-            self.start[slot], self.stop[slot] = 0, count
+        if self.quaternions is not None:
+            for slot in full:
+                span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
+                self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
+        columns = self.times, self.positions, self.speed, self.sigma
+        compact(full, *columns, self.start, self.stop)
+        self.stop[full] -= self.start[full]
+        self.start[full] = 0
 
     def _grow_rows(self) -> None:
         extra = self._rows

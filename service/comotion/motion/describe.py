@@ -19,6 +19,8 @@ from .tracks import Ints, Tracks
 
 # A scene must have been watched this long before "nothing moves" says more than "nothing yet".
 _WATCHED = 1.0
+# The noise of a hypothesis is read off so many of its members, evenly drawn.
+_ASKED = 256
 # Rows of one trajectory are told apart in an anchor by this stride.
 _ROWS_PER_TRACK = 8
 
@@ -43,18 +45,20 @@ class Describer:
                 continue
             kept[one] = self._anchors.get(one) or Anchor.new(int(frames.stamps[-1]))
             members = np.flatnonzero((found.assignment.labels == k) & tracks.alive)
-            motion = self._motion(frames, body, frames.rows_of(members), names, kept[one])
+            motion = self._motion(tracks, frames, body, members, names, kept[one])
             if len(members):
                 listed.append(self._hypothesis(one, k, tracks, frames, found, members, kept[one], motion))
         self._anchors = kept
         return sorted(listed, key=lambda h: h.id)
 
-    def _motion(self, frames: Frames, body: Body, rows: Ints, names: Stamps, anchor: Anchor) -> Local | None:
+    def _motion(
+        self, tracks: Tracks, frames: Frames, body: Body, members: Ints, names: Stamps, anchor: Anchor
+    ) -> Local | None:
         """Motion now; the anchor is brought up to date."""
         if body.static:
             anchor.stamp_ns = int(frames.stamps[-1])
             return Local(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-        point = centroid_of(body, rows)
+        point = centroid_of(body, frames.rows_of(members), tracks.newest()[members])
         now = local_motion(frames, body, int(frames.stamps[-1]), point)
         if now is not None:
             mine = names[body.rows]
@@ -116,4 +120,5 @@ def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
 
 def _noise(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> float:
     """One-sigma residual of a coordinate of the members."""
-    return float(np.sqrt(residuals(frames, body, rows, config).mean() / frames.dim))
+    some = rows[:: -(-len(rows) // _ASKED)]
+    return float(np.sqrt(residuals(frames, body, some, config).mean() / frames.dim))

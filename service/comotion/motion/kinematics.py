@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Pose, Twist
 
 from ..window import Floats, Stamps
 from .bodies import Body
 from .frames import Frames
+from .panel import ENOUGH
+from .rotation import quaternion, rotation_matrix, rotation_vectors
 from .tracks import Ints
 
 # Longer is quieter, shorter follows jerk. Measured on bodies of 10 features at 5 mm: a quadratic over
@@ -57,12 +58,12 @@ def local_motion(frames: Frames, body: Body, at_ns: int, point: Floats) -> Local
     if not len(near) or np.abs(seconds[near]).min() > _SPAN:
         return None
     middle = body.R[near[np.argmin(np.abs(seconds[near]))]]
-    turns = Rotation.from_matrix(body.R[near] @ middle.T).as_rotvec()
+    turns = rotation_vectors(body.R[near] @ middle.T)
     within = np.linalg.norm(turns, axis=1) < _TURN
     near, turns = near[within], turns[within]
     places = body.R[near] @ point + body.t[near]
     value, slope = _polynomial(seconds[near], np.hstack([places, turns]))
-    R = Rotation.from_rotvec(value[3:]).as_matrix() @ middle
+    R = rotation_matrix(value[3:]) @ middle
     return Local(R, value[:3] - R @ point, slope[:3], slope[3:])
 
 
@@ -158,7 +159,7 @@ def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
     moment = (target - b).T @ (source - a)
     if dim == 2:
         angle = np.arctan2(moment[1, 0] - moment[0, 1], moment[0, 0] + moment[1, 1])
-        R = Rotation.from_rotvec([0, 0, angle]).as_matrix()
+        R = rotation_matrix(np.array([0.0, 0.0, angle]))
     else:
         u, _, vt = np.linalg.svd(moment)
         R = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
@@ -167,10 +168,9 @@ def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
 
 def as_pose(R: Floats, t: Floats, dim: int) -> Pose:
     """Pose in the protocol's terms."""
-    turn = Rotation.from_matrix(R)
     if dim == 2:
         return Pose(translation=t[:2].tolist(), rotation=float(np.arctan2(R[1, 0], R[0, 0])))
-    return Pose(translation=t.tolist(), rotation=turn.as_quat(canonical=True).tolist())
+    return Pose(translation=t.tolist(), rotation=quaternion(R).tolist())
 
 
 def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
@@ -180,7 +180,14 @@ def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     return Twist(linear=linear.tolist(), angular=angular.tolist())
 
 
-def centroid_of(body: Body, rows: Ints) -> Floats:
-    """Mean body coordinate of those of `rows` that the body was fitted to, else of all it was, [3]."""
+def centroid_of(body: Body, rows: Ints, newest: Floats) -> Floats:
+    """Centroid of the members in body coordinates, [3].
+
+    Of those of their `rows` that the body was fitted to, else of all it was; but where they are too many
+    to have been, of their `newest` positions [n, 3].
+    """
+    if len(rows) > ENOUGH and body.posed.any():
+        last = np.flatnonzero(body.posed)[-1]
+        return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
     chosen = np.isin(body.rows, rows)
     return np.asarray(body.template[chosen if chosen.any() else slice(None)].mean(0))

@@ -23,12 +23,12 @@ FEW = 160
 _SPEAKERS, _OF_EACH, _LEAST = 80, 8, 3
 # Trajectories that a hypothesis does not explain, by how many standard deviations of its cost, and how
 # many of them are sure of a seat: the rest is drawn, so that persistent outliers leave room for others.
-_STRANGE = 3.0
+_STRANGE = 4.5
 _STRANGEST = 32
 # A hypothesis whose median cost is so much beyond the noise explains nothing.
 _WORST = 2.0
-# A body's poses are fitted to so many rows; more would not make them better by what matters.
-_ENOUGH = 64
+ENOUGH = 64
+"""Most rows that a body's poses are fitted to; more would not make them better by what matters."""
 # Share of those that may be dead: they hold the poses from before the living were born.
 _DEAD_SHARE = 0.25
 
@@ -76,9 +76,9 @@ def _drawn(odd: Ints, before: NDArray[np.int64], strange: Floats, frames: Frames
 def representatives(frames: Frames, newest: Floats, members: Bools) -> Ints:
     """Rows that a body's motion is fitted to, of `members` bool [N]: all where they are few."""
     rows = frames.rows_of(members)
-    if len(rows) <= _ENOUGH:
+    if len(rows) <= ENOUGH:
         return rows
-    return frames.rows_of(speakers(frames, newest, members, _ENOUGH))
+    return frames.rows_of(speakers(frames, newest, members, ENOUGH))
 
 
 def speakers(frames: Frames, newest: Floats, members: Bools, seats: int) -> Ints:

@@ -1,4 +1,4 @@
-"""Compiled: the rotation that best turns one set of points to another."""
+"""Compiled: rotations, and the one that best turns one set of points to another."""
 
 import numpy as np
 
@@ -12,6 +12,8 @@ _STEPS = 8
 _SETTLED = 1e-16
 # Below this share of the diagonal a pivot is rounding.
 _PIVOT = 1e-9
+# rad; below it the sine of an angle is the angle.
+_TINY = 1e-9
 
 
 @compiled()
@@ -173,3 +175,52 @@ def _from_quaternion(w: float, x: float, y: float, z: float, R: Floats) -> None:
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@compiled()
+def rotation_vectors(R: Floats) -> Floats:
+    """Rotation vectors of R [n, 3, 3], [n, 3]; at half a turn the axis is undetermined and may be zero."""
+    found = np.zeros((len(R), 3))
+    for n in range(len(R)):
+        x, y, z = R[n, 2, 1] - R[n, 1, 2], R[n, 0, 2] - R[n, 2, 0], R[n, 1, 0] - R[n, 0, 1]
+        sine = 0.5 * np.sqrt(x * x + y * y + z * z)
+        angle = np.arctan2(sine, 0.5 * (R[n, 0, 0] + R[n, 1, 1] + R[n, 2, 2] - 1.0))
+        scale = 0.5 * angle / sine if sine > 0 else 0.5
+        found[n, 0], found[n, 1], found[n, 2] = scale * x, scale * y, scale * z
+    return found
+
+
+@compiled()
+def rotation_matrix(v: Floats) -> Floats:
+    """Rotation by a vector [3], [3, 3]."""
+    R = np.zeros((3, 3))
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    s = 0.5 if angle < _TINY else np.sin(0.5 * angle) / angle
+    _from_quaternion(np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2], R)
+    return R
+
+
+@compiled()
+def quaternion(R: Floats) -> Floats:
+    """Unit quaternion (x, y, z, w) of R [3, 3]; the first of w, x, y, z that is not zero is positive."""
+    A = np.array(
+        [
+            1 + R[0, 0] - R[1, 1] - R[2, 2],
+            1 - R[0, 0] + R[1, 1] - R[2, 2],
+            1 - R[0, 0] - R[1, 1] + R[2, 2],
+            1 + R[0, 0] + R[1, 1] + R[2, 2],
+        ]
+    )
+    k = np.argmax(A)
+    q = np.empty(4)
+    q[k] = A[k]
+    if k == 3:
+        q[0], q[1], q[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    else:
+        i, j = (k + 1) % 3, (k + 2) % 3
+        q[i], q[j], q[3] = R[i, k] + R[k, i], R[j, k] + R[k, j], R[j, i] - R[i, j]
+    q /= np.sqrt((q * q).sum())
+    for c in (3, 0, 1, 2):
+        if q[c] != 0:
+            return q if q[c] > 0 else -q
+    return q

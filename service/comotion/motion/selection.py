@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..compiled import compiled
 from ..window import Floats
 from .bodies import Costs
+from .tracks import Ints
 
 STATIC = 0
 """The first candidate is the static body: always open, at no price."""
@@ -37,11 +39,24 @@ def _superfluous(costs: Costs, chosen: list[int]) -> int | None:
     """The open body whose closing saves most, if any does."""
     if len(chosen) == 1:
         return None
-    table = np.column_stack([costs.outlier, costs.body[:, chosen]])
-    first = np.argmin(table, 1)
-    two = np.partition(table, 1, axis=1)
-    regret = two[:, 1] - two[:, 0]
-    loss = np.bincount(first, regret, len(chosen) + 1)[1:] - costs.opening[chosen]
+    loss = _regrets(costs.outlier, costs.body, np.array(chosen)) - costs.opening[chosen]
     loss[0] = np.inf
     worst = int(np.argmin(loss))
     return chosen[worst] if loss[worst] < 0 else None
+
+
+@compiled()
+def _regrets(outlier: Floats, body: Floats, chosen: Ints) -> Floats:
+    """What the members of each open body, [K], would pay more if it were closed."""
+    found = np.zeros(len(chosen))
+    for i in range(len(outlier)):
+        best, lowest, second = -1, outlier[i], np.inf
+        for k in range(len(chosen)):
+            cost = body[i, chosen[k]]
+            if cost < lowest:
+                best, lowest, second = k, cost, lowest
+            elif cost < second:
+                second = cost
+        if best >= 0:
+            found[best] += second - lowest
+    return found

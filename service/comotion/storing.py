@@ -1,0 +1,70 @@
+"""Compiled: observations into the columns of a window, for many slots at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .compiled import compiled
+
+if TYPE_CHECKING:
+    from .window import Bools, Floats, Slots, Stamps
+
+
+@compiled()
+def append(
+    slots: Slots,
+    stamp_ns: int,
+    new_positions: Floats,
+    new_sigma: Floats,
+    times: Stamps,
+    positions: Floats,
+    speed: Floats,
+    sigma: Floats,
+    start: Slots,
+    stop: Slots,
+    whole: Bools,
+) -> None:
+    """One observation per slot behind its newest, in place; `stop` moves on.
+
+    Speed is the backward difference; the first observation of a whole trajectory takes the second's.
+    """
+    for n in range(len(slots)):
+        s = slots[n]
+        at = stop[s]
+        times[s, at], sigma[s, at], speed[s, at] = stamp_ns, new_sigma[n], 0.0
+        squared = 0.0
+        for c in range(positions.shape[2]):
+            positions[s, at, c] = new_positions[n, c]
+            if at > start[s]:
+                squared += (positions[s, at, c] - positions[s, at - 1, c]) ** 2
+        if at > start[s]:
+            speed[s, at] = np.sqrt(squared) / ((stamp_ns - times[s, at - 1]) * 1e-9)
+            if at - 1 == start[s] and whole[s]:
+                speed[s, at - 1] = speed[s, at]
+        stop[s] = at + 1
+
+
+@compiled()
+def compact(
+    slots: Slots,
+    times: Stamps,
+    positions: Floats,
+    speed: Floats,
+    sigma: Floats,
+    start: Slots,
+    stop: Slots,
+) -> None:
+    """Move the observations of slots to the beginning of their rows, in place."""
+    for n in range(len(slots)):
+        s = slots[n]
+        first = start[s]
+        for k in range(stop[s] - first):
+            times[s, k], speed[s, k], sigma[s, k] = (
+                times[s, first + k],
+                speed[s, first + k],
+                sigma[s, first + k],
+            )
+            for c in range(positions.shape[2]):
+                positions[s, k, c] = positions[s, first + k, c]
