@@ -175,8 +175,17 @@ def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
     return {(s.name, s.session): table for s, table in zip(update.sources, tables, strict=True)}
 
 
+def bodies_of(update: HypothesisUpdate) -> dict[int, int]:
+    """Body of each hypothesis that is linked: the lowest id among those that are one, itself included.
+
+    Hypotheses of one space that are one body name each other only through those of other spaces.
+    """
+    lowest = {h.id: min([h.id, *h.linked]) for h in update.hypotheses if h.linked}
+    return {one: min(lowest.get(low, low), low) for one, low in lowest.items()}
+
+
 def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None) -> Score:
-    """Score one update.
+    """Score one update; linked hypotheses of different spaces count as one.
 
     Parameters
     ----------
@@ -188,13 +197,14 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
         The tracks that are observed at the update's stamp: these are scored, and one that the
         update leaves out, or calls undetermined, is a singleton. None: the tracks of the update.
     """
-    listed = tracks_of(update)
+    listed, bodies = tracks_of(update), bodies_of(update)
     if observed is None:
         observed = {key: np.array(list(table), np.uint64) for key, table in listed.items()}
     labels, objects = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
     for key, ids in observed.items():
         table = listed.get(key, {})
-        labels.append(np.fromiter((table.get(i, UNDETERMINED) for i in ids.tolist()), np.int64, len(ids)))
+        ours = (table.get(i, UNDETERMINED) for i in ids.tolist())
+        labels.append(np.fromiter((bodies.get(one, one) for one in ours), np.int64, len(ids)))
         objects.append(truth.objects(key, ids))
     return score_labels(np.concatenate(labels), np.concatenate(objects), update.stamp_ns)
 

@@ -11,7 +11,7 @@ from comotion import FusionConfig
 from comotion_experiments.links import Setup, report, run_experiment
 from comotion_experiments.links.recording import plain_camera, record
 from comotion_experiments.links.setup import DEEP, PLAIN, PLAIN_SPACE
-from comotion_experiments.links.study import Count, by_object, count_links, linked, main_objects, rested
+from comotion_experiments.links.study import Count, by_object, count_links, main_objects, rested
 from comotion_schemas import Hypothesis, HypothesisUpdate, ObservationBatch
 from comotion_sources.workcell import Scene
 
@@ -69,15 +69,12 @@ def test_links_are_counted_against_the_main_objects() -> None:
     assert np.isnan(Count().precision)
 
 
-def test_hypotheses_of_one_body_are_read_as_one() -> None:
+def test_what_rests_and_what_is_of_one_object_can_be_read_as_one() -> None:
     told = update(
-        hypothesis(1, PLAIN_SPACE, [5]),
-        hypothesis(5, "world", [1, 7]),
-        hypothesis(7, PLAIN_SPACE, [5]),
         hypothesis(8, PLAIN_SPACE, None, "static"),
         hypothesis(9, "world", None, "static"),
+        hypothesis(10, "world"),
     )
-    assert linked(told) == {1: 1, 5: 1, 7: 1}
     assert rested(told) == {8: 8, 9: 8}
     assert by_object({1: 4, 5: 4, 8: 0, 7: 4}) == {1: 1, 5: 1, 7: 1, 8: 8}
 

@@ -1,5 +1,6 @@
 """Metrics against scikit-learn, brute force and hand-made cases."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -10,6 +11,7 @@ from sklearn.metrics.cluster import contingency_matrix
 from comotion_clients.metrics import (
     Switches,
     Truth,
+    bodies_of,
     contingency,
     isolate,
     label_switches,
@@ -132,6 +134,20 @@ def test_a_perfect_update_scores_one() -> None:
     score = score_update(update(tracks), truth({("a", 1): 0, ("a", 2): 0, ("b", 1): 1}))
     assert (score.nmi, score.misclassification) == (1.0, 0.0)
     assert (score.hypotheses, score.objects, score.scored, score.singletons) == (2, 2, 3, 0)
+
+
+def test_linked_hypotheses_of_different_spaces_are_one_body() -> None:
+    rows = {("a", 1): 5, ("a", 2): 6, ("b", 1): 1, ("b", 2): 7, ("b", 3): 6}
+    said = update(rows)
+    links = {5: [1, 7], 1: [5], 7: [5]}
+    told = [replace(h, linked=links.get(h.id)) for h in said.hypotheses]
+    linked = replace(said, hypotheses=told)
+    assert bodies_of(said) == {}
+    assert bodies_of(linked) == {5: 1, 1: 1, 7: 1}
+    objects = truth({("a", 1): 0, ("a", 2): 1, ("b", 1): 0, ("b", 2): 0, ("b", 3): 1})
+    assert score_update(said, objects).nmi < 0.8
+    assert score_update(linked, objects).nmi == 1.0
+    assert score_update(linked, objects).hypotheses == 2
 
 
 def test_undetermined_and_unlisted_tracks_are_singletons() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Score, Truth, score_labels, tracks_of
+from comotion_clients.metrics import Score, Truth, bodies_of, score_labels, tracks_of
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
@@ -104,7 +104,7 @@ class _Scorer:
         moving, resting = count_links(update, main)
         self.moving += moving
         self.resting += resting
-        readings = [{}, rested(update), linked(update), by_object(main)]
+        readings = [{}, rested(update), bodies_of(update), by_object(main)]
         found = []
         for reading in readings:
             told = np.array([reading.get(one, one) for one in labels.tolist()], np.int64)
@@ -151,13 +151,6 @@ def count_links(update: HypothesisUpdate, main: Mapping[int, int]) -> tuple[Coun
         count.linkable += main[h.id] in bodies
         count.found += right
     return moving, resting
-
-
-def linked(update: HypothesisUpdate) -> dict[int, int]:
-    """Lowest id among the hypotheses that are one body with each linked one, itself included."""
-    group = {h.id: min([h.id, *h.linked]) for h in update.hypotheses if h.linked}
-    # The hypotheses of one space name each other only through those of the others.
-    return {one: min(group.get(low, low), low) for one, low in group.items()}
 
 
 def rested(update: HypothesisUpdate) -> dict[int, int]:
