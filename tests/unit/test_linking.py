@@ -186,6 +186,12 @@ def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none() -> None
     assert linked_bodies(update) == {"room": {"room"}, "cart": {"cart"}}
 
 
+def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
+    for cameras in ({"plain/pixels": camera(frame="elsewhere")}, {"other/pixels": camera()}, {}):
+        fusion = Fusion.restore(FusionConfig(cameras=cameras), moved.snapshot())
+        assert all(h.linked is None for h in fusion.update(1004_000_000_000).hypotheses)
+
+
 def test_distortion_is_undone() -> None:
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
     update = run(fused(view), messages(view), every=60)

@@ -44,7 +44,7 @@ class Linker:
         if not self._cameras:
             return update
         space = {h.id: h.space for h in update.hypotheses}
-        self._links = {i: k for i, k in self._links.items() if i in space and k in space}
+        self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
         if self._due_ns is None or update.stamp_ns >= self._due_ns:
             self._due_ns = update.stamp_ns + PERIOD_NS
             self._look(partitions)
@@ -59,6 +59,11 @@ class Linker:
     def load(self, state: Sequence[Sequence[int]]) -> None:
         """Take up :meth:`state`."""
         self._links = {int(image): int(body) for image, body in state}
+
+    def _possible(self, image: str | None, body: str | None) -> bool:
+        """Whether two spaces can be linked; what a snapshot brings may be of another calibration."""
+        camera = self._cameras.get(image) if image is not None else None
+        return camera is not None and camera.frame == body
 
     def _look(self, partitions: Partitions) -> None:
         bodies: dict[str, Poses | None] = {}

@@ -83,6 +83,8 @@ def serve(options: ServeOptions) -> None:
         session_id=session_id,
     ) as component:
         _require_alone(component)
+        for space, camera in options.config.cameras.items():
+            _log.info("linking %s to bodies in %s", space, camera.frame)
         if _prepare(component, options.config):
             _Service(options, fusion, component, monitor).run()
 
