@@ -107,12 +107,11 @@ def _head(snapshot: Snapshot) -> list[Text]:
 
 
 def _troubles(service: ServiceRow) -> Text:
-    """What the service dropped or refused, and what it says."""
+    """What the service says of now, and what it has dropped or refused so far."""
     parts = [f"{service.counters[n]} {n}" for n in _COUNTERS_SHOWN if service.counters.get(n)]
     parts += [f"{count} rejected as {reason}" for reason, count in sorted(service.rejected.items()) if count]
-    if service.state == "ok":
-        return Text.assemble((service.message, "dim"), ("".join(f"   {part}" for part in parts), "yellow"))
-    return Text("   ".join([service.message, *parts]), style="yellow")
+    total = f"   so far: {', '.join(parts)}" if parts else ""
+    return Text.assemble((service.message, "dim" if service.state == "ok" else "yellow"), (total, "yellow"))
 
 
 def _lost(lost: int, *, losing: bool) -> Text:
