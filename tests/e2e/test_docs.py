@@ -248,6 +248,8 @@ def test_commands_take_these_arguments(line: str, monkeypatch: pytest.MonkeyPatc
     while depth < len(words) and words[depth] in getattr(leaf, "commands", {}):
         leaf = leaf.commands[words[depth]]
         depth += 1
+    # Without a command, `comotion reproduce` is `comotion reproduce figures`.
+    leaf = getattr(leaf, "commands", {}).get("figures", leaf)
     leaf.callback = lambda **_: None
     # A mere name, in running text, need not have the arguments that the command requires.
     if depth == 0 or depth < len(words):

@@ -102,7 +102,7 @@ def test_a_wrong_option_is_one_line(capsys, arguments, words):
     assert words in captured.err
 
 
-@pytest.mark.parametrize("name", ["figures", "fusion", "pixels", "accuracy"])
+@pytest.mark.parametrize("name", ["figures", "fusion", "links", "pixels", "accuracy"])
 def test_experiments_share_their_options(capsys, monkeypatch, name):
     monkeypatch.setenv("COLUMNS", "200")
     assert run(["reproduce", name, "--help"]) == 0

@@ -37,9 +37,8 @@ def links(
     quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
     period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where links.md and links.json go. Default: nowhere."),
-    ] = None,
+        Path, typer.Option("--out", metavar="DIR", help="Where links.md and links.json go.")
+    ] = Path("links"),
     cache: Annotated[
         Path | None,
         typer.Option(
@@ -62,8 +61,7 @@ def links(
     from comotion_experiments.inputs import parse_seeds
     from comotion_experiments.links import report
 
-    if out is not None:
-        check_folder(out)
+    check_folder(out)
     with progress() as note:
         results = study.run_experiment(
             workcell or study.SCENES,
@@ -75,11 +73,12 @@ def links(
             progress=note,
         )
     values = json.dumps(report.as_json(results), indent=2)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "links.md").write_text(report.markdown(results))
-        (out / "links.json").write_text(values + "\n")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "links.md").write_text(report.markdown(results))
+    (out / "links.json").write_text(values + "\n")
     if json_:
         print(values)
         return
-    Console(width=max(170, Console().width)).print(report.table(results))
+    console = Console(width=max(170, Console().width))
+    console.print(report.table(results))
+    console.print(f"written: {out / 'links.md'}, {out / 'links.json'}", highlight=False)

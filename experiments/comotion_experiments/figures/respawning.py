@@ -55,7 +55,7 @@ def draw_nmi(study: Study) -> Drawn:
 def _moment_rows(takes: tuple[Take, Take]) -> list[Row]:
     said = "most are assigned to the correct hypothesis"
     return [
-        Row(f"features of the right hypothesis at t = {t:g} s", said, *(right_at(take, k) for take in takes))
+        Row(f"features in the right hypothesis at t = {t:g} s", said, *(right_at(take, k) for take in takes))
         for k, t in enumerate(_TIMES)
     ]
 
@@ -68,7 +68,7 @@ def _rows(takes: tuple[Take, Take]) -> list[Row]:
         after = (f"{take.nmi_at(later):.3f}" for take in takes)
         rows.append(Row(f"NMI at t = {later:.2f} s", "slowly back to 1", *after))
     recovery = [spread([_recovery(take, seed) for seed in range(len(take.seeds))], 2) for take in takes]
-    rows.append(Row("time above NMI .95 after a replacement", "-", *(f"after {text} s" for text in recovery)))
+    rows.append(Row("NMI .95 reached after a replacement in", "-", *(f"{text} s" for text in recovery)))
     return [*rows, Row("mean NMI", "-", *(spread(take.mean_nmi()) for take in takes))]
 
 

@@ -155,7 +155,7 @@ def _truth(row: Any, stills: Stills, take: Take) -> None:
 def _moment_rows(takes: dict[str, Take], shot: Shot) -> list[Row]:
     rows = [
         Row(
-            f"features of the right hypothesis at t = {t:.3g} s",
+            f"features in the right hypothesis at t = {t:.3g} s",
             "-",
             *(right_at(take, k) for take in takes.values()),
         )
