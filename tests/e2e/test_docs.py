@@ -14,6 +14,7 @@ Blocks of Python without one are run by what they do; of every other `comotion` 
 that it takes these arguments.
 """
 
+import itertools
 import os
 import re
 import shlex
@@ -225,11 +226,17 @@ def commands() -> Iterator[list[str]]:
     for block in ALL:
         if block.language == "bash":
             # A command may stand behind others: sudo, taskset -c 2, ...
-            yield from (words[words.index("comotion") :] for words in block.lines if "comotion" in words)
+            yield from (own_words(words) for words in block.lines if "comotion" in words)
     for page in PAGES:
         inline = re.findall(r"`([^`]+)`", BLOCK.sub("", page.read_text()))
         for words in (shlex.split(text) for text in inline if re.search(r"(^| )comotion ", text)):
-            yield words[words.index("comotion") :]
+            yield own_words(words)
+
+
+def own_words(words: list[str]) -> list[str]:
+    """The words of `comotion` in a line of shell: none before it, none that the shell takes."""
+    words = words[words.index("comotion") :]
+    return list(itertools.takewhile(lambda word: word not in {">", "|", "&", "&&"}, words))
 
 
 COMMANDS = sorted({shlex.join(words[1:]) for words in commands()} - {""})
