@@ -12,8 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..window import Floats
+from .alignment import COLUMNS, equations
 from .bodies import Body, fit
 from .frames import Frames
+from .panel import speakers
 from .tracks import Ints, Tracks
 
 # What a careful calibration leaves: rad, share of the scene's extent, s.
@@ -27,6 +29,9 @@ _ALIKE = 3.0
 _LEAST_FRAMES = 8
 # Columns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
+# Where a group is larger, so many of its trajectories tell, and every so many of their frames.
+_SPEAKERS = 24
+_STRIDE = 3
 
 Equations = tuple[Floats, Floats, float, int]
 
@@ -72,7 +77,8 @@ class Offsets:
             return
         if self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
-        bodies = [fit(frames, rows) for rows in _groups(tracks, frames, labels, self.reference)]
+        groups = _groups(tracks, frames, labels, self.reference)
+        bodies = {k: fit(frames, rows) for k, rows in groups.items()}
         if not bodies:
             return
         extent = tracks.extent()
@@ -85,8 +91,8 @@ class Offsets:
         self,
         source: int,
         frames: Frames,
-        groups: list[Ints],
-        bodies: list[Body],
+        groups: dict[int, Ints],
+        bodies: dict[int, Body],
         extent: float,
         tracks: Tracks,
     ) -> None:
@@ -96,8 +102,8 @@ class Offsets:
             before = Offset(np.zeros(3), np.zeros(3), pivot, 0.0)
         spread = np.array([_ROTATION] * 3 + [_SHIFT * extent] * 3 + [_DELAY])
         prior = np.diag(1 / (spread if frames.dim == 3 else spread[_PLANAR]) ** 2)
-        tables = [[_summed(frames, rows, body, before.pivot) for body in bodies] for rows in groups]
-        step = _solve(tables, prior)
+        matched = [_match(frames, rows, k, bodies, before.pivot, prior) for k, rows in sorted(groups.items())]
+        step = _solve([one for one in matched if one is not None], prior)
         if step is None:
             return
         full = step
@@ -126,65 +132,63 @@ class Offsets:
         self.found = {int(s): Offset(r, x, p, float(d)) for s, r, x, p, d in state["found"]}
 
 
-def _groups(tracks: Tracks, frames: Frames, labels: Ints, source: int | None) -> list[Ints]:
+def _groups(tracks: Tracks, frames: Frames, labels: Ints, source: int | None) -> dict[int, Ints]:
     """Rows of each moving body's trajectories that one source saw, where they are enough for a pose."""
-    found = []
+    found = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
         members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_FRAMES)
         if members.sum() >= frames.dim:
-            found.append(frames.rows_of(members))
+            found[k] = frames.rows_of(speakers(frames, tracks.newest(), members, _SPEAKERS))
     return found
 
 
-def _columns(y: Floats, velocity: Floats, R: Floats, pivot: Floats, dim: int) -> Floats:
-    """d(R^T y) by (rotation, shift, delay): R^T [omega x (y - pivot) + shift + velocity delay], [F, 3, p]."""
-    r = y - pivot
-    world = np.zeros((len(y), 3, 7))
-    world[:, 0, 1], world[:, 0, 2] = r[:, 2], -r[:, 1]
-    world[:, 1, 0], world[:, 1, 2] = -r[:, 2], r[:, 0]
-    world[:, 2, 0], world[:, 2, 1] = r[:, 1], -r[:, 0]
-    world[:, :, 3:6] = np.eye(3)
-    world[:, :, 6] = velocity
-    return np.asarray(np.einsum("fji,fjp->fip", R, world if dim == 3 else world[:, :, _PLANAR]))
-
-
-def _equations(frames: Frames, row: int, body: Body, pivot: Floats) -> Equations | None:
-    """Normal equations of one row against one body: left, right, residual, count."""
-    k = np.flatnonzero((frames.w[row] > 0) & body.posed)
-    if len(k) < _LEAST_FRAMES:
-        return None
-    y, R = frames.y[row, k], body.R[k]
-    velocity = np.gradient(y, frames.stamps[k] * 1e-9 - frames.stamps[k[0]] * 1e-9, axis=0)
-    design = _columns(y, velocity, R, pivot, frames.dim)
-    z = np.einsum("fji,fj->fi", R, y - body.t[k])
-    # The row's place in the body is free, so only departures from the mean count.
-    a = (design - design.mean(0)).reshape(-1, design.shape[2])
-    r = (z - z.mean(0)).ravel()
-    v = frames.tolerance[row]
-    return a.T @ a / v, -a.T @ r / v, float(r @ r) / v, len(k) * frames.dim
+def _match(
+    frames: Frames, rows: Ints, own: int, bodies: dict[int, Body], pivot: Floats, prior: Floats
+) -> Equations | None:
+    """Equations of rows and the body that explains them: that of their own hypothesis, else the best."""
+    first = [_best([_summed(frames, rows, bodies[own], pivot)], prior)] if own in bodies else [None]
+    if first[0] is not None:
+        return first[0]
+    others = [body for k, body in bodies.items() if k != own]
+    return _best([_summed(frames, rows, body, pivot) for body in others], prior)
 
 
 def _summed(frames: Frames, rows: Ints, body: Body, pivot: Floats) -> Equations | None:
-    found = [e for row in rows.tolist() if (e := _equations(frames, row, body, pivot)) is not None]
-    if not found:
+    """Normal equations of rows against one body: left, right, residual, count."""
+    left, right = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
+    seconds = (frames.stamps - frames.stamps[0]) * 1e-9
+    squared, count = equations(
+        frames.y,
+        frames.w,
+        seconds,
+        frames.tolerance,
+        rows,
+        body.R,
+        body.t,
+        body.posed,
+        pivot,
+        _LEAST_FRAMES,
+        1 if len(rows) < _SPEAKERS else _STRIDE,
+        left,
+        right,
+    )
+    if not count:
         return None
-    left = np.sum([e[0] for e in found], 0)
-    right = np.sum([e[1] for e in found], 0)
-    return left, right, sum(e[2] for e in found), sum(e[3] for e in found)
+    if frames.dim == 2:
+        left, right = left[np.ix_(_PLANAR, _PLANAR)], right[_PLANAR]
+    return left, right, squared, count * frames.dim
 
 
-def _solve(tables: list[list[Equations | None]], prior: Floats) -> Floats | None:
-    """Each group takes the body that explains it best under its own fit; then one fit for all."""
-    left, right = prior.copy(), np.zeros(len(prior))
-    matched = False
-    for table in tables:
-        best = _best(table, prior)
-        if best is not None:
-            left, right, matched = left + best[0], right + best[1], True
-    return np.asarray(np.linalg.solve(left, right), np.float64) if matched else None
+def _solve(matched: list[Equations], prior: Floats) -> Floats | None:
+    """One fit for all groups."""
+    if not matched:
+        return None
+    left = prior + np.sum([one[0] for one in matched], 0)
+    return np.asarray(np.linalg.solve(left, np.sum([one[1] for one in matched], 0)), np.float64)
 
 
 def _best(table: list[Equations | None], prior: Floats) -> Equations | None:
+    """The equations of what moves alike, under its own fit."""
     chosen, lowest = None, _ALIKE
     for one in table:
         if one is None:
