@@ -113,7 +113,7 @@ static int open_output(void) {
     return z_declare_publisher(z_loan(zenoh), &publisher, z_loan(key), &options);
 }
 
-static int send(const Buffer *b) {
+static int publish(const Buffer *b) {
     z_owned_bytes_t payload;
     z_bytes_copy_from_buf(&payload, b->data, b->size);
     return z_publisher_put(z_loan(publisher), z_move(payload), NULL);
@@ -121,7 +121,7 @@ static int send(const Buffer *b) {
 #else /* each batch after its length, four bytes, little-endian */
 static int open_output(void) { return 0; }
 
-static int send(const Buffer *b) {
+static int publish(const Buffer *b) {
     uint32_t length = (uint32_t)b->size;
     int sent = fwrite(&length, sizeof length, 1, stdout) == 1 && fwrite(b->data, b->size, 1, stdout) == 1;
     return sent && fflush(stdout) == 0 ? 0 : -1;
@@ -156,7 +156,7 @@ int main(void) {
             seen[i][2] += 0.5f;
         }
         encode(&batch, session, seq, now.tv_sec * 1000000000ll + now.tv_nsec, N, ids, &seen[0][0]);
-        if (send(&batch) < 0) return 0; /* nobody listens any more */
+        if (publish(&batch) < 0) return 0; /* nobody listens any more */
         nanosleep(&pause, NULL);
     }
 }
