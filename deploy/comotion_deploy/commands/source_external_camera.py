@@ -64,8 +64,9 @@ def external_camera(
     _metrics: options.Metrics = None,
 ) -> None:
     """Publish what a second, fixed camera sees: features, and fiducial markers with their orientation."""
+    from comotion_sources.klt.options import CameraOptions, Wire
     from comotion_sources.klt.pacing import Pacing
-    from comotion_sources.klt.process import CameraOptions, Wire, run
+    from comotion_sources.klt.process import run
     from comotion_sources.markers import MarkerOptions
 
     settings = CameraOptions(

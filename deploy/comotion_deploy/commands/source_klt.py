@@ -51,8 +51,9 @@ def klt(
     _metrics: options.Metrics = None,
 ) -> None:
     """Track the features of a camera, video or RGB-D recording and publish them."""
+    from comotion_sources.klt.options import CameraOptions, Wire
     from comotion_sources.klt.pacing import Pacing
-    from comotion_sources.klt.process import CameraOptions, Wire, run
+    from comotion_sources.klt.process import run
 
     settings = CameraOptions(
         name=name,

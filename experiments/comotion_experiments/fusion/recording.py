@@ -32,7 +32,7 @@ _MAKERS = (
     *(f"proprioception.{name}" for name in ("kinematics", "packer")),
     *(
         f"workcell.{name}"
-        for name in ("atlas", "render", "scene", "sensor", "shapes", "textures", "viewpoint")
+        for name in ("atlas", "drawing", "render", "scene", "sensor", "shapes", "textures", "viewpoint")
     ),
 )
 

@@ -4,24 +4,18 @@ import logging
 import threading
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import cv2
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
-
-from ..calibration.files import Calibration, CalibrationError
-from ..calibration.model import Extrinsics, Intrinsics
+from ..calibration.files import CalibrationError
+from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, CameraError, Frame, SceneCamera
-from ..markers.detector import MarkerOptions
-from .config import TrackerConfig
 from .feed import HypothesisFeed
 from .marker_output import MarkerOutput
-from .observer import CameraSpace, Observer, choose_space
-from .pacing import Pacer, Pacing
+from .observer import Observer
+from .options import CameraOptions, Wire, space_of
+from .pacing import Pacer
 from .preview import DelayedPreview, PreviewFile
 from .publisher import CameraPublisher, PreviewStream
 from .tracker import Tracker, Tracks
@@ -30,61 +24,6 @@ _RETRY_S = 1.0
 _FLUSH_S = 2.0
 _DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """What a user says about a camera source.
-
-    Attributes
-    ----------
-    name
-        Name of the source; markers are a source of their own, ``<name>-markers``.
-    tracker
-        Parameters of the tracker.
-    pacing
-        How frames become observations.
-    calibration
-        Wins over what the camera knows about itself.
-    use_depth
-        False: publish pixels even if there is depth.
-    space
-        Name of the space; None: see :func:`choose_space`.
-    fixed
-        The camera must know where it is: refuse to publish metres without extrinsics.
-    loop
-        Start a recording again at its end.
-    reconnect
-        Open a device again when it is lost.
-    preview
-        Annotated video or folder of PNGs to write.
-    share_preview
-        Most images a second for those who subscribe to them; 0: none.
-    markers
-        Fiducial markers to look for; None: none.
-    """
-
-    name: str = "klt"
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    pacing: Pacing = field(default_factory=Pacing)
-    calibration: Calibration = field(default_factory=Calibration)
-    use_depth: bool = True
-    space: str | None = None
-    fixed: bool = False
-    loop: bool = False
-    reconnect: bool = True
-    preview: Path | None = None
-    share_preview: float = 5.0
-    markers: MarkerOptions | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wire:
-    """Where a source publishes, and whom it tells that it does."""
-
-    scene: str = DEFAULT_SCENE
-    settings: SessionSettings | None = None
-    ready_file: Path | None = None
 
 
 def run(what: str, options: CameraOptions, wire: Wire) -> None:
@@ -109,7 +48,7 @@ class CameraProcess:
         given = options.calibration
         self._intrinsics = given.intrinsics or camera.intrinsics
         self._extrinsics = given.extrinsics or camera.extrinsics
-        self._space = _space(camera, options, self._intrinsics, self._extrinsics)
+        self._space = space_of(camera, options, self._intrinsics, self._extrinsics)
         self._tracker = Tracker(options.tracker, self._space.intrinsics)
         self._pacer = Pacer(options.pacing, camera.live, self._wait)
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
@@ -300,20 +239,3 @@ class CameraProcess:
             break
         if self._publisher.stop.is_set():
             self._camera.close()
-
-
-def _space(
-    camera: Camera, options: CameraOptions, intrinsics: Intrinsics | None, extrinsics: Extrinsics | None
-) -> CameraSpace:
-    has_depth = camera.has_depth and options.use_depth
-    if options.fixed and extrinsics is None and (has_depth or options.markers is not None):
-        raise CalibrationError(
-            "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"
-        )
-    return choose_space(
-        options.name,
-        has_depth=has_depth,
-        intrinsics=intrinsics,
-        extrinsics=extrinsics,
-        name=options.space,
-    )

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
+from .drawing import Image
 from .extra import require_mujoco
-from .textures import TEXTURES, Image
+from .textures import TEXTURES
 
 LEVELS = 4
 _PAD = 8

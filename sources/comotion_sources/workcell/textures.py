@@ -9,58 +9,19 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
-Colour = NDArray[np.float64]
+from .drawing import INK, Colour, Image, barcode, clouds, filled, logo, paragraph, shaded, text
+
 Texture = Callable[[np.random.Generator, int, int, Colour, float], Image]
 """(generator, height, width in texels, BGR colour 0..255, texels per metre) -> uint8 [height, width, 3]."""
 
 _WORDS = ("ACME", "FRAGILE", "PARTS", "No 7", "TOOLS", "ROBO", "LAB 3", "GEAR", "MK II", "BOLTS", "M8x40")
 _TITLES = ("KINEMATICS", "VISION", "MOTION", "LINEAR MAPS", "OPTICS", "ATLAS", "ESTIMATION", "DESIGN")
-_FONT = cv2.FONT_HERSHEY_DUPLEX
-_INK = (30, 28, 26)
-
-
-def _filled(height: int, width: int, colour: Colour) -> Image:
-    return np.broadcast_to(np.clip(colour, 0, 255).astype(np.uint8), (height, width, 3)).copy()
-
-
-def _clouds(rng: np.random.Generator, height: int, width: int, size: float) -> NDArray[np.float32]:
-    """Smooth variation in about -1..1 with features of `size` texels."""
-    rows, columns = max(2, int(height / size) + 2), max(2, int(width / size) + 2)
-    coarse = rng.uniform(-1, 1, (rows, columns)).astype(np.float32)
-    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
-
-
-def _shaded(image: Image, gain: NDArray[np.float32]) -> Image:
-    return np.clip(image * (1.0 + gain)[..., None], 0, 255).astype(np.uint8)
-
-
-def _text(image: Image, text: str, box: tuple[int, int, int, int], colour: tuple[int, ...]) -> None:
-    """Fit a line of text into (x, y, width, height)."""
-    x, y, width, height = box
-    (w, h), _ = cv2.getTextSize(text, _FONT, 1.0, 2)
-    scale = min(width / w, height / (h + 2))
-    if scale > 0.12:
-        thickness = max(1, round(scale * 2.2))
-        cv2.putText(image, text, (x, y + int(h * scale)), _FONT, scale, colour, thickness, cv2.LINE_AA)
-
-
-def _logo(image: Image, rng: np.random.Generator, centre: tuple[int, int], radius: int) -> None:
-    ink = tuple(int(v) for v in rng.choice([30, 60, 190, 225], 3))
-    kind = int(rng.integers(3))
-    cv2.circle(image, centre, radius, ink, -1 if kind == 0 else max(2, radius // 4), cv2.LINE_AA)
-    corners = 5 if kind == 0 else int(rng.integers(3, 7))
-    angles = np.arange(2 * corners) * np.pi / corners + rng.uniform(0, 1)
-    reach = np.where(np.arange(2 * corners) % 2, 0.4, 0.85) * radius
-    star = np.stack([centre[0] + reach * np.cos(angles), centre[1] + reach * np.sin(angles)], 1)
-    cv2.fillPoly(image, [star.astype(np.int32)], (240, 240, 235), cv2.LINE_AA)
 
 
 def plain(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """Paint with faint unevenness."""
-    return _shaded(_filled(height, width, colour), 0.04 * _clouds(rng, height, width, 0.05 * scale))
+    return shaded(filled(height, width, colour), 0.04 * clouds(rng, height, width, 0.05 * scale))
 
 
 def planks(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
@@ -72,7 +33,7 @@ def planks(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
 
 
 def _boards(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
-    image, seam = _filled(height, width, colour), tuple((colour * 0.5).tolist())
+    image, seam = filled(height, width, colour), tuple((colour * 0.5).tolist())
     board = max(8, int(0.11 * scale))
     for top in range(0, height, board):
         bottom, left = min(top + board, height), 0
@@ -87,17 +48,17 @@ def _boards(rng: np.random.Generator, height: int, width: int, colour: Colour, s
 
 def _board(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     y, x = np.mgrid[0:height, 0:width].astype(np.float32) / scale
-    bend = 0.012 * _clouds(rng, height, width, 0.16 * scale)
+    bend = 0.012 * clouds(rng, height, width, 0.16 * scale)
     distance = y + bend + rng.uniform(0, 1)
     for _ in range(rng.integers(0, 3)):  # a knot pushes the rings apart
         kx, ky = rng.uniform(0, width / scale), rng.uniform(0, height / scale)
         r2 = ((x - kx) / 2.2) ** 2 + (y - ky) ** 2
         distance = distance + 0.02 * np.exp(-r2 / 0.012**2) * np.sign(y - ky + 1e-6)
     rings = np.sin(distance * 2 * np.pi / 0.012) + 0.5 * np.sin(distance * 2 * np.pi / 0.0047 + 1.0)
-    fibres = _clouds(rng, height, max(2, width // 24), 1.5)
+    fibres = clouds(rng, height, max(2, width // 24), 1.5)
     fibres = np.asarray(cv2.resize(fibres, (width, height), interpolation=cv2.INTER_LINEAR))
     gain = 0.075 * rings + 0.10 * fibres + rng.uniform(-0.12, 0.12)
-    return _shaded(_filled(height, width, colour), gain.astype(np.float32))
+    return shaded(filled(height, width, colour), gain.astype(np.float32))
 
 
 def wood(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
@@ -111,15 +72,15 @@ def wood(rng: np.random.Generator, height: int, width: int, colour: Colour, scal
 
 def tiles(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """Floor tiles, some with an ornament."""
-    image = _filled(height, width, colour * 0.6)
+    image = filled(height, width, colour * 0.6)
     size = int(0.25 * scale)
     for top in range(0, height, size):
         for left in range(0, width, size):
             tone = np.clip(colour * rng.uniform(0.82, 1.12), 0, 255).tolist()
             cv2.rectangle(image, (left + 2, top + 2), (left + size - 2, top + size - 2), tone, -1)
             if rng.random() < 0.35:
-                _logo(image, rng, (left + size // 2, top + size // 2), size // 3)
-    return _shaded(image, 0.06 * _clouds(rng, height, width, 0.03 * scale))
+                logo(image, rng, (left + size // 2, top + size // 2), size // 3)
+    return shaded(image, 0.06 * clouds(rng, height, width, 0.03 * scale))
 
 
 def wallpaper(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
@@ -140,7 +101,7 @@ def wallpaper(rng: np.random.Generator, height: int, width: int, colour: Colour,
 def poster(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """A sheet with a headline, a picture of coloured shapes and lines of small print."""
     image = plain(rng, height, width, colour, scale)
-    _text(image, str(rng.choice(_WORDS)), (width // 12, height // 16, width * 5 // 6, height // 7), _INK)
+    text(image, str(rng.choice(_WORDS)), (width // 12, height // 16, width * 5 // 6, height // 7), INK)
     top, bottom = height // 4, height * 5 // 8
     for _ in range(7):
         x, y = int(rng.uniform(0.1, 0.9) * width), int(rng.uniform(top, bottom))
@@ -149,21 +110,9 @@ def poster(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
             cv2.circle(image, (x, y), r, tone, -1, cv2.LINE_AA)
         else:
             cv2.rectangle(image, (x - r, y - r), (x + r, y + r // 2), tone, -1)
-    _paragraph(image, rng, (width // 12, height * 2 // 3, width * 5 // 6, height // 4))
-    cv2.rectangle(image, (0, 0), (width - 1, height - 1), _INK, 1)
+    paragraph(image, rng, (width // 12, height * 2 // 3, width * 5 // 6, height // 4))
+    cv2.rectangle(image, (0, 0), (width - 1, height - 1), INK, 1)
     return image
-
-
-def _paragraph(image: Image, rng: np.random.Generator, box: tuple[int, int, int, int]) -> None:
-    """Lines of words too small to read."""
-    x, y, width, height = box
-    pitch = max(5, height // 6)
-    for row in range(y, y + height - pitch // 2, pitch):
-        at = x
-        while at < x + width * rng.uniform(0.75, 1.0):
-            word = int(rng.uniform(0.8, 3.0) * pitch)
-            cv2.rectangle(image, (at, row), (min(at + word, x + width), row + pitch // 2), _INK, -1)
-            at += word + pitch // 2
 
 
 def print_(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
@@ -176,10 +125,10 @@ def print_(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
     if inner_w < 16 or inner_h < 16:
         return image
     word = str(rng.choice(_WORDS))
-    _text(image, word, (2 * margin, 2 * margin, inner_w, max(8, inner_h // 3)), ink)
+    text(image, word, (2 * margin, 2 * margin, inner_w, max(8, inner_h // 3)), ink)
     radius = max(3, min(inner_w, inner_h) // 5)
-    _logo(image, rng, (2 * margin + radius, height - 2 * margin - radius), radius)
-    _barcode(
+    logo(image, rng, (2 * margin + radius, height - 2 * margin - radius), radius)
+    barcode(
         image,
         rng,
         (2 * margin + inner_w // 2, height - 2 * margin - inner_h // 3, inner_w // 2, inner_h // 3),
@@ -188,16 +137,6 @@ def print_(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
     middle = 2 * margin + int(inner_h * 0.42)
     cv2.rectangle(image, (margin, middle), (width - margin, middle + max(2, inner_h // 9)), stripe, -1)
     return image
-
-
-def _barcode(image: Image, rng: np.random.Generator, box: tuple[int, int, int, int]) -> None:
-    x, y, width, height = box
-    cv2.rectangle(image, (x, y), (x + width, y + height), (245, 245, 245), -1)
-    at = x + 2
-    while at < x + width - 3:
-        bar = int(rng.integers(2, 5))
-        cv2.rectangle(image, (at, y + 2), (at + bar - 1, y + height - 3), _INK, -1)
-        at += bar + int(rng.integers(2, 5))
 
 
 def paint(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
@@ -213,8 +152,8 @@ def paint(rng: np.random.Generator, height: int, width: int, colour: Colour, sca
     x, y, w, h = width // 6, height // 5, width * 2 // 5, height // 3
     cv2.rectangle(image, (x, y), (x + w, y + h), (90, 70, 50), -1)
     cv2.line(image, (x + w // 5, y + h), (x + w // 2, y), (200, 190, 170), 2, cv2.LINE_AA)
-    cv2.rectangle(image, (x, y), (x + w, y + h), _INK, 2)
-    _text(image, str(rng.integers(10, 99)), (width * 2 // 3, y, width // 4, h), (240, 240, 240))
+    cv2.rectangle(image, (x, y), (x + w, y + h), INK, 2)
+    text(image, str(rng.integers(10, 99)), (width * 2 // 3, y, width // 4, h), (240, 240, 240))
     cv2.rectangle(image, (0, 0), (width - 1, height - 1), dark, 2)
     return image
 
@@ -225,10 +164,10 @@ def letters(rng: np.random.Generator, height: int, width: int, colour: Colour, s
     rim = max(2, min(height, width) // 9)
     face = np.clip(colour * 0.3 + rng.uniform(110, 180, 3), 0, 255).tolist()
     cv2.rectangle(image, (rim, rim), (width - rim, height - rim), face, -1)
-    cv2.rectangle(image, (rim, rim), (width - rim, height - rim), _INK, max(1, rim // 3))
+    cv2.rectangle(image, (rim, rim), (width - rim, height - rim), INK, max(1, rim // 3))
     side = min(height, width) - 4 * rim
     letter = chr(ord("A") + int(rng.integers(26)))
-    _text(image, letter, ((width - side * 3 // 4) // 2, (height - side) // 2, side, side), _INK)
+    text(image, letter, ((width - side * 3 // 4) // 2, (height - side) // 2, side, side), INK)
     for x in (2 * rim, width - 2 * rim):
         for y in (2 * rim, height - 2 * rim):
             cv2.circle(image, (x, y), max(1, rim // 2), rng.uniform(20, 200, 3).tolist(), -1, cv2.LINE_AA)
@@ -245,7 +184,7 @@ def hazard(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
         cv2.fillPoly(image, [quad + np.array([pitch, 0])], (25, 25, 25), cv2.LINE_AA)
     plate = (width // 6, height * 2 // 5, width * 2 // 3, height // 3)
     cv2.rectangle(image, plate[:2], (plate[0] + plate[2], plate[1] + plate[3]), (225, 225, 220), -1)
-    _text(image, str(rng.choice(_WORDS)), (plate[0] + 2, plate[1] + 2, plate[2] - 4, plate[3] - 4), _INK)
+    text(image, str(rng.choice(_WORDS)), (plate[0] + 2, plate[1] + 2, plate[2] - 4, plate[3] - 4), INK)
     for x in (width // 12, width - width // 12):
         for y in (band + height // 10, height - height // 12):
             cv2.circle(image, (x, y), max(2, int(0.004 * scale)), (60, 60, 60), -1, cv2.LINE_AA)
@@ -255,14 +194,14 @@ def hazard(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
 
 def brushed(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """Brushed metal with graduation marks every 2 cm and a label now and then."""
-    streaks = np.asarray(cv2.resize(_clouds(rng, height, 2, 1.5), (width, height)))
-    image = _shaded(_filled(height, width, colour), 0.08 * streaks)
+    streaks = np.asarray(cv2.resize(clouds(rng, height, 2, 1.5), (width, height)))
+    image = shaded(filled(height, width, colour), 0.08 * streaks)
     step = max(6, int(0.02 * scale))
     for count, y in enumerate(range(step // 2, height, step)):
         reach = width if count % 5 == 0 else width // 3
-        cv2.line(image, (0, y), (reach, y), _INK, 1 + (count % 5 == 0))
+        cv2.line(image, (0, y), (reach, y), INK, 1 + (count % 5 == 0))
         if count % 5 == 2:
-            _text(image, str(count), (width // 3, y - step // 2, width // 3, step), _INK)
+            text(image, str(count), (width // 3, y - step // 2, width // 3, step), INK)
     return image
 
 
@@ -277,23 +216,23 @@ def rubber(rng: np.random.Generator, height: int, width: int, colour: Colour, sc
 
 def books(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """A row of spines with titles, upright."""
-    image, left = _filled(height, width, colour * 0.3), 0
+    image, left = filled(height, width, colour * 0.3), 0
     while left < width:
         right = min(width, left + max(8, int(rng.uniform(0.018, 0.04) * scale)))
         spine = plain(rng, right - left, height, rng.uniform(40, 220, 3), scale)
-        ink = (245, 240, 230) if spine.mean() < 130 else _INK
+        ink = (245, 240, 230) if spine.mean() < 130 else INK
         size = (height // 8, (right - left) // 5, height * 3 // 4, (right - left) * 3 // 5)
-        _text(spine, str(rng.choice(_TITLES)), size, ink)
+        text(spine, str(rng.choice(_TITLES)), size, ink)
         cv2.line(spine, (height // 14, 0), (height // 14, height), ink, 2)
         image[:, left:right] = np.rot90(spine, -1)
-        cv2.line(image, (right - 1, 0), (right - 1, height), _INK, 1)
+        cv2.line(image, (right - 1, 0), (right - 1, height), INK, 1)
         left = right
     return image
 
 
 def plaid(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """Woven cloth with stripes in both directions."""
-    image = _filled(height, width, colour).astype(np.float32)
+    image = filled(height, width, colour).astype(np.float32)
     for _ in range(6):
         tone, at, w = rng.uniform(-70, 70, 3), rng.uniform(0, 0.06), rng.uniform(0.004, 0.012)
         for axis, size in ((0, height), (1, width)):
