@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion import FusionConfig
-from comotion_experiments.links import Setup, report, run_experiment
+from comotion_experiments.links import Setup, report, run_experiment, save_picture
 from comotion_experiments.links.recording import plain_camera, record
 from comotion_experiments.links.setup import DEEP, PLAIN, PLAIN_SPACE
 from comotion_experiments.links.study import Count, by_object, count_links, main_objects, rested
@@ -59,6 +60,7 @@ def test_links_are_counted_against_the_main_objects() -> None:
     objects = np.array([4, 4, 4, 0, 0, 0, 0, 4, 4, 4, 0, 0, -1, 3, 3], np.int32)
     main = main_objects(labels, objects)
     assert main == {1: 4, 2: 0, 5: 4}, "two features, or three of which one is ambiguous, are too few"
+    assert main_objects(labels, objects, 0.8) == {2: 0, 5: 4}, "a quarter of 1 is of another object"
     told = update(
         hypothesis(1, PLAIN_SPACE, [5]), hypothesis(2, PLAIN_SPACE, [5]), hypothesis(5, "world", [1, 2])
     )
@@ -89,3 +91,7 @@ def test_the_experiment_runs_scores_and_reports(cache: Path) -> None:
     assert report.table(results).row_count == 2
     assert report.markdown(results).count("\n") == 4
     assert report.as_json(results)["cases"][0]["scene"] == "arm"
+    save_picture(cache / "links.jpg", "arm", 0, FusionConfig(), setup=TINY, cache=cache, seconds=2.0)
+    picture = cv2.imread(str(cache / "links.jpg"))
+    assert picture is not None
+    assert picture.shape == (120, 320, 3)

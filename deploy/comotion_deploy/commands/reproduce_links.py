@@ -37,7 +37,7 @@ def links(
     quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
     period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where links.md and links.json go.")
+        Path, typer.Option("--out", metavar="DIR", help="Where links.md, links.json and links.jpg go.")
     ] = Path("links"),
     cache: Annotated[
         Path | None,
@@ -62,20 +62,19 @@ def links(
     from comotion_experiments.links import report
 
     check_folder(out)
+    scenes = workcell or study.SCENES
+    numbers = parse_seeds(seeds or ("2" if quick else "2-4"))
+    config = options.fusion_config(ctx, method, assignments)
+    setup, kept = study.QUICK if quick else None, cache or cache_folder() / "links"
     with progress() as note:
         results = study.run_experiment(
-            workcell or study.SCENES,
-            parse_seeds(seeds or ("2" if quick else "2-4")),
-            options.fusion_config(ctx, method, assignments),
-            setup=study.QUICK if quick else None,
-            cache=cache or cache_folder() / "links",
-            period=period,
-            progress=note,
+            scenes, numbers, config, setup=setup, cache=kept, period=period, progress=note
         )
     values = json.dumps(report.as_json(results), indent=2)
     out.mkdir(parents=True, exist_ok=True)
     (out / "links.md").write_text(report.markdown(results))
     (out / "links.json").write_text(values + "\n")
+    study.save_picture(out / "links.jpg", scenes[0], numbers[0], config, setup=setup, cache=kept)
     if json_:
         print(values)
         return

@@ -22,7 +22,7 @@ class Case:
     outcomes: list[Outcome]
 
     def count(self, what: str) -> Count:
-        """Links of the `moving` or the `resting`, of all seeds together."""
+        """Links of the `moving`, the `pure` or the `resting`, of all seeds together."""
         return sum((getattr(o, what) for o in self.outcomes), Count())
 
     def scores(self, what: str, reading: str) -> NDArray[np.float64]:

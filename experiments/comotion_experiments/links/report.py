@@ -15,6 +15,7 @@ _READINGS = ("apart", "rest", "joined", "oracle")
 HEADINGS = (
     "scene",
     "moving: precision, recall",
+    "pure",
     "resting",
     *(f"NMI {name}" for name in _READINGS),
     "plain NMI apart",
@@ -49,6 +50,7 @@ def _cells(case: Case) -> list[str]:
     return [
         case.scene,
         _links(case, "moving"),
+        _links(case, "pure"),
         _links(case, "resting"),
         *(_spread(case.scores("nmi", reading)) for reading in _READINGS),
         *(_spread(case.scores("nmi_plain", reading)) for reading in ("apart", "joined")),
@@ -80,7 +82,7 @@ def as_json(results: Results) -> dict[str, Any]:
                 **{
                     f"{what}_links": asdict(count)
                     | finite_or_none({"precision": count.precision, "recall": count.recall})
-                    for what in ("moving", "resting")
+                    for what in ("moving", "pure", "resting")
                     for count in [case.count(what)]
                 },
                 **{

@@ -21,6 +21,8 @@ Objects = NDArray[np.int32]
 
 LEAST = 3
 """Features of known objects that a hypothesis must have to be said to be one."""
+PURE = 0.8
+"""Share of them that must be of that object for the hypothesis to be called pure."""
 
 
 @dataclass
@@ -73,6 +75,8 @@ class Outcome:
     ----------
     moving, resting
         Links of image hypotheses whose true object moves, and of those of the background.
+    pure
+        Links of moving ones, where both ends are pure.
     nmi
         NMI over the features of both cameras.
     nmi_plain, error_plain
@@ -81,6 +85,7 @@ class Outcome:
 
     moving: Count
     resting: Count
+    pure: Count
     nmi: Partitions
     nmi_plain: Partitions
     error_plain: Partitions
@@ -92,6 +97,7 @@ class _Scorer:
     observed: Observed = field(default_factory=Observed)
     moving: Count = field(default_factory=Count)
     resting: Count = field(default_factory=Count)
+    pure: Count = field(default_factory=Count)
     rows: list[list[list[float]]] = field(default_factory=list)
 
     def add(self, update: HypothesisUpdate, score: Score) -> None:
@@ -104,6 +110,7 @@ class _Scorer:
         moving, resting = count_links(update, main)
         self.moving += moving
         self.resting += resting
+        self.pure += count_links(update, main_objects(labels, objects, PURE))[0]
         readings = [{}, rested(update), bodies_of(update), by_object(main)]
         found = []
         for reading in readings:
@@ -125,13 +132,14 @@ class _Scorer:
         return np.concatenate(labels), np.concatenate(objects), np.concatenate(plain)
 
 
-def main_objects(labels: Labels, objects: Objects) -> dict[int, int]:
-    """Object of which each hypothesis has most features, of those with enough of known objects."""
+def main_objects(labels: Labels, objects: Objects, share: float = 0.0) -> dict[int, int]:
+    """Object of which each hypothesis has most features, and at least a share, where enough are known."""
     found = {}
     for one in np.unique(labels[labels != UNDETERMINED]).tolist():
         known = objects[(labels == one) & (objects >= 0)]
-        if len(known) >= LEAST:
-            found[one] = int(np.bincount(known).argmax())
+        votes = np.bincount(known)
+        if len(known) >= LEAST and votes.max() >= share * len(known):
+            found[one] = int(votes.argmax())
     return found
 
 
@@ -190,4 +198,4 @@ def run_seed(sources: Sources, config: FusionConfig, *, period: float = 1 / 3) -
     run_offline(messages(), config, truth=scorer.truth, period=period, on_update=scorer.add)
     means = np.nanmean(np.array(scorer.rows), axis=0)
     nmi, nmi_plain, error_plain = (Partitions(*column) for column in means.T.tolist())
-    return Outcome(scorer.moving, scorer.resting, nmi, nmi_plain, error_plain)
+    return Outcome(scorer.moving, scorer.resting, scorer.pure, nmi, nmi_plain, error_plain)
