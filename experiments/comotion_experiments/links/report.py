@@ -14,13 +14,16 @@ from .experiment import Case, Results
 _READINGS = ("apart", "rest", "joined", "oracle")
 HEADINGS = (
     "scene",
-    "moving: precision, recall",
+    "moving: P/R % (n)",
     "pure",
     "resting",
-    *(f"NMI {name}" for name in _READINGS),
-    "plain NMI apart",
+    "NMI apart",
+    "rest",
     "joined",
-    "error % apart",
+    "oracle",
+    "plain: apart",
+    "joined",
+    "error %: apart",
     "joined",
 )
 
@@ -29,7 +32,7 @@ def table(results: Results) -> Table:
     """One row per scene: means and, after ±, the spread over seeds."""
     found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for number, title in enumerate(HEADINGS):
-        found.add_column(title, justify="right" if number else "left")
+        found.add_column(title, justify="right" if number else "left", no_wrap=True)
     for cells in rows(results):
         found.add_row(*cells)
     return found
@@ -59,12 +62,13 @@ def _cells(case: Case) -> list[str]:
 
 
 def _links(case: Case, what: str) -> str:
+    """Precision, recall and how many could be linked."""
     count = case.count(what)
-    return f"{_percent(count.precision)}, {_percent(count.recall)} of {count.linkable}"
+    return f"{_percent(count.precision)}/{_percent(count.recall)} ({count.linkable})"
 
 
 def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{100 * share:.0f} %"
+    return "-" if np.isnan(share) else f"{100 * share:.0f}"
 
 
 def _spread(values: NDArray[np.float64], digits: int = 3) -> str:
