@@ -203,7 +203,10 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
         (("VIDEO", "--calibration", "wrong.yaml"), "wrong.yaml: no camera matrix"),
         (("VIDEO", "--calibration", "missing.yaml"), "missing.yaml: No such file or directory"),
         (("VIDEO", "--extrinsics", "inner.toml"), "has no [extrinsics]"),
-        (("VIDEO", "--tracker", "windw=3"), "unknown tracker parameter 'windw'; one of cell, depth_edge"),
+        (
+            ("VIDEO", "--tracker", "windw=3"),
+            "unknown tracker parameter 'windw'; one of anchor_reach, birth_sigma, cell, depth_edge",
+        ),
         (("VIDEO", "--tracker", "window=1000"), "tracker parameter window: "),
         (("VIDEO", "--name", "Not A Name"), "name 'Not A Name'"),
     ],
