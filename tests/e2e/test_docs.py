@@ -242,22 +242,38 @@ def own_words(words: list[str]) -> list[str]:
 COMMANDS = sorted({shlex.join(words[1:]) for words in commands()} - {""})
 
 
-@pytest.mark.parametrize("line", COMMANDS)
-def test_commands_take_these_arguments(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def program() -> Any:
+    """The command line, each command of which takes its arguments and does nothing."""
+    commands = [typer.main.get_command(app)]
+    for command in commands:
+        commands += getattr(command, "commands", {}).values()
+        if not hasattr(command, "commands"):
+            command.callback = lambda **_: None
+    return commands[0]
+
+
+@pytest.fixture(scope="module")
+def folder_of_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Holds the files of the pages."""
+    folder = tmp_path_factory.mktemp("files")
     for block in ALL:
         if block.mark == "file":
-            (tmp_path / block.argument).write_text(block.text)
-    monkeypatch.chdir(tmp_path)
+            (folder / block.argument).write_text(block.text)
+    return folder
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_commands_take_these_arguments(
+    line: str, program: Any, folder_of_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder_of_files)
     monkeypatch.setattr(metrics, "expose", lambda _host, port: port)
     words = shlex.split(line)
-    program = leaf = typer.main.get_command(app)
-    depth = 0
+    leaf, depth = program, 0
     while depth < len(words) and words[depth] in getattr(leaf, "commands", {}):
         leaf = leaf.commands[words[depth]]
         depth += 1
-    # Without a command, `comotion reproduce` is `comotion reproduce figures`.
-    leaf = getattr(leaf, "commands", {}).get("figures", leaf)
-    leaf.callback = lambda **_: None
     # A mere name, in running text, need not have the arguments that the command requires.
     if depth == 0 or depth < len(words):
         assert program.main(words, prog_name="comotion", standalone_mode=False) in {None, 0}
