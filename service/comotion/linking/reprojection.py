@@ -48,16 +48,17 @@ def _on_body(sightings: Sightings, poses: Poses, camera: Camera, k: int) -> Floa
     reference = _middle(seen)
     at = sightings.frame[rows, reference]
     A, a = _relative(poses, camera, k, sightings.frame, at)
-    prior, spread = _depth_prior(poses, camera, k, at)
-    u = np.column_stack([sightings.place[rows, reference], prior])
+    place = sightings.place[rows, reference]
+    prior, spread, shake = _priors(poses, camera, k, at, sightings.frame, place)
+    u = np.column_stack([place, prior])
     information = np.zeros(len(rows))
     for _ in range(ITERATIONS):
-        view = _predict(sightings, poses, k, A, a, u)
+        view = _predict(sightings, A, a, shake, u)
         weight = np.where(seen & view.front, 1 / (1 + view.squared / CAP), 0.0) / view.variance
         step, information = _step(A, a, view, weight, (prior - u[:, 2]) / spread**2, spread)
         u = u + step
         u[:, 2] = np.maximum(u[:, 2], _NEAREST)
-    view = _predict(sightings, poses, k, A, a, u)
+    view = _predict(sightings, A, a, shake, u)
     widened = 2 * np.log(view.variance / sightings.variance[:, None])
     charge = np.where(seen, np.minimum(view.squared, CAP) + widened, 2.0 * sightings.seen)
     off = ((u[:, 2] - prior) / spread) ** 2
@@ -82,13 +83,14 @@ class _View:
     squared: Floats
 
 
-def _predict(sightings: Sightings, poses: Poses, k: int, A: Floats, a: Floats, u: Floats) -> _View:
+def _predict(sightings: Sightings, A: Floats, a: Floats, shake: Floats, u: Floats) -> _View:
     ray = np.append(u[:, :2], np.ones((len(u), 1)), 1)
     p = np.einsum("nmij,nj->nmi", A, ray) + u[:, None, 2:] * a
     front = p[..., 2] > _NEAREST
     z = np.where(front, p[..., 2], 1.0)
     residual = np.where(front[..., None], sightings.place - p[..., :2] / z[..., None], 1.0)
-    variance = sightings.variance[:, None] + _pose_variance(poses, k, sightings.frame, u[:, 2], z)
+    # p is in units of the depth at the reference frame: the true depth is z / ρ.
+    variance = sightings.variance[:, None] + shake * (u[:, 2:] / z) ** 2
     return _View(p, z, front, residual, variance, (residual**2).sum(2) / variance)
 
 
@@ -111,21 +113,23 @@ def _relative(
     return A, a
 
 
-def _depth_prior(poses: Poses, camera: Camera, k: int, at: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Inverse depth of the body's features at a frame [N] and how far it may spread, [N] each."""
+def _priors(
+    poses: Poses, camera: Camera, k: int, at: NDArray[np.intp], frame: NDArray[np.intp], place: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Inverse depth of the body's features at a frame and how far it may spread, [N] each.
+
+    And the variance by which the pose's own uncertainty shakes a coordinate of the point, [N, M]: that
+    of a turn grows with the distance from the features that the pose was fitted to.
+    """
     centre = np.einsum("nij,j->ni", poses.R[k][at], poses.centre[k]) + poses.t[k][at]
-    z = (centre - np.asarray(camera.translation)) @ camera.rotation[:, 2]
-    spread = np.maximum(_RADII * poses.radius[k], _LEAST_SPREAD * np.abs(z))
+    inside = (centre - np.asarray(camera.translation)) @ camera.rotation
+    spread = np.maximum(_RADII * poses.radius[k], _LEAST_SPREAD * np.abs(inside[:, 2]))
     # A body beside or behind the camera is not seen by it; its depth says nothing then.
-    z = np.maximum(z, spread)
-    return 1 / z, spread / z**2
-
-
-def _pose_variance(poses: Poses, k: int, frame: NDArray[np.intp], rho: Floats, z: Floats) -> Floats:
-    """Variance of the projection that the pose's own uncertainty makes, [N, M], at focal length one."""
-    place = poses.place_variance[k][frame] + poses.radius[k] ** 2 * poses.turn_variance[k][frame]
-    # p = z_m ρ in units of the depth at the reference frame: the true depth is z / ρ.
-    return np.asarray(place * (rho[:, None] / z) ** 2)
+    z = np.maximum(inside[:, 2], spread)
+    off = np.column_stack([place, np.ones(len(place))]) * z[:, None] - inside
+    lever = np.maximum((off**2).sum(1), poses.radius[k] ** 2)
+    shake = poses.place_variance[k][frame] + lever[:, None] * poses.turn_variance[k][frame]
+    return 1 / z, spread / z**2, shake
 
 
 def _step(
