@@ -6,7 +6,7 @@ from scipy.spatial.distance import squareform
 
 from ..window import Floats
 from .frames import Frames
-from .sampling import distance_deviation
+from .sampling import deviation_from, distance_deviation
 from .tracks import Ints
 
 # Cuts of the dendrograms, in units of a pair's tolerance: from as rigid as the noise allows to loose.
@@ -60,10 +60,16 @@ def adopt(frames: Frames, bodies: list[Ints], strays: Ints) -> list[Ints]:
     strays
         intp [n], trajectories that belong to none.
     """
+    if not bodies:
+        return []
     found = []
-    for one in strays.tolist():
-        rows = frames.rows_of(np.array([one]))
-        distances = [float(_deviation(frames, np.append(rows[:1], body))[0, 1:].mean()) for body in bodies]
-        if distances:
-            found.append(np.sort(np.concatenate([bodies[int(np.argmin(distances))], rows])))
+    of = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+    rows = np.concatenate(bodies)
+    first = np.argsort(frames.owner, kind="stable")
+    first = first[np.searchsorted(frames.owner[first], strays)]
+    for one, row in zip(strays.tolist(), first.tolist(), strict=True):
+        deviation = deviation_from(frames.y, frames.w, row, rows)
+        deviation /= np.sqrt(frames.tolerance[row] + frames.tolerance[rows])
+        distances = np.bincount(of, np.nan_to_num(deviation, nan=_UNKNOWN)) / np.bincount(of)
+        found.append(np.union1d(bodies[int(np.argmin(distances))], frames.rows_of(np.array([one]))))
     return found

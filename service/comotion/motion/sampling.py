@@ -268,6 +268,15 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
 
 
 @compiled()
+def deviation_from(y: Floats, w: Floats, row: int, others: Ints) -> Floats:
+    """Those of one row's distance from each of others [n], float64 [n]."""
+    found = np.empty(len(others))
+    for k in range(len(others)):
+        found[k] = _deviation(y[row], y[others[k]], w[row], w[others[k]])
+    return found
+
+
+@compiled()
 def _deviation(a: Floats, b: Floats, wa: Floats, wb: Floats) -> float:
     count, shift, total, squares = 0, 0.0, 0.0, 0.0
     for f in range(len(wa)):

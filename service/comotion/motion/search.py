@@ -24,6 +24,8 @@ from .tracks import Ints
 # Candidates are compared on this many frames; what is chosen is fitted to all.
 _KEY_FRAMES = 50
 _ROUNDS = 2
+# Rows up to which a body may turn about itself unseen.
+_SMALL = 3
 # Where trajectories are many, most motions are out of the question for each after a look at every so
 # many frames.
 _FIRST_LOOK = 5
@@ -143,7 +145,8 @@ def _first(
 ) -> tuple[list[Body], Ints]:
     """Best of the previous hypotheses and the proposals, on few frames.
 
-    A proposal inside one hypothesis without anyone of `open_` bool [N] is no news.
+    A proposal inside one hypothesis without anyone of `open_` bool [N] is no news, and a body of more
+    than a pair takes up strays without being proposed to.
     """
     stride = max(len(frames.stamps) // _KEY_FRAMES, 1)
     few = _thinned(frames, stride) if stride > 1 else frames
@@ -153,7 +156,7 @@ def _first(
     strays = np.flatnonzero((before == NO_HYPOTHESIS) & few.alive & judged)
     kind = np.where(open_, NO_HYPOTHESIS, before)[frames.owner]
     proposed = propose(few, few.rows_of(few.alive & judged))
-    groups += adopt(few, groups, strays)
+    groups += adopt(few, groups if open_.all() else [r for r in groups if len(r) <= _SMALL], strays)
     groups += [r for r in proposed if (kind[r] == NO_HYPOTHESIS).any() or (kind[r] != kind[r[0]]).any()]
     bodies = [static_body(len(few.stamps)), *(fit(few, rows) for rows in groups)]
     found = costs(few, bodies, config, len(frames.stamps) / len(few.stamps))
