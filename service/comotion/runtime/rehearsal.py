@@ -14,8 +14,10 @@ from comotion_schemas import ObservationBatch
 from ..config import FusionConfig
 from ..fusion import Fusion
 
-_SPACES = (("m", 3), ("m", 2), ("px", 2))
-_FEATURES = 10
+# Unit, dimension, features of a body and sources: in one of them so many that a panel speaks for them,
+# some with an orientation.
+_SPACES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 10, 1))
+_POSED = 3
 _RATE = 15
 _FRAMES = 36
 _FRAMES_PER_UPDATE = 6
@@ -28,39 +30,47 @@ def rehearse(config: FusionConfig) -> Iterator[None]:
 
     In each, two bodies move before a third that rests; features die and are born.
     """
-    for unit, dim in _SPACES:
+    for unit, dim, features, sources in _SPACES:
         fusion = Fusion(config)
         rng = np.random.default_rng(1)
-        bodies = rng.uniform(-0.3, 0.3, (3, _FEATURES, dim))
+        bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
         for frame in range(_FRAMES):
-            batch = _batch(bodies, frame, unit, rng.normal(0, 0.002, bodies.shape))
-            fusion.ingest(batch)
+            positions = _moved(bodies, frame) + rng.normal(0, 0.002, bodies.shape)
+            for source in range(sources):
+                batch = _batch(positions[:, source::sources], frame, unit, source)
+                fusion.ingest(batch)
             if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1:
                 fusion.update(batch.stamp_ns)
                 yield
 
 
-def _batch(
-    bodies: NDArray[np.float64], frame: int, unit: str, noise: NDArray[np.float64]
-) -> ObservationBatch:
-    positions = bodies + noise
+def _moved(bodies: NDArray[np.float64], frame: int) -> NDArray[np.float64]:
+    positions = bodies.copy()
     for body, direction in ((1, 1.0), (2, -1.0)):
         angle = direction * 0.05 * frame
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         positions[body, :, :2] = positions[body, :, :2] @ turn.T + [direction * (0.6 - 0.02 * frame), 0.4]
+    return positions
+
+
+def _batch(positions: NDArray[np.float64], frame: int, unit: str, source: int) -> ObservationBatch:
+    """Of bodies' features, float64 [3, n, dim]."""
+    dim = positions.shape[2]
+    positions = positions.reshape(-1, dim)
     # Every feature is replaced once, body by body at different times.
-    life = (frame + np.arange(positions.shape[0] * _FEATURES)) // _FRAMES
-    ids = np.arange(len(life)) + len(life) * life
-    scale = _PIXELS_PER_METRE if unit == "px" else 1.0
-    stamp_ns = _START_NS + frame * 1_000_000_000 // _RATE
+    ids = np.arange(len(positions), dtype=np.uint64)
+    ids += len(ids) * ((frame + ids) // _FRAMES)
+    quaternions = np.full((len(positions), 4), np.nan, np.float32)
+    quaternions[:_POSED] = [0, 0, 0, 1]
     return ObservationBatch(
-        source="rehearsal",
+        source=f"rehearsal-{source}",
         session="0" * 16,
         seq=frame,
         space=unit,
         unit=unit,  # type: ignore[arg-type]
-        dim=bodies.shape[2],
-        stamp_ns=stamp_ns,
+        dim=dim,
+        stamp_ns=_START_NS + frame * 1_000_000_000 // _RATE,
         ids=ids,
-        positions=(scale * positions.reshape(-1, bodies.shape[2])).astype(np.float32),
+        positions=(positions * (_PIXELS_PER_METRE if unit == "px" else 1.0)).astype(np.float32),
+        quaternions=quaternions if source else None,
     )

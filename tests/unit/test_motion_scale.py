@@ -1,0 +1,187 @@
+"""The rigid-motion method on many trajectories: bounded work must find what all of it would."""
+
+import sys
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion, FusionConfig
+from comotion.motion import panel as panels
+from comotion.motion import search as searching
+from comotion.motion.bodies import costs, static_body
+from comotion.motion.config import MotionConfig
+from comotion.motion.frames import Frames
+from comotion.runtime.rehearsal import rehearse
+from comotion_clients.metrics import nmi
+from comotion_experiments.offline import run_offline
+from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_sources import simulator
+
+RATE = 15
+START = 10**12
+
+
+class Crowd:
+    """Features at rest and on bodies that turn and travel, a few replaced at every frame."""
+
+    def __init__(self, count, bodies, late=0.0, seed=0, sigma=(0.001, 0.003)):
+        self.rng = np.random.default_rng(seed)
+        self.truth = np.where(np.arange(count) % 2 == 0, 0, 1 + np.arange(count) // 2 % max(bodies, 1))
+        self.truth *= bodies > 0
+        self.late = np.zeros(bodies + 1)
+        self.late[bodies] = late
+        self.way = self.rng.normal(0, 0.15, (bodies + 1, 3))
+        self.spin = self.rng.normal(0, 0.5, (bodies + 1, 3))
+        self.home = self.rng.uniform(-1, 1, (bodies + 1, 3))
+        self.place = self._places(self.truth)
+        self.sigma = self.rng.uniform(*sigma, (count, 1))
+        self.ids = np.arange(count)
+
+    def _places(self, truth):
+        spread = np.where(truth[:, None] == 0, 2.0, 0.15)
+        return self.rng.uniform(-1, 1, (len(truth), 3)) * spread
+
+    def batch(self, frame):
+        gone = np.flatnonzero(self.rng.random(len(self.ids)) < 0.002)
+        self.place[gone] = self._places(self.truth[gone])
+        self.ids[gone] = self.ids.max() + 1 + np.arange(len(gone))
+        x = self.place.copy()
+        for k in range(1, len(self.home)):
+            mine, t = self.truth == k, max(frame / RATE - self.late[k], 0.0)
+            x[mine] = Rotation.from_rotvec(self.spin[k] * t).apply(x[mine]) + self.home[k] + self.way[k] * t
+        x += self.rng.normal(size=x.shape) * self.sigma
+        return ObservationBatch(
+            source="crowd",
+            session="0" * 16,
+            seq=frame,
+            space="world",
+            unit="m",
+            dim=3,
+            stamp_ns=START + frame * 10**9 // RATE,
+            ids=self.ids.copy(),
+            positions=x.astype(np.float32),
+        )
+
+    def truth_of(self, update):
+        of = dict(zip(self.ids.tolist(), self.truth.tolist(), strict=True))
+        return np.array([of.get(int(i), -1) for i in update.track_id])
+
+
+def updates_of(crowd, seconds, every=5):
+    """(frame, update, truth) of a crowd, three times a second."""
+    fusion = Fusion(FusionConfig())
+    for frame in range(int(seconds * RATE)):
+        batch = crowd.batch(frame)
+        fusion.ingest(batch)
+        if frame % every == every - 1:
+            update = fusion.update(batch.stamp_ns)
+            yield frame, update, crowd.truth_of(update)
+
+
+def test_two_thousand_are_grouped_and_a_late_mover_is_found():
+    crowd = Crowd(2000, 6, late=2.0)
+    for frame, update, truth in updates_of(crowd, 3.4):
+        labels, known = update.track_hypothesis, truth >= 0
+        if frame / RATE > 1.5:
+            moving = known & (truth != 6)
+            assert nmi(labels[moving], truth[moving]) > 0.99
+        if 1.0 < frame / RATE < 2.0:
+            # At rest still, which only its motion could tell.
+            assert len(set(labels[known & ((truth == 6) | (truth == 0))].tolist())) == 1
+    assert len(update.hypotheses) == 7
+    assert nmi(labels[known], truth[known]) > 0.99
+
+
+def test_a_crowd_at_rest_is_one_hypothesis_however_noise_differs():
+    for frame, update, _ in updates_of(Crowd(1200, 0, sigma=(0.0005, 0.01)), 4.0):
+        if frame > RATE:
+            assert len(update.hypotheses) == 1
+            assert (update.track_hypothesis != UNDETERMINED).mean() > 0.99
+
+
+def test_same_batches_give_the_same_updates_bit_for_bit_with_a_panel_too():
+    once, again = ([u for _, u, _ in updates_of(Crowd(400, 4), 2.0)] for _ in range(2))
+    for a, b in zip(once, again, strict=True):
+        np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
+        np.testing.assert_array_equal(a.track_confidence, b.track_confidence)
+        assert a.hypotheses == b.hypotheses
+
+
+@pytest.mark.parametrize("scene", ["3d_4", "fig4_4"])
+def test_a_panel_finds_what_everybody_would(scene, monkeypatch):
+    spec = simulator.load_scene(scene)
+
+    def score():
+        stream = simulator.batches(simulator.simulate(spec, seed=0))
+        return run_offline(stream, FusionConfig(), period=1 / 3, duration=4).nmi
+
+    everybody = score()
+    monkeypatch.setattr(panels, "FEW", 40)
+    monkeypatch.setattr(panels, "_SPEAKERS", 20)
+    asked = []
+    monkeypatch.setattr(searching, "panel", lambda *a: asked.append(panels.panel(*a)) or asked[-1])
+    assert np.nanmean(score()) > np.nanmean(everybody) - 0.02
+    assert sum(chosen is not None for chosen in asked) > len(asked) / 2
+
+
+def frames_of(count, length, seed=0):
+    rng = np.random.default_rng(seed)
+    w = np.ones((count, length))
+    w[:: count // 8, : length // 2] = 0.0
+    variance = np.full(count, 1e-6)
+    y = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, 1e-3, (count, length, 3))
+    steps = np.cumsum(rng.normal(0, 0.01, (length, 3)), 0)
+    y[: count // 2] += steps
+    stamps = np.arange(length, dtype=np.int64) * (10**9 // RATE)
+    owner, life = np.arange(count), (w > 0).sum(1)
+    alive, ones = np.ones(count, np.bool_), np.ones(count)
+    return Frames(3, stamps, y, w, owner, ones, variance, variance, life, alive), steps
+
+
+def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
+    frames, steps = frames_of(80, 60)
+    still = static_body(60)
+    rides = type(still)(np.arange(40), frames.y[:40, 0], still.R, steps, still.posed, 6)
+    exact = costs(frames, [still, rides], MotionConfig()).body
+    rough = costs(frames, [still, rides], MotionConfig(), stride=5).body
+    least = exact.argmin(1)
+    rows = np.arange(len(exact))
+    np.testing.assert_array_equal(rough.argmin(1), least)
+    np.testing.assert_array_equal(rough[rows, least], exact[rows, least])
+    assert (rough[rows, 1 - least] > 3 * exact[rows, least]).all()
+    assert (rough != exact).any()
+
+
+def test_a_panel_is_bounded_and_seats_who_is_strange():
+    frames, _ = frames_of(1000, 20)
+    newest, judged = frames.y[:, -1].copy(), np.ones(1000, np.bool_)
+    before, strange = np.arange(1000) % 7, np.zeros(1000)
+    odd = np.arange(3, 1000, 50)
+    strange[odd] = 100.0
+    chosen = panels.panel(frames, newest, before, strange, judged)
+    assert chosen is not None
+    assert len(chosen) <= panels.FEW
+    assert np.isin(odd, chosen).all()
+    assert set(before[chosen]) == set(range(7))
+    everyone_new = panels.panel(frames, newest, np.full(1000, -1), strange, judged)
+    assert everyone_new is not None
+    assert len(everyone_new) == panels.FEW
+
+
+def test_after_a_rehearsal_nothing_is_left_to_compile():
+    assert sum(1 for _ in rehearse(FusionConfig())) > 0
+    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
+    before = {one: len(kernel.signatures) for one, kernel in kernels.items()}
+    for crowd in (Crowd(30, 2), Crowd(300, 3)):
+        assert any(len(update.hypotheses) > 1 for _, update, _ in updates_of(crowd, 1.4))
+    run_offline(
+        simulator.batches(simulator.simulate(simulator.load_scene("3d_pose"), seed=0)),
+        FusionConfig(),
+        period=1 / 3,
+        duration=2,
+    )
+    compiled = [k.py_func.__name__ for one, k in kernels.items() if len(k.signatures) != before[one]]
+    assert compiled == []
