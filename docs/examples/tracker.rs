@@ -3,7 +3,7 @@
 //!     rustc -O tracker.rs -o tracker
 //!
 //! Each batch goes to standard output after its length (four bytes, little-endian). With the crate
-//! `zenoh`, `send` is one line:
+//! `zenoh` (and `use zenoh::Wait`), `send` is one line:
 //!
 //!     let session = zenoh::open(config).wait()?;      // mode "client", connect to the router
 //!     let publisher = session
