@@ -7,6 +7,12 @@ import numba
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
+# A few tenths of a millisecond.
+_WORTH_WAKING = 300_000
+
+numba_range = numba.prange
+"""A range whose turns are shared out among the cores, in kernels compiled with ``parallel=True``."""
+
 
 def compiled(**options: Any) -> Callable[[Kernel], Kernel]:
     """Compile a function of arrays to machine code, kept on disk where that is possible."""
@@ -20,3 +26,18 @@ def compiled(**options: Any) -> Callable[[Kernel], Kernel]:
         return kernel
 
     return compile_
+
+
+class threads_for:  # noqa: N801
+    """Context in which one thread alone does what takes less time than waking the others."""
+
+    def __init__(self, operations: int) -> None:
+        self._alone = operations <= _WORTH_WAKING
+
+    def __enter__(self) -> None:
+        self._before = numba.get_num_threads()
+        if self._alone:
+            numba.set_num_threads(1)
+
+    def __exit__(self, *_: object) -> None:
+        numba.set_num_threads(self._before)

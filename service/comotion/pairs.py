@@ -1,68 +1,75 @@
 """Which distance samples of pairs come and go as the window changes: (3.2) and the set (3.5).
 
-At an instant at which trajectory i was observed, i and j have one distance sample if j was observed
-too, or if the instant lies inside a segment of j (between two observations of it) that is short
-enough to interpolate. So a new observation brings samples of two kinds: of itself against the states
-of others at its instant, and of the segment that it ends against the observations of others inside.
-Eviction takes away the same two kinds.
+Nothing is computed when an observation comes in: the samples that it brings follow from what the window
+holds and from how much of it has been taken in already. They are taken in all at once, with those
+that eviction takes away, when affinities are asked for: one pass over the sums of all pairs.
 """
 
-import math
+from typing import Any
 
 import numpy as np
-from scipy.spatial.distance import cdist, pdist
+from numpy.typing import NDArray
 
+from .affinity import Affinity, Matrix
 from .engine import Rows
-from .states import Insertions, States, instants, locate, observations_between, states_at
-from .sums import PairSums, each_pair
-from .window import Bools, Floats, Slots, Stamps, Window
+from .instants import Instants
+from .places import Places
+from .samples import EARLIEST, LATEST, TILE, Changing, Samples, sample
+from .states import Insertions, instants, locate
+from .sums import PairSums
+from .window import Floats, Slots, Stamps, Window
 
 _MIN_OBSERVATIONS = 2
-# ε of (3.2), in units of v_move².
-_REST = 1e-3
-_EARLIEST = np.iinfo(np.int64).min
-# Samples computed at once: bounds the memory that a slow source of many features takes.
-_MOST_AT_ONCE = 1_000_000
-
-
-def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
-    """Weight of (3.2), w = 1 − exp(−λ(v² + ε)) with λ = −ln(1 − 0.9)/v_move²; 1 where `v_move` is None."""
-    if v_move is None:
-        return np.ones_like(speed)
-    return -np.expm1(math.log(0.1) * ((speed / v_move) ** 2 + _REST))
+_MIN_SAMPLES = 2
+_NEVER = EARLIEST
+# Instants whose samples are worked out at once: bounds the memory that this takes.
+_MOST_AT_ONCE = 64
+# Rounding adds up over hours: a tile is summed anew at every so many updates, one after the other.
+_UPDATES_PER_RECOUNT = 10
 
 
 class Pairs:
     """Keeps the sums of all pairs of trajectories in step with the window.
 
     A trajectory takes part from its second observation on: with one it has at most one sample with
-    any other, which cannot be compared, and its speed is not known yet.
+    any other, which cannot be compared, and its speed is not known yet. One that its source has
+    given up takes part no more.
 
     Parameters
     ----------
     v_move
         Speed of λ in (3.2), in the space's unit per second; None: equal weights.
+    dtype
+        Precision of the sums: float32, or float64.
     """
 
-    def __init__(self, v_move: float | None) -> None:
+    def __init__(self, v_move: float | None, dtype: type[np.floating[Any]] = np.float32) -> None:
         self._v_move = v_move
-        self.sums = PairSums()
+        self._sums = PairSums(dtype)
+        self._places = Places()
+        # Newest observation of each slot whose samples have been taken in.
+        self._known: Stamps = np.zeros(0, np.int64)
+        self._waiting: list[Samples] = []
+        self._instants = Instants()
+        self._reads = 0
+        self._matrix: Matrix = np.zeros((0, 0), np.float32)
 
     def observed(self, window: Window, rows: Rows) -> None:
-        """Take in observations that have just been stored."""
-        self.sums.fit(window.capacity)
+        """Take note of observations that have just been stored."""
+        self._fit(window)
         slots, stamp = rows.slots, rows.stamp_ns
-        index = locate(window, slots, stamp)
-        newest = index == window.stop[slots] - 1
+        self._instants.add(stamp)
+        late = slots[window.times[slots, window.stop[slots] - 1] > stamp]
+        if not len(late):
+            return
+        index = locate(window, late, stamp)
         # One next to the first changes what the first's speed is.
-        early = ~newest & (index < window.start[slots] + 2)
-        middle = ~newest & ~early
-        late = Insertions.at(window, slots[middle], index[middle]) if middle.any() else None
-        self._extend(window, slots[newest & (window.counts(slots) >= _MIN_OBSERVATIONS)], stamp, late)
-        if late is not None:
-            self._sweep(window, late.slots, late.t_left, late.t_right, sign=-1, late=late)
-            self._sweep(window, late.slots, late.t_left, late.t_right)
-        self.rebuild(window, slots[early])
+        early = index < window.start[late] + 2
+        self._restart(late[early])
+        # Of later ones that have not been taken in yet, it is one more of those.
+        between = ~early & (self._known[late] > stamp)
+        if between.any():
+            self._insert(window, Insertions.at(window, late[between], index[between]))
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -70,186 +77,206 @@ class Pairs:
         Those are its own samples, and those of others after it up to its next observation: the
         common interval begins there now.
         """
-        self.sums.fit(window.capacity)
-        self.sums.note_peak()
+        self._take_in(window)
+        part = self._known[slots] != _NEVER
+        slots, counts = slots[part], counts[part]
         stay = window.counts(slots) - counts >= _MIN_OBSERVATIONS
         if stay.any():
             self._shorten(window, slots[stay], counts[stay])
-        self.sums.forget(slots[~stay])
+        self._restart(slots[~stay])
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories."""
-        self.sums.forget(slots)
+        slots = slots[slots < len(self._known)]
+        self._restart(slots)
+        self._places.release(slots)
 
     def rebuild(self, window: Window, slots: Slots) -> None:
         """Compute all samples of trajectories anew from the window."""
-        self.sums.fit(window.capacity)
-        self.sums.forget(slots)
-        slots = slots[window.counts(slots) >= _MIN_OBSERVATIONS]
-        first, last = window.times[slots, window.start[slots]], window.times[slots, window.stop[slots] - 1]
-        self._sweep(window, slots, first - 1, last)
+        self._fit(window)
+        self._instants.learn(instants(window, slots, EARLIEST, LATEST - 1))
+        self._restart(slots)
 
-    def variance(self, window: Window, slots: Slots) -> tuple[Floats, Bools]:
+    def affinity(self, window: Window, slots: Slots, sigma_switch: float) -> Affinity:
+        """Affinity (3.4) of each pair of `slots`, exp(−γσ²) with γ = −ln 0.5 / sigma_switch².
+
+        Parameters
+        ----------
+        window
+            Where the trajectories are.
+        slots
+            intp [n].
+        sigma_switch
+            Standard deviation at which the affinity is 0.5, in the unit of the distances.
+
+        Returns
+        -------
+        Affinity
+            Of `slots`; 0.5 for pairs with fewer than two common samples. Overwritten by the next call.
+        """
+        self._take_in(window)
+        self._give_places(window, slots)
+        width = self._sums.blocks * TILE
+        if len(self._matrix) < width:
+            self._matrix = np.empty((width, width), np.float32)
+        rounded = self._sums.add_and_compare(self._pop(), sigma_switch, self._matrix)
+        self._reads += 1
+        if self._reads % _UPDATES_PER_RECOUNT == 0 and self._sums.tiles:
+            rounded = np.union1d(rounded, [self._reads // _UPDATES_PER_RECOUNT % self._sums.tiles])
+        if len(rounded):
+            self._recount(window, rounded)
+            self._sums.compare(rounded, sigma_switch, self._matrix)
+        np.fill_diagonal(self._matrix, 1.0)
+        return Affinity(self._matrix, self._places.of[slots])
+
+    def variance(self, window: Window, slots: Slots) -> tuple[Floats, NDArray[np.int64]]:
         """Weighted variance of the distance (3.3) of each pair of `slots`.
 
         Returns
         -------
         variance
-            float64 [n, n], the space's unit squared; 0 where not comparable.
-        comparable
-            bool [n, n]; whether a pair has the two samples that a variance takes.
+            float64 [n, n], the space's unit squared; 0 where there are fewer than two samples.
+        samples
+            int64 [n, n]: common samples of each pair.
         """
-        self.sums.fit(window.capacity)
-        variance, comparable, drowned = self.sums.read(slots)
-        if drowned.any():
-            self.rebuild(window, slots[_cover(drowned)])
-            variance, comparable, _ = self.sums.read(slots)
-        return variance, comparable
+        self._take_in(window)
+        self._recount(window, self._sums.add(self._pop()))
+        n, placed = len(slots), np.flatnonzero(self._places.of[slots] >= 0)
+        variance, samples = np.zeros((n, n)), np.zeros((n, n), np.int64)
+        places = self._places.of[slots[placed]]
+        *found, rounded = self._sums.read(places)
+        if len(rounded):
+            self._recount(window, rounded)
+            *found, _ = self._sums.read(places)
+        variance[np.ix_(placed, placed)], samples[np.ix_(placed, placed)] = found
+        return variance, samples
 
-    def _extend(self, window: Window, slots: Slots, stamp_ns: int, late: Insertions | None) -> None:
-        """Add what the newest observation of each slot brings; its second brings the first one in."""
-        if not len(slots):
+    def _fit(self, window: Window) -> None:
+        extra = window.capacity - len(self._known)
+        self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
+        self._places.fit(window.capacity)
+
+    def _restart(self, slots: Slots) -> None:
+        """Drop the samples of trajectories; those that the window still holds come in again."""
+        self._known[slots] = _NEVER
+        places = self._places.of[slots]
+        places = places[places >= 0]
+        self._sums.forget(places)
+        for samples in self._waiting:
+            samples.drop(places[places < samples.places])
+
+    def _taking_part(self, window: Window) -> Slots:
+        lasting = window.used & ~window.ended
+        return np.flatnonzero(lasting & (window.stop - window.start >= _MIN_OBSERVATIONS))
+
+    def _take_in(self, window: Window) -> None:
+        """Note the samples that observations have brought since the last time."""
+        self._fit(window)
+        self.forget(np.flatnonzero(window.ended & (self._places.of >= 0)))
+        slots = self._taking_part(window)
+        newest = window.times[slots, window.stop[slots] - 1]
+        fresh = newest > self._known[slots]
+        if not fresh.any():
             return
-        left = window.stop[slots] - 2
-        self._add_segments(window, slots, left, 1)
-        self._add_points(window, slots, stamp_ns, 1, late=late)
-        begun = window.times[slots, left]
-        young = left == window.start[slots]
-        for first in np.unique(begun[young]).tolist():
-            # What lies inside a segment that is new as well has come with that segment.
-            inside = slots[begun < first]
-            self._add_points(window, slots[young & (begun == first)], first, 1, late=late, without=inside)
+        self._give_places(window, slots[fresh])
+        who = Changing.of(slots, self._places.of[slots])
+        who.after[fresh] = self._begun(window, slots[fresh])
+        first, last = int(who.after[fresh].min()), int(newest[fresh].max())
+        self._wait(window, who, self._instants.between(first, last), 1)
+        self._known[slots] = np.maximum(self._known[slots], newest)
+
+    def _give_places(self, window: Window, slots: Slots) -> None:
+        self._places.take(slots, window.source[slots])
+        self._sums.fit(self._places.blocks)
+
+    def _begun(self, window: Window, slots: Slots) -> Stamps:
+        """From when on (exclusive) the states of slots have not been taken in."""
+        known = self._known[slots]
+        index = locate(window, slots, known) + 1
+        begun = window.times[slots, index]
+        # The segment that ends with the first new observation is new as well.
+        follows = (index > window.start[slots]) & (known != _NEVER)
+        follows[follows] = begun[follows] - known[follows] <= window.gap_ns
+        return np.where(follows, known, begun - 1)
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
-        """Take out what the oldest observations of each slot have brought."""
+        """Note the samples that go with the oldest observations of each slot."""
+        part = self._taking_part(window)
+        who = Changing.of(part, self._places.of[part])
         first = window.start[slots]
-        left = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-        self._add_segments(window, np.repeat(slots, counts), left, -1)
-        begin = window.times[slots, first + counts]
-        for stamp in instants(window, slots, _EARLIEST, int(begin.max()) - 1).tolist():
-            inside = slots[stamp < begin]
-            here = inside[window.times[inside, locate(window, inside, stamp)] == stamp]
-            self._add_points(window, here, stamp, -1, without=inside)
+        begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
+        until = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
+        who.until[:] = EARLIEST
+        rows = np.searchsorted(part, slots)
+        who.after[rows], who.until[rows] = EARLIEST, until
+        oldest = int(window.times[slots, first].min())
+        self._instants.drop(oldest)
+        stamps = self._instants.between(oldest - 1, int(until.max()))
+        self._wait(window, who, stamps, -1)
 
-    def _add_points(
+    def _insert(self, window: Window, late: Insertions) -> None:
+        """Note what changes with observations that came between two that have been taken in."""
+        slots = self._taking_part(window)
+        slots = slots[self._known[slots] != _NEVER]
+        who = Changing.of(slots, self._places.of[slots])
+        who.known[:] = self._known[slots]
+        rows = np.searchsorted(slots, late.slots)
+        who.after[rows], who.until[rows] = late.t_left, late.t_right
+        stamps = self._instants.between(int(late.t_left.min()), int(late.t_right.max()))
+        self._wait(window, who, stamps, -1, late)
+        self._wait(window, who, stamps, 1)
+
+    def _wait(
+        self, window: Window, who: Changing, stamps: Stamps, sign: int, late: Insertions | None = None
+    ) -> None:
+        """Have samples wait for the next pass over the sums; many go there at once."""
+        for k in range(0, len(stamps), _MOST_AT_ONCE):
+            if sum(len(samples) for samples in self._waiting) >= _MOST_AT_ONCE:
+                self._sums.add(self._pop())
+            width = self._sums.blocks * TILE
+            part = stamps[k : k + _MOST_AT_ONCE]
+            self._waiting.append(self._sample(window, who, part, sign, width, late))
+
+    def _sample(
         self,
         window: Window,
-        slots: Slots,
-        stamp_ns: int,
+        who: Changing,
+        stamps: Stamps,
         sign: int,
-        *,
+        width: int,
         late: Insertions | None = None,
-        without: Slots | None = None,
-    ) -> None:
-        """Samples of observations made at one instant against the states of others there.
+    ) -> Samples:
+        return sample(
+            window,
+            who,
+            stamps,
+            sign=sign,
+            v_move=self._v_move,
+            places=width,
+            dtype=self._sums.dtype,
+            late=late,
+        )
 
-        Not against the interpolated states of `without`; with `late`, against the states before its
-        observations came.
-        """
-        if not len(slots):
-            return
-        others = _taking_part(window)
-        states = states_at(window, others, stamp_ns)
-        if late is not None:
-            late.undo(states, np.searchsorted(others, late.slots), stamp_ns, window.gap_ns)
-        if without is not None:
-            rows = np.searchsorted(others, without)
-            states.held[rows] &= states.observed[rows]
-        changing = np.zeros(len(others), np.bool_)
-        changing[np.searchsorted(others, slots)] = True
-        self._add_instant(others, states, changing, sign)
+    def _pop(self) -> Samples:
+        width = self._sums.blocks * TILE
+        waiting = [samples.widened(width) for samples in self._waiting]
+        self._waiting.clear()
+        return Samples.joined(waiting) if waiting else Samples.none(width, self._sums.dtype)
 
-    def _add_segments(self, window: Window, slots: Slots, left: Slots, sign: int) -> None:
-        """Samples of observations of others inside the segments that begin at `left` of each slot."""
-        begin, end = window.times[slots, left], window.times[slots, left + 1]
-        short = end - begin <= window.gap_ns
-        others = _taking_part(window)
-        for start in np.unique(begin[short]).tolist():
-            chosen = np.flatnonzero(short & (begin == start))
-            those, index = observations_between(window, others, start, int(end[chosen].max()))
-            if not len(those):
-                continue
-            step = max(1, _MOST_AT_ONCE // len(those))
-            for k in range(0, len(chosen), step):
-                part = chosen[k : k + step]
-                self._add_inside(window, slots[part], left[part], those, index, sign)
-
-    def _add_inside(
-        self, window: Window, slots: Slots, left: Slots, those: Slots, index: Slots, sign: int
-    ) -> None:
-        """Samples between segments (n) and observations (m, by slot), where one is inside the other."""
-        begin, end = window.times[slots, left, None], window.times[slots, left + 1, None]
-        stamps = window.times[those, index]
-        inside = (begin < stamps) & (stamps < end)
-        fraction = (stamps - begin) / (end - begin)
-        start, goal = window.positions[slots, left], window.positions[slots, left + 1]
-        there = window.positions[those, index]
-        square = np.zeros(inside.shape)
-        for c in range(window.dim):
-            square += (start[:, c, None] + fraction * (goal - start)[:, c, None] - there[:, c]) ** 2
-        # The speed at an interpolated instant is that of the segment.
-        mine = velocity_weight(window.speed[slots, left + 1], self._v_move)
-        theirs = velocity_weight(window.speed[those, index], self._v_move)
-        unique, runs = np.unique(those, return_index=True)
-        pairs = self.sums.at(slots[:, None], unique)
-        self.sums.add_runs(pairs, runs, np.sqrt(square), np.maximum.outer(mine, theirs), inside, sign)
-
-    def _sweep(
-        self,
-        window: Window,
-        slots: Slots,
-        after: Stamps,
-        until: Stamps,
-        *,
-        sign: int = 1,
-        late: Insertions | None = None,
-    ) -> None:
-        """Add or take out the samples of slots at all instants in (after, until] of each.
-
-        With `late`, the states are those before its observations came.
-        """
-        if not len(slots):
-            return
-        others = _taking_part(window)
-        rows = np.searchsorted(others, slots)
-        for stamp in instants(window, others, int(after.min()), int(until.max())).tolist():
-            states = states_at(window, others, stamp)
-            if late is not None:
-                late.undo(states, np.searchsorted(others, late.slots), stamp, window.gap_ns)
-            changing = np.zeros(len(others), np.bool_)
-            changing[rows[(after < stamp) & (stamp <= until)]] = True
-            self._add_instant(others, states, changing, sign)
-
-    def _add_instant(self, slots: Slots, states: States, changing: Bools, sign: int) -> None:
-        """One sample for each pair of held states of which one is observed and one is changing."""
-        weight = velocity_weight(states.speed, self._v_move)
-        seen = np.flatnonzero(changing & states.observed)
-        filled = np.flatnonzero(changing & states.held & ~states.observed)
-        rest = states.held & ~changing
-        around = np.concatenate([filled, np.flatnonzero(rest)])
-        witnesses = np.flatnonzero(rest & states.observed)
-        # One exponential per state: w is monotonic in v, so the faster of two has the larger.
-        if len(seen) > 1:
-            i, j = each_pair(len(seen))
-            w = np.maximum(weight[seen[i]], weight[seen[j]])
-            pairs = self.sums.at(slots[seen[i]], slots[seen[j]])
-            self.sums.add(pairs, pdist(states.position[seen]), w, sign)
-        for these, those in ((seen, around), (filled, witnesses)):
-            if len(these) and len(those):
-                w = np.maximum.outer(weight[these], weight[those])
-                d = cdist(states.position[these], states.position[those])
-                self.sums.add(self.sums.at(slots[these, None], slots[those]), d, w, sign)
-
-
-def _taking_part(window: Window) -> Slots:
-    return np.flatnonzero(window.used & (window.stop - window.start >= _MIN_OBSERVATIONS))
-
-
-def _cover(pairs: Bools) -> list[int]:
-    """Few rows of a symmetric bool [n, n] that have a part in every pair marked."""
-    left, found = pairs.copy(), []
-    while left.any():
-        worst = int(left.sum(axis=0).argmax())
-        left[worst] = left[:, worst] = False
-        found.append(worst)
-    return found
+    def _recount(self, window: Window, tiles: Slots) -> None:
+        """Sum tiles anew from the window, of which everything has been taken in."""
+        everyone = self._taking_part(window)
+        places = self._places.of[everyone]
+        for tile in tiles.tolist():
+            row, column = self._sums.recount(tile)
+            here = (places // TILE == row) | (places // TILE == column)
+            slots = everyone[here]
+            offset = TILE if column != row else 0
+            inside = places[here] % TILE + np.where(places[here] // TILE == row, 0, offset)
+            who = Changing.of(slots, inside)
+            who.after[:] = EARLIEST
+            stamps = self._instants.between(EARLIEST, LATEST)
+            # The newest first, for their distance becomes the shift.
+            for k in reversed(range(0, len(stamps), _MOST_AT_ONCE)):
+                part = stamps[k : k + _MOST_AT_ONCE]
+                self._sums.add_to(tile, self._sample(window, who, part, 1, TILE + offset))

@@ -1,8 +1,11 @@
 """Where trajectories are at an instant: f_i(t) of the thesis, between observations as at them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .window import Bools, Floats, Slots, Stamps, Window
 
@@ -119,16 +122,26 @@ class Insertions:
             slots, t_left, t_right, x_left, x_right, np.linalg.norm(x_right - x_left, axis=1) / seconds
         )
 
-    def undo(self, states: States, rows: Slots, stamp_ns: int, gap_ns: int) -> None:
-        """Put the states at a time back to what they were before the insertion.
+    def undo(self, states: Sequence[NDArray[Any]], places: Slots, stamps: Stamps, gap_ns: int) -> None:
+        """Put states back to what they were before the insertion.
 
-        `rows` [n] says where in `states` the slots are.
+        Parameters
+        ----------
+        states
+            Position [T, 3, P], speed [T, P], held and observed, bool [T, P].
+        places
+            intp [n]: where in `states` the slots are.
+        stamps
+            int64 [T], of the states.
+        gap_ns
+            Longest time to interpolate across.
         """
-        inside = (self.t_left < stamp_ns) & (stamp_ns <= self.t_right)
-        rows, left, right = rows[inside], self.t_left[inside], self.t_right[inside]
-        span = right - left
-        fraction = ((stamp_ns - left) / span)[:, None]
-        states.position[rows] = self.x_left[inside] + fraction * (self.x_right - self.x_left)[inside]
-        states.speed[rows] = self.speed[inside]
-        states.observed[rows] = stamp_ns == right
-        states.held[rows] = states.observed[rows] | (span <= gap_ns)
+        position, speed, held, observed = states
+        t, n = np.nonzero((self.t_left < stamps[:, None]) & (stamps[:, None] <= self.t_right))
+        p, left, right = places[n], self.t_left[n], self.t_right[n]
+        fraction = ((stamps[t] - left) / (right - left))[:, None]
+        dim = self.x_left.shape[1]
+        position[t, :dim, p] = self.x_left[n] + fraction * (self.x_right - self.x_left)[n]
+        speed[t, p] = self.speed[n]
+        observed[t, p] = stamps[t] == right
+        held[t, p] = observed[t, p] | (right - left <= gap_ns)

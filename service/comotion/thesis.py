@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Hypothesis
 
-from .affinity import affinity_matrix, mean_to_members
+from .affinity import Affinity
 from .clustering import make_clustering
 from .config import FusionConfig
 from .engine import NO_HYPOTHESIS, IdAllocator, Partition, Rows, SpaceSpec
@@ -52,7 +52,7 @@ class ThesisEngine:
         self._label: NDArray[np.int64] = np.zeros(0, np.int64)
         self._born_ns: dict[int, int] = {}
         self._before = Membership.empty()
-        self._affinity: NDArray[np.float32] = np.zeros((0, 0), np.float32)
+        self._affinity = Affinity.of(np.zeros((0, 0)))
 
     def observed(self, window: Window, rows: Rows) -> None:
         """One instant of one source has been stored."""
@@ -71,10 +71,9 @@ class ThesisEngine:
     def update(self, window: Window, current: Slots, stamp_ns: int) -> Partition:
         """Partition the current trajectories."""
         self._fit(window.capacity)
-        variance, comparable = self._pairs.variance(window, current)
-        affinity = affinity_matrix(variance, comparable, self._sigma_switch)
-        self._affinity = affinity.astype(np.float32)
-        labels = propagate(self._label[current], self._cluster(affinity), self._ids.next)
+        self._affinity = affinity = self._pairs.affinity(window, current, self._sigma_switch)
+        clusters = self._cluster(affinity)
+        labels = propagate(self._label[current], clusters.labels, self._ids.next)
         self._relabel(window, current, labels)
         after = self._membership(window)
         events = changes(stamp_ns, self._before, after)
@@ -82,11 +81,11 @@ class ThesisEngine:
         alive = np.unique(after.labels).tolist()
         self._born_ns = {h: self._born_ns.get(h, stamp_ns) for h in alive}
         hypotheses = self._describe(window, current, labels)
-        return Partition(labels, mean_to_members(affinity, labels), hypotheses, events)
+        return Partition(labels, clusters.cohesion, hypotheses, events)
 
     def affinity(self) -> NDArray[np.float32]:
         """Affinity [n, n] of the last update's trajectories."""
-        return self._affinity
+        return self._affinity.dense()
 
     def state(self, window: Window) -> dict[str, Any]:
         """Labels of all trajectories, and since when there are the hypotheses."""

@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import KMeans
 
+from comotion.affinity import Affinity
 from comotion.clustering import by_appearance, make_clustering
+from comotion.clustering.block import Block
 from comotion.clustering.divisive_kmeans import halve
 
 DIVISIVE = "divisive-kmeans"
@@ -25,7 +27,7 @@ def blocks(sizes, inside=0.9, outside=0.05, noise=0.03, seed=0):
 
 
 def cluster(name, affinity):
-    return make_clustering(name, STOP)(np.asarray(affinity, float))
+    return make_clustering(name, STOP)(Affinity.of(affinity)).labels
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -72,7 +74,7 @@ def test_pairs_that_cannot_be_compared_do_not_divide():
 
 
 def test_an_affinity_at_the_stop_divides_and_one_above_does_not():
-    at, above = np.eye(2) + STOP * (1 - np.eye(2)), np.eye(2) + (STOP + 1e-9) * (1 - np.eye(2))
+    at, above = np.eye(2) + STOP * (1 - np.eye(2)), np.eye(2) + (STOP + 1e-6) * (1 - np.eye(2))
     assert cluster(DIVISIVE, at).tolist() == [0, 1]
     assert cluster(DIVISIVE, above).tolist() == [0, 0]
 
@@ -127,9 +129,28 @@ def test_the_first_split_is_as_good_as_that_of_ten_random_starts(seed):
     rng = np.random.default_rng(seed)
     affinity, _ = blocks((14, 9, 6), inside=0.7, outside=0.3, noise=rng.uniform(0.05, 0.3), seed=seed)
     theirs = KMeans(2, n_init=10, random_state=0).fit(affinity)
-    second = halve(affinity)
+    second = halve(Block.of(Affinity.of(affinity))[0], affinity.sum(axis=1), np.zeros(len(affinity), bool))
     ours = sum(((half - half.mean(axis=0)) ** 2).sum() for half in (affinity[second], affinity[~second]))
     assert ours <= 1.02 * theirs.inertia_
+
+
+@pytest.mark.parametrize("name", [DIVISIVE, "eigengap"])
+def test_cohesion_is_the_mean_affinity_to_the_other_members(name):
+    affinity, truth = blocks((9, 7, 12))
+    found = make_clustering(name, STOP)(Affinity.of(affinity))
+    for k, label in enumerate(truth):
+        mates = (truth == label) & (np.arange(len(truth)) != k)
+        assert found.cohesion[k] == pytest.approx(affinity[k, mates].mean(), abs=1e-6)
+    alone = make_clustering(name, STOP)(Affinity.of(np.eye(1)))
+    assert alone.cohesion.tolist() == [0.5]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_first_guess_from_the_call_before_changes_nothing_about_the_answer(seed):
+    cluster = make_clustering(DIVISIVE, STOP)
+    for sizes in ((60, 30, 40), (60, 30, 40), (50, 50, 30), (130,), (20, 20, 20, 70)):
+        affinity, truth = blocks(sizes, seed=seed)
+        np.testing.assert_array_equal(cluster(Affinity.of(affinity)).labels, truth)
 
 
 def test_labels_are_numbered_by_appearance():

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from comotion.affinity import affinity_matrix, mean_to_members
-from comotion.pairs import velocity_weight
+from comotion.samples import velocity_weight
 
 from ..reference import thesis as literal
 from ..reference.side_by_side import MS, T0, SideBySide
@@ -24,24 +23,12 @@ def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
     assert velocity_weight(np.array([0.0, 3.0]), None).tolist() == [1.0, 1.0]
 
 
-def test_affinity_is_a_half_at_sigma_switch_and_for_what_cannot_be_compared():
-    variance = np.array([[0.0, 0.02**2, 0.0], [0.02**2, 0.0, 9.0], [0.0, 9.0, 0.0]])
-    comparable = np.array([[False, True, False], [True, False, True], [False, True, False]])
-    a = affinity_matrix(variance, comparable, sigma_switch=0.02)
-    np.testing.assert_allclose(a, [[1, 0.5, 0.5], [0.5, 1, 0], [0.5, 0, 1]], atol=1e-12)
-
-
-def test_confidence_is_the_mean_affinity_to_the_other_members():
-    a = np.array([[1, 0.8, 0.6, 0.1], [0.8, 1, 0.9, 0.1], [0.6, 0.9, 1, 0.1], [0.1, 0.1, 0.1, 1]])
-    np.testing.assert_allclose(mean_to_members(a, np.array([5, 5, 5, 9])), [0.7, 0.85, 0.75, 0.5])
-
-
 def test_the_variance_of_a_steady_departure_is_that_of_its_distances():
     both = SideBySide(2, None)
     for k in range(5):
         both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0 + 0.1 * k, 0.0)})
-    variance, comparable = both.pairs.variance(both.window, both.slots_of([0, 1]))
-    assert comparable[0, 1]
+    variance, samples = both.pairs.variance(both.window, both.slots_of([0, 1]))
+    assert samples[0, 1] == 5
     assert variance[0, 1] == pytest.approx(np.var([1.0, 1.1, 1.2, 1.3, 1.4]))
 
 
@@ -49,13 +36,13 @@ def test_an_instant_at_which_both_are_observed_is_one_sample():
     both = SideBySide(2, None)
     for k in range(4):
         both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0, 0.0)})
-    assert both.pairs.sums.samples[0, 1] == 4
+    assert both.samples(0, 1) == 4
     # The same instants, told one trajectory at a time.
     apart = SideBySide(2, None)
     for k in range(4):
         apart.observe(at(100 * k), {0: (0.0, 0.0)})
         apart.observe(at(100 * k), {1: (1.0, 0.0)})
-    assert apart.pairs.sums.samples[0, 1] == 4
+    assert apart.samples(0, 1) == 4
 
 
 def test_a_late_second_observation_changes_the_speed_of_the_first():
@@ -76,7 +63,7 @@ def test_a_late_observation_before_all_others_becomes_the_first():
         both.observe(at(ms), {1: (1.0, 0.0)})
     both.observe(at(50), {1: (1.4, 0.0)})
     both.check()
-    assert both.pairs.sums.samples[0, 1] == 5
+    assert both.samples(0, 1) == 5
 
 
 def test_eviction_takes_the_samples_before_the_new_common_interval():
@@ -85,10 +72,10 @@ def test_eviction_takes_the_samples_before_the_new_common_interval():
         both.observe(at(ms), {0: (0.0, math.sin(ms))})
     for ms in (0, 100, 200, 300, 400):
         both.observe(at(ms), {1: (1.0, 0.0)})
-    assert both.pairs.sums.samples[0, 1] == 41
+    assert both.samples(0, 1) == 41
     # The slow one now starts at 100 ms: what the fast one saw at 10 to 90 ms is common no more.
     both.evict(at(10))
-    assert both.pairs.sums.samples[0, 1] == 31
+    assert both.samples(0, 1) == 31
     both.check()
 
 
@@ -103,7 +90,7 @@ def test_what_is_left_with_one_observation_cannot_be_compared_until_the_next():
         both.check()
         if ms == 1000:
             assert len(both.lists[1].times()) == 1
-    assert both.pairs.sums.samples[0, 1] == 2
+    assert both.samples(0, 1) == 2
 
 
 def test_nothing_is_interpolated_across_a_gap():
@@ -114,7 +101,7 @@ def test_nothing_is_interpolated_across_a_gap():
             points[1] = (1.0, 0.001 * ms)
         both.observe(at(ms), points)
     both.check()
-    assert both.pairs.sums.samples[0, 1] == 6 + 10
+    assert both.samples(0, 1) == 6 + 10
 
 
 @pytest.mark.parametrize("wild", [(0, 1000), (1000,)])
@@ -140,8 +127,7 @@ def test_a_reused_slot_starts_empty():
     both.forget(1)
     both.observe(at(1000), {0: (0.0, 0.0), 2: (5.0, 0.0)})
     assert both.slots[2] == slot
-    _, comparable = both.pairs.variance(both.window, both.slots_of([0, 2]))
-    assert not comparable[0, 1]
+    assert both.samples(0, 2) < 2
     both.observe(at(1100), {0: (0.0, 0.0), 2: (5.5, 0.0)})
     both.check()
 
@@ -179,6 +165,33 @@ def test_the_matrices_grow_with_the_window():
         points = centres[:count] + rng.normal(0, 0.01, (count, 3))
         both.observe(at(66 * k), {i: tuple(x) for i, x in enumerate(points)})
     both.check()
+
+
+@pytest.mark.parametrize("v_move", [None, 0.1])
+def test_single_precision_shows_in_no_affinity(v_move):
+    rng = np.random.default_rng(0)
+    both = SideBySide(3, v_move, dtype=np.float32)
+    amplitude, pace, centre = rng.uniform(0, 0.5, (5, 3)), rng.uniform(0, 6, (5, 3)), rng.normal(0, 1, (5, 3))
+    for ms in range(0, 2200, 10):
+        x = centre + amplitude * np.sin(pace * ms * 1e-3) + rng.normal(0, 0.003, (5, 3))
+        both.observe(at(ms), {k: tuple(x[k]) for k in range(5) if ms % (20, 30, 70, 100, 250)[k] == 0})
+        if ms % 100 == 0:
+            both.evict(at(ms) - both.span)
+        if ms % 300 == 0:
+            both.check_affinities(0.02)
+
+
+def test_a_wild_observation_shows_in_no_affinity_after_it_has_gone():
+    both = SideBySide(2, 0.1, dtype=np.float32)
+    rng = np.random.default_rng(0)
+    for ms in range(0, 3000, 50):
+        points = {k: np.array([k, 0.0]) + rng.normal(0, 1e-3, 2) for k in range(4)}
+        if ms in (0, 1000):
+            points[2] = np.array([1e9, -1e9])
+        both.observe(at(ms), {k: tuple(x) for k, x in points.items()})
+        both.evict(at(ms) - both.span)
+        if ms >= 1900 and ms % 100 == 0:
+            both.check_affinities(0.02)
 
 
 def test_the_reference_interpolates_and_weighs_as_the_thesis_says():
