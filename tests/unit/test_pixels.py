@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
+from comotion.pixels.continuity import Continuity
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
 from comotion.pixels.interaction import subspace
@@ -175,21 +176,58 @@ def test_epipolar_test_tells_one_body_in_perspective_from_two():
     positions += rng.normal(0, 0.1, positions.shape)
     test = EpipolarTest(frames_of(positions))
     near, far, second = np.arange(40), np.arange(40, 80), np.arange(80, 120)
-    assert test.log_ratio(near, far) < np.log(1.5)
-    assert test.log_ratio(near, second) > np.log(3)
-    assert test.log_ratio(near[:8], far) is None
+    assert test.compare(near, far).log_ratio < np.log(1.5)
+    assert test.compare(near, second).log_ratio > np.log(3)
+    assert test.compare(near, second).resting == 0
+    assert test.compare(near[:8], far) is None
+
+
+def test_what_moves_past_a_resting_group_is_another_body():
+    rng = np.random.default_rng(14)
+    positions = np.repeat(rng.uniform(0, 400, (1, 60, 2)), 24, axis=0) + rng.normal(0, 0.1, (24, 60, 2))
+    positions[:, 40:] += 3.0 * np.arange(24)[:, None, None]
+    found = EpipolarTest(frames_of(positions)).compare(np.arange(40), np.arange(40, 60))
+    # One epipolar geometry fits both: only the camera's rest tells them apart.
+    assert found.log_ratio < np.log(1.5)
+    assert found.resting == 1
+
+
+def test_border_compares_similarity_across_with_that_within():
+    x = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
+    left, right = np.arange(10), np.arange(10, 20)
+    frames = frames_of(np.repeat(x[None], 6, axis=0))
+    value = np.full((20, 20), 0.5, np.float32)
+    value[:10, 10:] = value[10:, :10] = 0.125
+    border = Continuity(frames, value).border(left, right)
+    assert border.drop == pytest.approx(np.log(0.126 / 0.501), abs=1e-4)
+    # The nearest five of the other side are 3 px farther away than the nearest one.
+    assert border.distance == pytest.approx(5.5 + 2, abs=1e-4)
+    apart = frames_of(frames.positions, (np.arange(6) < 3)[:, None] == (np.arange(20) < 10))
+    assert Continuity(apart, value).border(left, right) is None
 
 
 def test_what_was_apart_is_not_joined_at_the_first_doubt():
+    rng = np.random.default_rng(15)
+    positions = rng.uniform(0, 400, (1, 80, 2)) + np.cumsum(rng.normal(0, 2, (24, 1, 2)), axis=0)
+    frames = frames_of(positions + rng.normal(0, 0.1, (24, 80, 2)))
     p = PixelParameters()
-    value = 1.2 * p.merge_similarity
-    mean = np.array([[1.0, value], [value, 1.0]])
-    pieces = Pieces(np.repeat([0, 1], 40), mean * 1600, np.full((2, 2), 1600.0))
-    still = frames_of(np.zeros((1, 80, 2)))
-    assert len(set(merge(pieces, EpipolarTest(still), p).tolist())) == 1
-    apart = np.repeat([7, 8], 40)
-    assert len(set(merge(pieces, EpipolarTest(still), p, apart).tolist())) == 2
-    assert len(set(merge(pieces, EpipolarTest(still), p, np.full(80, 7)).tolist())) == 1
+    pieces = Pieces(
+        np.repeat([0, 1], 40), np.full((2, 2), 1600 * p.merge_similarity), np.full((2, 2), 1600.0)
+    )
+    test = EpipolarTest(frames)
+    left, right = np.arange(40), np.arange(40, 80)
+    distance = Continuity(frames, np.ones((80, 80), np.float32)).border(left, right).distance
+    asked = p.border_least + p.epipolar_weight * test.compare(left, right).log_ratio
+
+    def groups(surplus, before):
+        value = np.ones((80, 80), np.float32)
+        drop = asked - p.border_distance * np.log1p(distance) + surplus
+        value[:40, 40:] = value[40:, :40] = np.exp(drop)
+        return len(set(merge(pieces, Continuity(frames, value), test, p, before).tolist()))
+
+    apart, together = np.repeat([7, 8], 40), np.full(80, 7)
+    assert [groups(0.5 * p.held, before) for before in (None, together, apart)] == [1, 1, 2]
+    assert [groups(-0.5 * p.held, before) for before in (None, together, apart)] == [2, 1, 2]
 
 
 @pytest.mark.parametrize("sizes", [(60,), (70, 40), (80, 40, 30)])
@@ -336,7 +374,7 @@ def test_a_restart_keeps_hypotheses():
 @pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no recordings")
 @pytest.mark.parametrize(
     ("name", "bodies", "worst"),
-    [("hopkins155/1R2TCR", 3, 0.02), ("hopkins155/truck2", 2, 0.02), ("kt3dmoseg/Seq020_Clip01", 2, 0.05)],
+    [("hopkins155/1R2TCR", 3, 0.02), ("hopkins155/truck2", 2, 0.02), ("kt3dmoseg/Seq013_Clip01", 2, 0.05)],
 )
 def test_real_sequences(name, bodies, worst):
     with np.load(Path(os.environ["COMOTION_DATA"]) / f"{name}.npz") as file:

@@ -4,6 +4,9 @@ Under strong perspective an affine view of motion tells near from far parts of o
 fundamental matrix per frame pair still explains both. Two bodies share one, as a rule, not.
 """
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +17,43 @@ Floats = NDArray[np.float64]
 Members = NDArray[np.intp]
 
 _LEAST_POINTS = 9
-_ROUNDS = 4
+_ROUNDS = 3
 _STEP = 4
 _PAIRS = 5
 _SAMPLE = 60
 _FLOOR_PX = 0.05
+# A group that moves less than this in a frame pair rests, if the other moves so many times as far.
+_RESTING_PX = 1.5
+_TIMES_AS_FAR = 6.0
+_SLOWEST_PX = 0.1
+
+
+@dataclass(frozen=True)
+class Epipolar:
+    """What frame pairs say of two groups.
+
+    Attributes
+    ----------
+    log_ratio
+        Mean of log(joint / own residual). Residuals are medians of the Sampson distance, px; the
+        joint one is that of the group that suffers more.
+    resting
+        Share of the frame pairs in which one group rests in the image while the other moves: then
+        the camera rests too, and any motion of the other is its own. An epipolar geometry says
+        nothing here, as one that fits a translation fits what rests.
+    """
+
+    log_ratio: float
+    resting: float
+
+
+class _Own(NamedTuple):
+    """A group in a frame pair: its points [n, 2] in both, own residual and median motion, px."""
+
+    x: Floats
+    y: Floats
+    residual: float
+    motion: float
 
 
 class EpipolarTest:
@@ -37,40 +72,49 @@ class EpipolarTest:
         step = min(_STEP, max(count - 1, 1))
         starts = range(0, count - step, max(1, -(-(count - step) // _PAIRS)))
         self._pairs = [(t, t + step) for t in starts]
-        self._alone: dict[bytes, list[tuple[Floats, Floats, float]]] = {}
+        self._alone: dict[bytes, list[_Own]] = {}
 
-    def log_ratio(self, first: Members, second: Members) -> float | None:
-        """Mean over frame pairs of log(joint / own residual); None where too few points are seen.
+    def compare(self, first: Members, second: Members) -> Epipolar | None:
+        """Compare two groups; None where too few points are seen."""
+        pairs = [
+            (a, b)
+            for a, b in zip(self._own(first), self._own(second), strict=True)
+            if min(len(a.x), len(b.x)) >= _LEAST_POINTS
+        ]
+        if not pairs:
+            return None
+        log_ratio = float(np.mean([_log_ratio(a, b) for a, b in pairs]))
+        return Epipolar(log_ratio, float(np.mean([_one_rests(a.motion, b.motion) for a, b in pairs])))
 
-        Residuals are medians of the Sampson distance, px; the joint one is that of the group that
-        suffers more.
-        """
-        found = []
-        for (xa, ya, ra), (xb, yb, rb) in zip(self._own(first), self._own(second), strict=True):
-            if min(len(xa), len(xb)) < _LEAST_POINTS:
-                continue
-            # A large group must not outvote a small one.
-            prior = np.concatenate([np.full(len(x), len(x) ** -0.5) for x in (xa, xb)])
-            square = _robust_residuals(np.concatenate([xa, xb]), np.concatenate([ya, yb]), prior)
-            joint = max(np.median(square[: len(xa)]), np.median(square[len(xa) :]))
-            alone = (ra + rb) / 2
-            found.append(np.log((np.sqrt(joint) + _FLOOR_PX) / (np.sqrt(alone) + _FLOOR_PX)))
-        return float(np.mean(found)) if found else None
-
-    def _own(self, group: Members) -> list[tuple[Floats, Floats, float]]:
+    def _own(self, group: Members) -> list[_Own]:
         key = group.tobytes()
         if key not in self._alone:
             self._alone[key] = [self._fit(group, *pair) for pair in self._pairs]
         return self._alone[key]
 
-    def _fit(self, group: Members, first: int, second: int) -> tuple[Floats, Floats, float]:
+    def _fit(self, group: Members, first: int, second: int) -> _Own:
         seen = group[self._visible[first, group] & self._visible[second, group]]
         if len(seen) > _SAMPLE:
             seen = seen[(np.arange(_SAMPLE) * len(seen)) // _SAMPLE]
         x, y = self._positions[first, seen], self._positions[second, seen]
         if len(seen) < _LEAST_POINTS:
-            return x, y, 0.0
-        return x, y, float(np.median(_robust_residuals(x, y, np.ones(len(x)))))
+            return _Own(x, y, 0.0, 0.0)
+        residual = float(np.median(_robust_residuals(x, y, np.ones(len(x)))))
+        return _Own(x, y, residual, float(np.median(np.hypot(*(y - x).T))))
+
+
+def _log_ratio(a: _Own, b: _Own) -> float:
+    # A large group must not outvote a small one.
+    prior = np.concatenate([np.full(len(own.x), len(own.x) ** -0.5) for own in (a, b)])
+    square = _robust_residuals(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y]), prior)
+    joint = max(np.median(square[: len(a.x)]), np.median(square[len(a.x) :]))
+    alone = (a.residual + b.residual) / 2
+    return float(np.log((np.sqrt(joint) + _FLOOR_PX) / (np.sqrt(alone) + _FLOOR_PX)))
+
+
+def _one_rests(first: float, second: float) -> bool:
+    slow, fast = min(first, second), max(first, second)
+    return slow < _RESTING_PX and fast > max(1.0, _TIMES_AS_FAR * max(slow, _SLOWEST_PX))
 
 
 @compiled()

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .continuity import Continuity
 from .epipolar import EpipolarTest
 from .keyframes import Floats32, KeyFrames
 from .merging import merge
 from .parameters import PixelParameters
 from .pieces import link
 from .similarity import Similarity, compare
+from .uninformed import ask_neighbours
 
 
 @dataclass(frozen=True)
@@ -54,17 +56,25 @@ def group(
     """
     similarity = compare(frames, parameters, np.random.default_rng(seed))
     pieces = link(similarity, parameters.piece_similarity)
-    merged = merge(pieces, EpipolarTest(frames), parameters, before)
+    merged = merge(pieces, Continuity(frames, similarity.value), EpipolarTest(frames), parameters, before)
     _, labels = np.unique(merged[pieces.of], return_inverse=True)
-    return Grouping(labels, _confidence(similarity, labels, parameters.merge_similarity), similarity)
+    mean = _to_groups(similarity, labels)
+    labels = ask_neighbours(frames, np.diagonal(similarity.evidence), mean, labels)
+    return Grouping(labels, _confidence(mean, labels, parameters.merge_similarity), similarity)
 
 
-def _confidence(similarity: Similarity, labels: NDArray[np.intp], least: float) -> NDArray[np.float64]:
+def _to_groups(similarity: Similarity, labels: NDArray[np.intp]) -> Floats32:
+    """Similarity of trajectories to groups, [N, K]."""
     member: Floats32 = np.eye(labels.max() + 1, dtype=np.float32)[labels]
-    mean = ((similarity.value * similarity.evidence) @ member) / (similarity.evidence @ member)
+    mean: Floats32 = ((similarity.value * similarity.evidence) @ member) / (similarity.evidence @ member)
+    return mean
+
+
+def _confidence(mean: Floats32, labels: NDArray[np.intp], least: float) -> NDArray[np.float64]:
     rows = np.arange(len(labels))
     own = mean[rows, labels].astype(np.float64)
-    mean[rows, labels] = 0
-    rival = np.maximum(mean.max(axis=1), least)
+    others = mean.copy()
+    others[rows, labels] = 0
+    rival = np.maximum(others.max(axis=1), least)
     share: NDArray[np.float64] = np.clip(own / (own + rival), 0.0, 1.0)
     return share

@@ -3,22 +3,27 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from .continuity import Continuity
 from .epipolar import EpipolarTest
 from .parameters import PixelParameters
 from .pieces import Pieces
 
 
 def merge(
-    pieces: Pieces, test: EpipolarTest, parameters: PixelParameters, before: NDArray[np.int64] | None = None
+    pieces: Pieces,
+    continuity: Continuity,
+    test: EpipolarTest,
+    parameters: PixelParameters,
+    before: NDArray[np.int64] | None = None,
 ) -> NDArray[np.intp]:
     """Group of every piece, intp [P], as the index of a piece in it.
 
-    Two groups merge while their mean similarity reaches a threshold that grows with the size of the
-    smaller one; near the threshold the epipolar test has a say, and so has what the trajectories
-    belonged to `before` (int64 [N], negative for nothing): what has been seen apart is not joined
-    at the first doubt. What is too small then dissolves.
+    The most similar pair comes first. Two groups merge if motion goes on across their border and
+    they share an epipolar geometry, the one making up for the other. What the trajectories belonged
+    to `before` (int64 [N], negative for nothing) counts too: what was seen apart is not joined at
+    the first doubt, nor is what was together taken apart. What is too small then dissolves.
     """
-    state = _Merging(pieces, test, parameters, before)
+    state = _Merging(pieces, continuity, test, parameters, before)
     while (pair := state.best_pair()) is not None:
         state.join(*pair)
     state.dissolve()
@@ -29,11 +34,13 @@ class _Merging:
     def __init__(
         self,
         pieces: Pieces,
+        continuity: Continuity,
         test: EpipolarTest,
         parameters: PixelParameters,
         before: NDArray[np.int64] | None,
     ) -> None:
         self._p = parameters
+        self._continuity = continuity
         self._test = test
         self._members = pieces.members()
         self._weighted = pieces.weighted.copy()
@@ -41,7 +48,7 @@ class _Merging:
         self._size = np.array([len(m) for m in self._members], np.float64)
         self._open = np.ones(len(self._size), np.bool_)
         self._before = before
-        self._factors: dict[tuple[int, int], float] = {}
+        self._merges: dict[tuple[int, int], bool] = {}
         self.group = np.arange(len(self._size))
         self._smallest = max(parameters.smallest, parameters.smallest_share * self._size.sum())
 
@@ -55,25 +62,20 @@ class _Merging:
         self._members[a] = np.concatenate([self._members[a], self._members[b]])
         self._open[b] = False
         self.group[self.group == b] = a
-        self._factors = {pair: f for pair, f in self._factors.items() if a not in pair and b not in pair}
+        self._merges = {pair: m for pair, m in self._merges.items() if a not in pair and b not in pair}
 
     def best_pair(self) -> tuple[int, int] | None:
-        """The pair that reaches its threshold by most, if any does."""
-        p, (_, most) = self._p, self._p.epipolar_limits
+        """The most similar pair that merges, by the similarity that its size asks for; None if none does."""
+        p = self._p
         smaller = np.minimum(np.minimum(self._size[:, None], self._size[None]), p.merge_cap)
         ratio = np.triu(self._similarity(), 1) / (p.merge_similarity * np.sqrt(smaller / p.merge_size))
-        best, found = 1.0, None
         for flat in np.argsort(-ratio, axis=None, kind="stable").tolist():
             a, b = divmod(flat, len(ratio))
-            plain = float(ratio[a, b])
-            if plain >= p.epipolar_top and found is None:
-                return a, b
-            # The factor is costly: no pair is asked that could not win any more.
-            if plain * most < best:
+            if ratio[a, b] < p.merge_range[0]:
                 break
-            if (value := plain * self._factor(a, b)) >= best:
-                best, found = value, (a, b)
-        return found
+            if self._merge(a, b, float(ratio[a, b])):
+                return a, b
+        return None
 
     def dissolve(self) -> None:
         """Groups that are too small go where they fit best, the smallest first."""
@@ -91,26 +93,39 @@ class _Merging:
         np.fill_diagonal(mean, -1)
         return mean
 
-    def _factor(self, a: int, b: int) -> float:
-        """What speaks for (> 1) or against a merge beside similarity."""
+    def _merge(self, a: int, b: int, ratio: float) -> bool:
+        if ratio >= self._p.merge_range[1]:
+            return True
         if min(self._size[a], self._size[b]) < self._smallest:
-            return 1.0
-        if (a, b) not in self._factors:
-            self._factors[a, b] = self._epipolar(a, b) * (self._p.apart if self._were_apart(a, b) else 1.0)
-        return self._factors[a, b]
+            return ratio >= 1
+        if (a, b) not in self._merges:
+            self._merges[a, b] = self._one_body(a, b, ratio)
+        return self._merges[a, b]
 
-    def _epipolar(self, a: int, b: int) -> float:
+    def _one_body(self, a: int, b: int, ratio: float) -> bool:
+        """Whether what speaks for one body outweighs what speaks against."""
         p = self._p
-        log_ratio = self._test.log_ratio(self._members[a], self._members[b])
-        if log_ratio is None:
-            return 1.0
-        return float(
-            np.clip((p.epipolar_reference / np.exp(log_ratio)) ** p.epipolar_power, *p.epipolar_limits)
-        )
+        held = p.held * self._were(a, b)
+        border = self._continuity.border(self._members[a], self._members[b])
+        if border is None:
+            return bool(np.log(ratio) + held >= 0)
+        evidence = border.drop + p.border_distance * np.log1p(border.distance) - p.border_least
+        evidence += p.ratio_weight * np.clip(np.log(ratio), -2, 2) + held
+        least, most = p.epipolar_limits
+        if evidence < p.epipolar_weight * least:
+            return False
+        seen = self._test.compare(self._members[a], self._members[b])
+        if seen is None:
+            return bool(evidence >= p.epipolar_weight * p.epipolar_unknown)
+        asked = p.epipolar_weight * np.clip(seen.log_ratio, least, most) + p.resting_weight * seen.resting
+        return bool(evidence >= asked)
 
-    def _were_apart(self, a: int, b: int) -> bool:
+    def _were(self, a: int, b: int) -> int:
+        """1 if most of both were together before, −1 if apart, 0 if that is not known."""
         mine, other = (self._was(self._members[group]) for group in (a, b))
-        return mine is not None and other is not None and mine != other
+        if mine is None or other is None:
+            return 0
+        return 1 if mine == other else -1
 
     def _was(self, members: NDArray[np.intp]) -> int | None:
         """What most of the members belonged to."""

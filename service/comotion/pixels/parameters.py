@@ -39,20 +39,26 @@ class PixelParameters:
     merge_similarity, merge_size, merge_cap
         Pieces merge at this mean similarity if the smaller has `merge_size` members, at one that
         grows with the root of that number, up to `merge_cap` members.
-    epipolar_reference, epipolar_power, epipolar_limits, epipolar_top
-        Ratio of joint to own epipolar residual that says nothing, the power by which others count,
-        the limits of the factor, and from which similarity ratio on it is not asked.
+    merge_range
+        Below the first multiple of that threshold no two pieces merge, from the second one on all do.
+    border_distance, border_least, ratio_weight
+        Between them, log drop of similarity across the border + `border_distance` · log(1 + distance
+        in px) + `ratio_weight` · log of the multiple must reach `border_least`, plus
+    epipolar_weight, epipolar_limits, epipolar_unknown, resting_weight
+        what the epipolar geometry asks for: `epipolar_weight` times the log ratio of joint to own
+        residual (limited; `epipolar_unknown` if it cannot be told) and `resting_weight` times the
+        share of time in which the one rests and the other does not.
     smallest, smallest_share
         Smaller groups dissolve, by number and by share of all.
-    apart
-        Factor on the similarity of groups that belonged to different hypotheses before.
+    held
+        Added for groups of one hypothesis before, subtracted for groups of different ones.
     """
 
     key_frames: int = 24
     least_seen: int = 4
     most_tracks: int = 1200
     steps: tuple[int, ...] = (1, 4, 12)
-    local_motions: int = 300
+    local_motions: int = 600
     members: int = 8
     reaches: tuple[int, ...] = (16, 32)
     motion_weight: float = 10.0
@@ -62,7 +68,7 @@ class PixelParameters:
     noise_floor: float = 0.05
     coverage_power: int = 3
     completion_rank: int = 6
-    completion_rounds: int = 60
+    completion_rounds: int = 40
     ranks: tuple[int, ...] = (5, 6, 8, 10)
     preference_floor: float = 0.001
     interaction_floor: float = 0.01
@@ -72,10 +78,14 @@ class PixelParameters:
     merge_similarity: float = 0.0075
     merge_size: int = 40
     merge_cap: int = 100
-    epipolar_reference: float = 1.31
-    epipolar_power: float = 1.2
-    epipolar_limits: tuple[float, float] = (0.4, 1.7)
-    epipolar_top: float = 3.5
+    merge_range: tuple[float, float] = (0.15, 6.0)
+    border_distance: float = 0.86
+    border_least: float = 0.55
+    ratio_weight: float = 0.3
+    epipolar_weight: float = 1.08
+    epipolar_limits: tuple[float, float] = (-0.2, 2.5)
+    epipolar_unknown: float = 0.3
+    resting_weight: float = 3.75
     smallest: int = 5
     smallest_share: float = 0.02
-    apart: float = 0.65
+    held: float = 0.25

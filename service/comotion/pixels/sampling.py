@@ -43,15 +43,14 @@ def sample_members(
     """
     total = frames.visible.shape[1]
     share = -(-count // len(reaches))
-    rounds = -(-share * len(reaches) // total)
-    seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])
-    distance = neighbour_distance(frames, seeds[: share * len(reaches)], motion_weight)
-    groups = []
-    for k, reach in enumerate(reaches):
-        mine = slice(k * share, (k + 1) * share)
-        near = min(reach, max(total // _SHARE, members), total - 1)
-        groups.append(_pick(distance[mine], seeds[mine], near, members, rng))
-    return groups
+    rounds = -(-share // total)
+    # Every reach has the same seeds: the distances are what takes the time.
+    seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])[:share]
+    distance = neighbour_distance(frames, seeds, motion_weight)
+    return [
+        _pick(distance, seeds, min(reach, max(total // _SHARE, members), total - 1), members, rng)
+        for reach in reaches
+    ]
 
 
 def _pick(distance: Floats32, seeds: Indices, reach: int, members: int, rng: np.random.Generator) -> Indices:

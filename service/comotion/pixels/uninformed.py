@@ -1,0 +1,45 @@
+"""Trajectories that were seen while next to nothing moved: their neighbours know better."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .keyframes import Floats32, KeyFrames
+from .sampling import neighbour_distance
+
+_EVIDENCE = 0.02
+_RIVAL = 0.5
+_VOTERS = 5
+
+Labels = NDArray[np.intp]
+
+
+def ask_neighbours(frames: KeyFrames, own_evidence: Floats32, mean: Floats32, labels: Labels) -> Labels:
+    """Labels of trajectories, those of the uninformed by the vote of the nearest in the image.
+
+    Uninformed is who was not seen while most of the motion took place and fits two groups nearly
+    equally well. It chooses among these groups only.
+
+    Parameters
+    ----------
+    frames
+        N trajectories.
+    own_evidence
+        float32 [N]; evidence of each trajectory with itself, 1 if it was seen throughout.
+    mean
+        float32 [N, K]; similarity of each trajectory to each group.
+    labels
+        intp [N].
+    """
+    fits = mean >= _RIVAL * mean.max(axis=1, keepdims=True)
+    unsure = np.flatnonzero((own_evidence < _EVIDENCE) & (fits.sum(axis=1) > 1))
+    sure = np.flatnonzero(fits.sum(axis=1) == 1)
+    if not len(unsure) or not len(sure):
+        return labels
+    distance = neighbour_distance(frames, unsure, 0.0)[:, sure]
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :_VOTERS]
+    member = np.eye(mean.shape[1])[labels[sure[nearest]]]
+    near = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
+    votes = (member * near[..., None]).sum(axis=1) * fits[unsure]
+    settled = labels.copy()
+    settled[unsure] = np.where(votes.any(axis=1), votes.argmax(axis=1), labels[unsure])
+    return settled
