@@ -16,10 +16,10 @@ from comotion_schemas import Hypothesis
 from .affinity import Affinity
 from .clustering import make_clustering
 from .config import FusionConfig
-from .engine import NO_HYPOTHESIS, IdAllocator, Partition, Rows, SpaceSpec
-from .events import Membership, changes
+from .engine import IdAllocator, Partition, Rows, SpaceSpec
+from .labels import LabelMemory
 from .pairs import Pairs
-from .propagation import follow, propagate
+from .propagation import propagate
 from .states import locate
 from .window import Floats, Slots, Window
 
@@ -49,9 +49,7 @@ class ThesisEngine:
         self._v_moving = v_move or FusionConfig().v_move_for(spec.unit) or math.inf
         self._pairs = Pairs(v_move)
         self._cluster = make_clustering(config.clustering, config.stop_affinity)
-        self._label: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._born_ns: dict[int, int] = {}
-        self._before = Membership.empty()
+        self._memory = LabelMemory()
         self._affinity = Affinity.of(np.zeros((0, 0)))
 
     def observed(self, window: Window, rows: Rows) -> None:
@@ -64,22 +62,19 @@ class ThesisEngine:
 
     def forgetting(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
-        self._fit(window.capacity)
         self._pairs.forget(slots)
-        self._label[slots] = NO_HYPOTHESIS
+        self._memory.forget(window, slots)
 
     def update(self, window: Window, current: Slots, stamp_ns: int) -> Partition:
         """Partition the current trajectories."""
-        self._fit(window.capacity)
+        self._memory.fit(window)
         self._affinity = affinity = self._pairs.affinity(window, current, self._sigma_switch)
         clusters = self._cluster(affinity)
-        labels = propagate(self._label[current], clusters.labels, self._ids.next)
-        self._relabel(window, current, labels)
-        after = self._membership(window)
-        events = changes(stamp_ns, self._before, after)
-        self._before = after
-        alive = np.unique(after.labels).tolist()
-        self._born_ns = {h: self._born_ns.get(h, stamp_ns) for h in alive}
+        held = self._memory.label[current]
+        labels = propagate(held, clusters.labels, self._ids.next)
+        self._memory.lead(window, current, held, labels)
+        self._memory.label[current] = labels
+        events = self._memory.note(window, stamp_ns)
         hypotheses = self._describe(window, current, labels)
         return Partition(labels, clusters.cohesion, hypotheses, events)
 
@@ -89,41 +84,12 @@ class ThesisEngine:
 
     def state(self, window: Window) -> dict[str, Any]:
         """Labels of all trajectories, and since when there are the hypotheses."""
-        slots = window.slots()
-        self._fit(window.capacity)
-        return {
-            "tracks": window.key[slots],
-            "labels": self._label[slots],
-            "hypotheses": np.array(list(self._born_ns), np.int64),
-            "born_ns": np.array(list(self._born_ns.values()), np.int64),
-        }
+        return self._memory.state(window)
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up labels; the sums are computed anew from the window."""
-        self._fit(window.capacity)
-        slots = window.slots()
-        self._pairs.rebuild(window, slots)
-        if not state:
-            return
-        label_of = dict(zip(state["tracks"].tolist(), state["labels"].tolist(), strict=True))
-        self._label[slots] = [label_of.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
-        self._born_ns = dict(zip(state["hypotheses"].tolist(), state["born_ns"].tolist(), strict=True))
-        self._before = self._membership(window)
-
-    def _fit(self, capacity: int) -> None:
-        extra = capacity - len(self._label)
-        self._label = np.pad(self._label, (0, extra), constant_values=NO_HYPOTHESIS)
-
-    def _relabel(self, window: Window, current: Slots, labels: NDArray[np.int64]) -> None:
-        before = self._label[current]
-        dormant = np.setdiff1d(np.flatnonzero(window.used & ~window.ended), current)
-        self._label[dormant] = follow(before, labels, self._label[dormant])
-        self._label[current] = labels
-
-    def _membership(self, window: Window) -> Membership:
-        """Of everyone who is here or may come back."""
-        slots = np.flatnonzero(window.used & ~window.ended & (self._label != NO_HYPOTHESIS))
-        return Membership(window.key[slots], self._label[slots])
+        self._pairs.rebuild(window, window.slots())
+        self._memory.load(state, window)
 
     def _describe(self, window: Window, current: Slots, labels: NDArray[np.int64]) -> list[Hypothesis]:
         velocity = _velocity(window, current)
@@ -137,7 +103,7 @@ class ThesisEngine:
                     id=label,
                     space=self._spec.name,
                     size=int(members.sum()),
-                    born_ns=self._born_ns[label],
+                    born_ns=self._memory.born_ns[label],
                     state="moving" if speed > self._v_moving else "undetermined",
                     centroid=position[members].mean(axis=0).tolist(),
                 )

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from ..config import FusionConfig
 from ..engine import NO_HYPOTHESIS, IdAllocator, Partition, Rows, SpaceSpec
-from ..events import Membership, changes
-from ..propagation import follow, propagate
+from ..labels import LabelMemory
+from ..propagation import propagate
 from ..window import Floats, Slots, Window
 from .describe import describe
 from .grouping import Grouping, group
@@ -47,9 +47,7 @@ class PixelEngine:
         self._ids = ids
         self._p = parameters or PixelParameters()
         self._stamps: list[int] = []
-        self._label: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._born_ns: dict[int, int] = {}
-        self._before = Membership.empty()
+        self._memory = LabelMemory()
         self._affinity: NDArray[np.float32] = np.zeros((0, 0), np.float32)
 
     def observed(self, window: Window, rows: Rows) -> None:  # noqa: ARG002
@@ -63,29 +61,30 @@ class PixelEngine:
 
     def forgetting(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
-        self._fit(window.capacity)
-        self._label[slots] = NO_HYPOTHESIS
+        self._memory.forget(window, slots)
 
     def update(self, window: Window, current: Slots, stamp_ns: int) -> Partition:
         """Partition the current trajectories.
 
         The dead of the window are compared as well: they connect those that came after them.
         """
-        self._fit(window.capacity)
+        self._memory.fit(window)
+        label = self._memory.label
         del self._stamps[: bisect_left(self._stamps, stamp_ns - window.span_ns)]
-        held = self._label[current]
+        held = label[current]
         grown, frames = self._grown(window, current)
-        found = group(frames, self._p, before=self._label[grown]) if len(grown) > 1 else None
+        found = group(frames, self._p, before=label[grown]) if len(grown) > 1 else None
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         if found is not None:
-            self._label[grown] = propagate(self._label[grown], found.labels, self._ids.next)
+            label[grown] = propagate(label[grown], found.labels, self._ids.next)
             confidence[grown], residual[grown] = found.confidence, found.similarity.residual
         self._adopt(window, current, grown, held, confidence)
-        labels = self._label[current]
-        self._follow(window, current, grown, held)
+        labels = label[current]
+        self._memory.lead(window, np.union1d(current, grown), held, labels)
         self._keep_affinity(current, grown, found)
-        events = self._note(window, stamp_ns)
-        described = describe(window, current, labels, residual[current], self._spec.name, self._born_ns)
+        events = self._memory.note(window, stamp_ns)
+        births = self._memory.born_ns
+        described = describe(window, current, labels, residual[current], self._spec.name, births)
         return Partition(labels, confidence[current], described, events)
 
     def _grown(self, window: Window, current: Slots) -> tuple[Slots, KeyFrames]:
@@ -104,18 +103,13 @@ class PixelEngine:
 
     def _adopt(self, window: Window, current: Slots, grown: Slots, held: Slots, confidence: Floats) -> None:
         """Labels for the current trajectories that could not be compared."""
-        young = ~np.isin(current, grown)
+        young, label = ~np.isin(current, grown), self._memory.label
         if not young.any():
             return
-        labelled = grown[self._label[grown] != NO_HYPOTHESIS]
-        labels, share = adopt(window, current[young], labelled, self._label[labelled], held[young])
-        self._label[current[young]] = labels
+        labelled = grown[label[grown] != NO_HYPOTHESIS]
+        labels, share = adopt(window, current[young], labelled, label[labelled], held[young])
+        label[current[young]] = labels
         confidence[current[young]] = share / 2
-
-    def _follow(self, window: Window, current: Slots, grown: Slots, held: NDArray[np.int64]) -> None:
-        dormant = np.setdiff1d(np.flatnonzero(window.used & ~window.ended), current)
-        dormant = np.setdiff1d(dormant, grown)
-        self._label[dormant] = follow(held, self._label[current], self._label[dormant])
 
     def _keep_affinity(self, current: Slots, grown: Slots, found: Grouping | None) -> None:
         count = len(current)
@@ -129,47 +123,16 @@ class PixelEngine:
             self._affinity[np.ix_(rows, rows)] = alike
         np.fill_diagonal(self._affinity, 1.0)
 
-    def _note(self, window: Window, stamp_ns: int) -> list[Any]:
-        """Take down who belongs where; the events since the last time."""
-        after = self._membership(window)
-        events = changes(stamp_ns, self._before, after)
-        self._before = after
-        self._born_ns = {h: self._born_ns.get(h, stamp_ns) for h in np.unique(after.labels).tolist()}
-        return events
-
-    def _membership(self, window: Window) -> Membership:
-        """Of everyone who is here or may come back."""
-        slots = np.flatnonzero(window.used & ~window.ended & (self._label != NO_HYPOTHESIS))
-        return Membership(window.key[slots], self._label[slots])
-
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""
         return self._affinity
 
-    def _fit(self, capacity: int) -> None:
-        extra = capacity - len(self._label)
-        self._label = np.pad(self._label, (0, extra), constant_values=NO_HYPOTHESIS)
-
     def state(self, window: Window) -> dict[str, Any]:
         """Labels of all trajectories, since when there are the hypotheses, and so the warm start."""
-        slots = window.slots()
-        self._fit(window.capacity)
-        return {
-            "tracks": window.key[slots],
-            "labels": self._label[slots],
-            "hypotheses": np.array(list(self._born_ns), np.int64),
-            "born_ns": np.array(list(self._born_ns.values()), np.int64),
-        }
+        return self._memory.state(window)
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; the instants come from the window."""
-        self._fit(window.capacity)
-        slots = window.slots()
-        series = [window.series(slot).times for slot in slots.tolist()]
+        series = [window.series(slot).times for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
-        if not state:
-            return
-        label_of = dict(zip(state["tracks"].tolist(), state["labels"].tolist(), strict=True))
-        self._label[slots] = [label_of.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
-        self._born_ns = dict(zip(state["hypotheses"].tolist(), state["born_ns"].tolist(), strict=True))
-        self._before = self._membership(window)
+        self._memory.load(state, window)
