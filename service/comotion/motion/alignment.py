@@ -22,7 +22,6 @@ def equations(
     posed: Bools,
     pivot: Floats,
     least: int,
-    stride: int,
     left: Floats,
     right: Floats,
 ) -> tuple[float, int]:
@@ -35,8 +34,8 @@ def equations(
     ----------
     y, w, seconds, tolerance
         float64 [P, F, 3], [P, F], [F] and [P].
-    least, stride
-        Rows with fewer than `least` frames do not count; of others every stride-th frame does.
+    least
+        Rows with fewer frames do not count.
     left, right
         In and out: float64 [7, 7] and [7], to which is added.
     """
@@ -51,17 +50,15 @@ def equations(
                 count += 1
         if count < least:
             continue
-        kept = 0
-        for j in range(0, count, stride):
+        for j in range(count):
             f = seen[j]
-            _columns(y[i], seconds, seen[:count], j, R[f], pivot, design[kept])
+            _columns(y[i], seconds, seen[:count], j, R[f], pivot, design[j])
             for c in range(3):
-                z[kept, c] = 0.0
+                z[j, c] = 0.0
                 for d in range(3):
-                    z[kept, c] += R[f, d, c] * (y[i, f, d] - t[f, d])
-            kept += 1
-        squared += _add(design[:kept], z[:kept], 1.0 / tolerance[i], left, right)
-        frames += kept
+                    z[j, c] += R[f, d, c] * (y[i, f, d] - t[f, d])
+        squared += _add(design[:count], z[:count], 1.0 / tolerance[i], left, right)
+        frames += count
     return squared, frames
 
 

@@ -95,7 +95,8 @@ def costs(
     """
     rows = np.arange(len(frames.owner))
     wider = np.array([_widening(frames, body, config) for body in bodies])
-    found, _ = _residuals(frames, bodies, rows, wider, config, stride)
+    unposed = np.array([_unposed_charge(frames, body, config) for body in bodies])
+    found, _ = _residuals(frames, bodies, rows, wider, unposed, config, stride)
     wide = frames.tolerance[:, None] + wider
     found += 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance[:, None])
     body = np.stack([frames.per_track(one) for one in found.T], 1) * stretch
@@ -119,17 +120,24 @@ def moves(frames: Frames, body: Body, config: MotionConfig) -> bool:
     """
     wider = np.full(2, _widening(frames, body, config))
     both = [static_body(len(frames.stamps)), body]
-    cost, _ = _residuals(frames, both, body.rows, wider, config)
+    unposed = np.array([0.0, _unposed_charge(frames, body, config)])
+    cost, _ = _residuals(frames, both, body.rows, wider, unposed, config)
     return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows]) > _opening(body, config, 1.0)
 
 
 def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> Floats:
     """Mean squared residual of rows [n] under a body, float64 [n]."""
-    return _residuals(frames, [body], rows, np.zeros(1), config)[1][:, 0]
+    return _residuals(frames, [body], rows, np.zeros(1), np.zeros(1), config)[1][:, 0]
 
 
 def _residuals(
-    frames: Frames, bodies: list[Body], rows: Ints, wider: Floats, config: MotionConfig, stride: int = 1
+    frames: Frames,
+    bodies: list[Body],
+    rows: Ints,
+    wider: Floats,
+    unposed: Floats,
+    config: MotionConfig,
+    stride: int = 1,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
     cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
@@ -137,7 +145,6 @@ def _residuals(
     R = np.stack([body.R.reshape(count, 9).T for body in bodies])
     t = np.stack([body.t.T for body in bodies])
     posed = np.array([body.posed for body in bodies], np.float64)
-    unposed = np.array([_unposed_charge(frames, body, config) for body in bodies])
     body_costs(
         frames.y,
         frames.w,

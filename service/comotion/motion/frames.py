@@ -77,6 +77,16 @@ class Frames:
             alive=self.alive[tracks],
         )
 
+    def thinned(self, stride: int) -> "Frames":
+        """Every stride-th frame, counted back from the newest."""
+        kept = np.arange(len(self.stamps) - 1, -1, -stride)[::-1]
+        return replace(
+            self,
+            stamps=self.stamps[kept],
+            y=np.ascontiguousarray(self.y[:, kept]),
+            w=np.ascontiguousarray(self.w[:, kept]),
+        )
+
     def per_track(self, values: Floats) -> Floats:
         """Weighted sum of a row quantity over each trajectory's rows, float64 [N]."""
         return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)

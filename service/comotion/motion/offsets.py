@@ -15,7 +15,7 @@ from ..window import Floats
 from .alignment import COLUMNS, equations
 from .bodies import Body, fit
 from .frames import Frames
-from .panel import speakers
+from .panel import FEW, speakers
 from .tracks import Ints, Tracks
 
 # What a careful calibration leaves: rad, share of the scene's extent, s.
@@ -29,11 +29,12 @@ _ALIKE = 3.0
 _LEAST_FRAMES = 8
 # Columns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
-# Where a group is larger, so many of its trajectories tell, and every so many of their frames.
-_SPEAKERS = 24
+# In a large scene so many trajectories of a group tell, and every so many of their frames.
+_SPEAKERS = 12
 _STRIDE = 3
 
 Equations = tuple[Floats, Floats, float, int]
+Groups = dict[int, Ints]
 
 
 @dataclass(frozen=True)
@@ -77,29 +78,26 @@ class Offsets:
             return
         if self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
-        groups = _groups(tracks, frames, labels, self.reference)
+        extent, pivot = tracks.extent(), np.median(tracks.newest(), 0)
+        told = [(_told(tracks, frames, labels, one), one) for one in sources.tolist()]
+        if len(frames.owner) > FEW:
+            frames, told = _excerpt(frames, told)
+        groups = next(groups for groups, one in told if one == self.reference)
         bodies = {k: fit(frames, rows) for k, rows in groups.items()}
-        if not bodies:
-            return
-        extent = tracks.extent()
-        for source in sources.tolist():
-            if source != self.reference:
-                groups = _groups(tracks, frames, labels, source)
-                self._improve(source, frames, groups, bodies, extent, tracks)
+        for groups, source in told:
+            if bodies and source != self.reference:
+                self._improve(source, frames, groups, bodies, extent, pivot)
 
     def _improve(
         self,
         source: int,
         frames: Frames,
-        groups: dict[int, Ints],
+        groups: Groups,
         bodies: dict[int, Body],
         extent: float,
-        tracks: Tracks,
+        pivot: Floats,
     ) -> None:
-        before = self.found.get(source)
-        if before is None:
-            pivot = np.median(tracks.newest(), 0)
-            before = Offset(np.zeros(3), np.zeros(3), pivot, 0.0)
+        before = self.found.get(source) or Offset(np.zeros(3), np.zeros(3), pivot, 0.0)
         spread = np.array([_ROTATION] * 3 + [_SHIFT * extent] * 3 + [_DELAY])
         prior = np.diag(1 / (spread if frames.dim == 3 else spread[_PLANAR]) ** 2)
         matched = [_match(frames, rows, k, bodies, before.pivot, prior) for k, rows in sorted(groups.items())]
@@ -132,14 +130,25 @@ class Offsets:
         self.found = {int(s): Offset(r, x, p, float(d)) for s, r, x, p, d in state["found"]}
 
 
-def _groups(tracks: Tracks, frames: Frames, labels: Ints, source: int | None) -> dict[int, Ints]:
+def _told(tracks: Tracks, frames: Frames, labels: Ints, source: int) -> Groups:
     """Rows of each moving body's trajectories that one source saw, where they are enough for a pose."""
     found = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
         members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_FRAMES)
         if members.sum() >= frames.dim:
-            found[k] = frames.rows_of(speakers(frames, tracks.newest(), members, _SPEAKERS))
+            if len(frames.owner) > FEW:
+                members = speakers(frames, tracks.newest(), members, _SPEAKERS)
+            found[k] = frames.rows_of(members)
     return found
+
+
+def _excerpt(frames: Frames, told: list[tuple[Groups, int]]) -> tuple[Frames, list[tuple[Groups, int]]]:
+    """Every so many frames of the rows that tell, and those rows there."""
+    rows = np.unique(np.concatenate([np.zeros(0, np.intp), *(r for g, _ in told for r in g.values())]))
+    tracks = np.unique(frames.owner[rows])
+    all_rows = frames.rows_of(tracks)
+    few = frames.of(tracks).thinned(_STRIDE)
+    return few, [({k: np.searchsorted(all_rows, r) for k, r in g.items()}, one) for g, one in told]
 
 
 def _match(
@@ -168,7 +177,6 @@ def _summed(frames: Frames, rows: Ints, body: Body, pivot: Floats) -> Equations 
         body.posed,
         pivot,
         _LEAST_FRAMES,
-        1 if len(rows) < _SPEAKERS else _STRIDE,
         left,
         right,
     )

@@ -50,6 +50,7 @@ def fit_body(
     known = np.zeros(m)
     _seed(y, w, b, known)
     need = 2 if (dim == 2 or m <= 2) else 3
+    started = np.zeros(count, np.bool_)
     weights, H, work = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4))
     soft = 1.0 / (_SOFT * dim)
     for iteration in range(iterations):
@@ -59,7 +60,10 @@ def fit_body(
             robust = soft if iteration > 0 and posed[f] else 0.0
             posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
             if posed[f]:
-                _pose(y[f], b, weights, dim, R[neighbour], neighbour >= 0, R[f], t[f], H, work)
+                # Its own rotation of before is nearer still than the neighbour's, which pulls.
+                start = f if iteration > 0 and started[f] else neighbour
+                _pose(y[f], b, weights, dim, R[neighbour], R[start], neighbour >= 0, R[f], t[f], H, work)
+                started[f] = True
                 neighbour = f
                 _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
         _update(sums, b, known)
@@ -114,13 +118,14 @@ def _pose(
     weights: Floats,
     dim: int,
     near: Floats,
+    start: Floats,
     pulled: bool,
     R: Floats,
     t: Floats,
     H: Floats,
     work: Floats,
 ) -> None:
-    """Weighted least-squares pose of a frame, sought from the neighbour's rotation where there is one."""
+    """Weighted least-squares pose of a frame, sought from the rotation `start` where it is pulled."""
     y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
     total, p0, p1, p2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(weights)):
@@ -153,7 +158,7 @@ def _pose(
         planar_rotation(H, R)
     else:
         _pull(H, near, pulled)
-        spatial_rotation(H, near, pulled, R, work)
+        spatial_rotation(H, start, pulled, R, work)
     t[0] = p0 - R[0, 0] * q0 - R[0, 1] * q1 - R[0, 2] * q2
     t[1] = p1 - R[1, 0] * q0 - R[1, 1] * q1 - R[1, 2] * q2
     t[2] = p2 - R[2, 0] * q0 - R[2, 1] * q1 - R[2, 2] * q2

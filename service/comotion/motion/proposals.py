@@ -1,7 +1,7 @@
 """Which trajectories may form a body: distance variance proposes, rigid motion judges."""
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.cluster.hierarchy import linkage
 from scipy.spatial.distance import squareform
 
 from ..window import Floats
@@ -27,14 +27,28 @@ def propose(frames: Frames, rows: Ints) -> list[Ints]:
     condensed = squareform(_deviation(frames, rows), checks=False)
     found: dict[bytes, Ints] = {}
     for method in _METHODS:
-        tree = linkage(condensed, method)
-        for cut in CUTS:
-            labels = fcluster(tree, cut, "distance")
-            for label in np.unique(labels):
-                members = rows[labels == label]
-                if len(members) >= 2:
-                    found.setdefault(members.tobytes(), members)
-    return list(found.values())
+        for members in _clusters(linkage(condensed, method)):
+            found.setdefault(members.tobytes(), members)
+    return [rows[members] for members in found.values()]
+
+
+def _clusters(tree: Floats) -> list[Ints]:
+    """Clusters of two or more at any of the cuts, ascending indices.
+
+    A node of the dendrogram is one at every cut from its own height up to that of its parent.
+    """
+    count = len(tree) + 1
+    height = np.append(tree[:, 2], np.inf)
+    parent = np.full(2 * count - 1, len(tree))
+    children = tree[:, :2].astype(np.intp)
+    parent[children] = np.arange(len(tree))[:, None]
+    above = height[parent[count:]]
+    cuts = np.array(CUTS)[:, None]
+    cut = ((height[:-1] <= cuts) & (cuts < above)).any(0)
+    members: list[Ints] = [np.array([i]) for i in range(count)]
+    for left, right in children.tolist():
+        members.append(np.concatenate([members[left], members[right]]))
+    return [np.sort(members[count + j]) for j in np.flatnonzero(cut).tolist()]
 
 
 def _deviation(frames: Frames, rows: Ints) -> Floats:

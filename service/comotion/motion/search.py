@@ -3,7 +3,7 @@
 In a large scene a panel of trajectories does so, and all judge what it has found.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,7 +149,7 @@ def _first(
     than a pair takes up strays without being proposed to.
     """
     stride = max(len(frames.stamps) // _KEY_FRAMES, 1)
-    few = _thinned(frames, stride) if stride > 1 else frames
+    few = frames.thinned(stride) if stride > 1 else frames
     before = past.labels
     known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, past.static)]
     groups = [rows for h in known if len(rows := frames.rows_of(before == h)) >= 2]
@@ -162,17 +162,6 @@ def _first(
     found = costs(few, bodies, config, len(frames.stamps) / len(few.stamps))
     chosen = select(_of(frames, found, judged))
     return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
-
-
-def _thinned(frames: Frames, stride: int) -> Frames:
-    """Every stride-th frame, counted back from the newest."""
-    kept = np.arange(len(frames.stamps) - 1, -1, -stride)[::-1]
-    return replace(
-        frames,
-        stamps=frames.stamps[kept],
-        y=np.ascontiguousarray(frames.y[:, kept]),
-        w=np.ascontiguousarray(frames.w[:, kept]),
-    )
 
 
 def _of(frames: Frames, found: Costs, judged: Bools) -> Costs:
