@@ -56,6 +56,9 @@ def draw_direction(study: Study) -> Drawn:
     for part, take in zip(panels.halves(figure, *_titles(_DIRECTION_CONFIG)), takes, strict=True):
         axes = part.subplots(2, 4)
         _scenes_over_affinities(part, take, _DIRECTION, axes[0], axes[1], study)
+        for upper in axes[0]:
+            upper.set_xlim(-0.05, 0.85)
+            upper.set_ylim(0.05, 0.85)
     panels.object_legend(figure, takes[0].seeds[0].names)
     printed = {"Y": "small", "G": "particularly high", "R": "-", "P": "-"}
     rows = [

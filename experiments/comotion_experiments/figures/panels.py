@@ -50,10 +50,25 @@ def scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: in
     axes.set_xlim(-0.08, 1.14)
     axes.set_ylim(-0.08, 1.08)
     axes.set_aspect("equal")
+    axes.set_xlabel(f"x [{spec.unit}]", fontsize=7, labelpad=1)
+    if axes.get_subplotspec().is_first_col():
+        axes.set_ylabel(f"y [{spec.unit}]", fontsize=7, labelpad=1)
     axes.set_xticks([0, 0.5, 1])
     axes.set_yticks([0, 0.5, 1])
     axes.tick_params(labelsize=7, length=2)
     axes.set_title(f"t = {view.t:.3g} s", fontsize=9)
+
+
+def row_title(axes: Any, text: str) -> None:
+    """Write a title to the left of a row's first panel."""
+    style: dict[str, Any] = {
+        "fontsize": 12,
+        "fontweight": "bold",
+        "rotation": 90,
+        "va": "center",
+        "ha": "right",
+    }
+    axes.text(-0.24, 0.5, text, transform=axes.transAxes, **style)
 
 
 def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float = 0.3) -> None:

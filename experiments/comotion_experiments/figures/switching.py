@@ -41,7 +41,7 @@ def draw_scenes(study: Study) -> Drawn:
         for panel, view in zip(row, first.views, strict=False):
             panels.scene_panel(panel, view, styles, spec, study.options.seeds[0])
         image = panels.affinity_panel(row[-1], first.views[1], first.names)
-        row[0].set_ylabel(label, fontsize=12, fontweight="bold")
+        panels.row_title(row[0], label)
     panels.affinity_bar(figure, image, list(axes[:, -1]))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
     return Drawn(figure, _perfect_rows(takes), _parameters(study))
