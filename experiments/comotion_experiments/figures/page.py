@@ -24,8 +24,8 @@ WITHOUT_WORKCELL = "they need the workcell: pip install 'comotion[sim3d]'"
 _LEAD = """Inferring object hypotheses from how features move: the method of the thesis beside the default
 method of comotion, on the same data."""
 _MEANS = """Mean over updates and, after ±, the standard deviation over seeds. The thesis method's parameters
-are the best of those drawn, chosen in hindsight; the default method has none to choose, and the same
-parameters everywhere. In figure 4.3 nothing moves for 10 of 12.67 s: nothing can score above 0 until then."""
+are the best of those drawn, chosen in hindsight; the default method has its defaults everywhere. In figure
+4.3 nothing moves for 10 of 12.67 s: nothing can score above 0 until then."""
 _KEY = """Trajectories are coloured by hypothesis. A circle in the colour of an object is the hypothesis
 that matches this object best over the run; any other marker is a surplus hypothesis, a cross is
 undetermined. NMI is the normalized mutual information (4.1) of hypotheses and true objects: 1 is the same
