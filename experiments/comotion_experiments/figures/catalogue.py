@@ -79,7 +79,8 @@ FIGURES = (
         "4.6",
         "A toy truck is pulled",
         "Features of a KLT tracker in a rendered RGB-D camera, coloured by hypothesis. A gripper in "
-        "place of the hand pulls the truck to the left, then pushes it back.",
+        "place of the hand pulls the truck to the left, then pushes it back. The thesis method has "
+        "the σ that suits the scene best; the third row is the truth.",
         workcell.pictures(workcell.TRUCK),
         workcell=True,
     ),

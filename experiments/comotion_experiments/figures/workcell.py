@@ -10,12 +10,11 @@ from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .footage import PERIOD, PICTURE, Stills, filmed, shooting
-from .numbers import DEFAULT, right_at, spread, summary
+from .numbers import DEFAULT, best, right_at, spread, summary
 from .runs import Take, View
 from .study import Study, thesis
 
-SWITCHES = (0.01, 0.02, 0.04, 0.08)
-_DRAWN_SWITCH = 0.02
+SWITCHES = (0.005, 0.01, 0.02, 0.04, 0.08)
 _START_S = 4.0
 _SHADE = 8
 # When the shelf's door turns (see its scene).
@@ -50,7 +49,7 @@ TRUCK = Shot(
     15,
     (4.0, 6.0, 8.0, 14.0),
     apart=("truck", "gripper"),
-    said="different hypotheses if observed for long; newer features of the hand go to the truck",
+    said="different, if observed for long",
 )
 TOWER = Shot("truck-tower", 30, (4.0, 6.0, 8.0, 14.0), apart=("truck", "tower"), said="nicely separated")
 SHELF = Shot(
@@ -71,10 +70,8 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
 
     def draw(study: Study) -> Drawn:
         takes = _takes(study, shot)
-        shown = {
-            f"thesis method, σ = {_DRAWN_SWITCH:g} m": takes[f"σ = {_DRAWN_SWITCH:g} m"],
-            DEFAULT: takes[DEFAULT],
-        }
+        label = best(takes)
+        shown = {f"thesis method, {label}": takes[label], DEFAULT: takes[DEFAULT]}
         stills = Stills(shot.scene, study.options.workcell_seeds[0])
         figure = panels.new_figure(3.25 * len(shot.times), 7.9)
         rows = figure.subplots(3, len(shot.times))
@@ -101,9 +98,7 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
             if label == DEFAULT:
                 panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.4, order=5)
             else:
-                panels.curve(
-                    axes, take, f"thesis, {label}", colour=panels.RAMP[k + 1], dashes=panels.DASHES[k]
-                )
+                panels.curve(axes, take, f"thesis, {label}", colour=panels.RAMP[k], dashes=panels.DASHES[k])
         panels.nmi_axes(axes, duration=shooting(study, shot.respawn_every).seconds, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         found = _parameters(study, shot, drawn=False)
