@@ -14,7 +14,7 @@ from .numbers import DEFAULT, best, right_at, spread, summary
 from .runs import Take, View
 from .study import Study, thesis
 
-SWITCHES = (0.005, 0.01, 0.02, 0.04, 0.08)
+SWITCHES = (0.0025, 0.005, 0.01, 0.02, 0.04)
 _START_S = 4.0
 _SHADE = 8
 # When the shelf's door turns (see its scene).
