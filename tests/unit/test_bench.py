@@ -1,12 +1,17 @@
 """The scene of the benchmark is what it says, and a timing counts what it should."""
 
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from comotion import FusionConfig
+from comotion import Fusion, FusionConfig
+from comotion_clients.metrics import nmi
 from comotion_experiments.bench import Scene, SceneSpec, time_scene
+from comotion_experiments.bench.live import latencies
+from comotion_experiments.bench.report import write_page
+from comotion_experiments.bench.straightforward import Straightforward, literal_variance
 
 
 def test_a_source_keeps_its_number_of_features_and_gives_up_those_it_replaces() -> None:
@@ -40,3 +45,61 @@ def test_a_timing_covers_every_update_after_the_window_has_filled() -> None:
     assert len(timing.total_ms) == len(timing.cpu_ms) == 6
     assert (timing.total_ms > timing.update_ms).all()
     assert 0 < np.mean(timing.nmi) <= 1
+
+
+def test_the_straightforward_version_agrees_with_the_core() -> None:
+    config = FusionConfig(method="thesis", window=2.0)
+    scene = Scene(SceneSpec(features=60, bodies=2, churn=0.0))
+    fusion, work, observed = Fusion(config), Straightforward(60, config), {}
+    for batch in scene.merged(3.0):
+        fusion.ingest(batch)
+        work.ingest(batch)
+        for track, x in zip(batch.ids.tolist(), batch.positions.astype(float), strict=True):
+            observed.setdefault((batch.source, track), []).append((batch.stamp_ns, x))
+        if batch.seq % 6 == 5:
+            fusion.update(batch.stamp_ns)
+            work.advance()
+    update = fusion.update(batch.stamp_ns)
+    tracks, labels = work.cluster()
+    names = [source.name for source in update.sources]
+    mine = {
+        (names[s], i): h
+        for s, i, h in zip(
+            update.track_source, update.track_id.tolist(), update.track_hypothesis, strict=True
+        )
+    }
+    assert nmi(labels, np.array([mine[track] for track in tracks], np.int64)) > 0.9
+    since = update.stamp_ns - 2_000_000_000
+    pair = [[o for o in observed[track] if since <= o[0] <= update.stamp_ns] for track in tracks[:2]]
+    matrix = fusion.affinity("world")
+    i, j = (matrix.tracks.index((name, scene_session(fusion, name), track)) for name, track in tracks[:2])
+    expected = 0.5 ** (literal_variance(*pair, config.v_move_for("m")) / config.switch_for("m") ** 2)
+    assert matrix.matrix[i, j] == pytest.approx(expected, abs=1e-4)
+
+
+def scene_session(fusion: Fusion, name: str) -> str:
+    return next(session for source, session in fusion.sessions if source == name)
+
+
+def test_latency_counts_from_the_last_put_that_an_update_holds() -> None:
+    ms = 1_000_000
+    puts = np.array([[0, 1], [30, 32], [60, 61], [90, 95]]) * ms
+    updates = np.array([[0, 50], [60, 100], [60, 200], [100, 300]]) * ms
+    last, every = latencies(updates, puts)
+    assert last.tolist() == [49, 39, 139, 205]
+    assert every.tolist() == [68, 39, 205]
+
+
+def test_a_page_is_written_between_its_marks_alone(tmp_path: Path) -> None:
+    page = tmp_path / "performance.md"
+    write_page(page, "core", "first\n")
+    page.write_text("before\n" + page.read_text() + "after\n")
+    write_page(page, "core", "second\n")
+    text = page.read_text()
+    assert "second" in text
+    assert "first" not in text
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    (tmp_path / "other.md").write_text("no marks")
+    with pytest.raises(ValueError, match="no marks"):
+        write_page(tmp_path / "other.md", "core", "x")

@@ -1,12 +1,17 @@
 """``comotion bench``: what an update costs on this machine."""
 
 import json
-from dataclasses import asdict
-from typing import Annotated
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import options
+from ..errors import UserError, missing_extra
+
+if TYPE_CHECKING:
+    from comotion_experiments.bench import Costs
 
 EPILOG = """
 Examples:
@@ -15,7 +20,11 @@ Examples:
 
   comotion bench --features 500,1000,3000 --method thesis --updates 100
 
-  comotion bench --features 1000 --method comotion --method thesis --set period=0.25 --json
+  comotion bench --features 1000 --rate 15,30,60 --recording tennis_serve.npz --json
+
+  comotion bench --out docs   # writes performance.md and its picture
+
+  comotion bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
 """
 
 
@@ -23,49 +32,121 @@ def bench(
     ctx: typer.Context,
     features: Annotated[
         str | None,
-        typer.Option("--features", help="Numbers of features. Default: 500,1000,3000,5000; quick 200,500."),
+        typer.Option(
+            "--features", help="Numbers of features. [default: 500,1000,3000,5000; quick 200,500; live 1000]"
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option("--method", help="Method; may be repeated. Default: comotion and thesis."),
+        typer.Option("--method", help="Method; may be repeated. [default: comotion and thesis]"),
+    ] = None,
+    rate: Annotated[str, typer.Option("--rate", help="Hz of every source; several make more rows.")] = "30",
+    recording: Annotated[
+        list[str] | None,
+        typer.Option("--recording", metavar="FILE", help="Time a recording or sim:NAME too; repeatable."),
     ] = None,
     updates: Annotated[int | None, typer.Option("--updates", min=2, help="Updates to time per row.")] = None,
     bodies: Annotated[int, typer.Option("--bodies", min=1, help="Moving bodies of the scene.")] = 6,
     sources: Annotated[int, typer.Option("--sources", min=1, max=64, help="Sources of the scene.")] = 3,
-    rate: Annotated[float, typer.Option("--rate", min=1, max=1000, help="Hz of every source.")] = 30.0,
     churn: Annotated[
         float, typer.Option("--churn", min=0, max=1, help="Share of the features replaced per second.")
     ] = 0.03,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the scene.")] = 0,
+    baseline: Annotated[
+        int | None,
+        typer.Option(
+            "--baseline",
+            min=0,
+            help="Features for the straightforward version; 0: leave it out. [default: 1000, quick 200]",
+        ),
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small numbers, few updates.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Measure processes over a router instead.")] = False,
+    seconds: Annotated[float, typer.Option("--seconds", min=1, help="Of --live.")] = 30.0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write performance.md and images/performance.png there."),
+    ] = None,
     assignments: options.Assignments = None,
     json_: options.Json = False,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Time the core on a made-up scene: ms per update with its share of ingest, CPU and memory."""
+    """Time the core on made-up scenes of any size: ms per update, CPU, memory, and what others take."""
     from rich.console import Console
 
+    # Between two kernels the other threads sleep instead of spinning.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    if live:
+        _live(features, method, seconds, assignments or [], as_json=json_)
+        return
+    _check(out)
     from comotion_experiments import bench as study
-    from comotion_experiments.bench.report import table
 
-    sizes = _numbers(features or ("200,500" if quick else "500,1000,3000,5000"))
-    spec = study.SceneSpec(bodies=bodies, sources=sources, rate=rate, churn=churn, seed=seed)
+    spec = study.SceneSpec(bodies=bodies, sources=sources, churn=churn, seed=seed)
+    sizes = _numbers("--features", features or ("200,500" if quick else "500,1000,3000,5000"), 2, 50_000)
     status = Console(stderr=True)
-    rows = study.run_bench(
-        study.scaled(spec, sizes),
+    costs = study.run_bench(
+        study.scaled(spec, sizes, _numbers("--rate", rate, 1, 1000)),
         [options.fusion_config(ctx, name, assignments) for name in method or ("comotion", "thesis")],
-        updates or (20 if quick else 60),
+        updates or (20 if quick else 100),
+        recordings=recording or (),
+        baseline=(200 if quick else 1000) if baseline is None else baseline,
         progress=lambda what: status.print(what, style="dim", highlight=False),
     )
-    if json_:
-        print(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        Console(width=max(100, Console().width)).print(table(rows))
+    _report(costs, out, as_json=json_)
 
 
-def _numbers(text: str) -> list[int]:
+def _report(costs: "Costs", out: Path | None, *, as_json: bool) -> None:
+    from rich.console import Console
+
+    from comotion_experiments.bench import report
+
+    if out is not None:
+        (out / "images").mkdir(parents=True, exist_ok=True)
+        report.save_picture(out / "images" / "performance.png", costs)
+        text = report.markdown(costs, "images/performance.png", "comotion bench --out docs")
+        report.write_page(out / "performance.md", "core", text)
+    if as_json:
+        print(json.dumps(costs.as_json(), indent=2))
+        return
+    console = Console(width=max(120, Console().width))
+    console.print(report.table(costs))
+    for line in report.lines(costs):
+        console.print(line, highlight=False)
+    if out is not None:
+        console.print(f"written: {out / 'performance.md'}", highlight=False)
+
+
+def _live(
+    features: str | None, method: list[str] | None, seconds: float, assignments: list[str], *, as_json: bool
+) -> None:
+    from ..bench_live import live_lines, run_live
+
+    fusion = [word for name in method or () for word in ("--method", name)]
+    fusion += [word for text in assignments for word in ("--set", text)]
+    found = []
+    for size in _numbers("--features", features or "1000", 2, 50_000):
+        found.append(run_live(size, seconds, ["--set", f"max_tracks={max(5000, 2 * size)}", *fusion], 12.0))
+        if not as_json:
+            print("\n".join(live_lines(found[-1])))
+    if as_json:
+        print(json.dumps(found, indent=2))
+
+
+def _check(out: Path | None) -> None:
+    if out is None:
+        return
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("plot", error) from None
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is no folder")
+
+
+def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
     chunks = [chunk.strip() for chunk in text.split(",")]
-    if not all(chunk.isdecimal() and 2 <= int(chunk) <= 50_000 for chunk in chunks):
-        raise ValueError(f"--features {text}: expected numbers from 2 to 50000, separated by commas")
+    if not all(chunk.isdecimal() and least <= int(chunk) <= most for chunk in chunks):
+        raise ValueError(f"{option} {text}: expected numbers from {least} to {most}, separated by commas")
     return [int(chunk) for chunk in chunks]

@@ -1,5 +1,6 @@
 """``comotion serve``: the fusion service of a scene."""
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -68,6 +69,8 @@ def serve(
     _metrics: options.Metrics = None,
 ) -> None:
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
+    # Between two kernels the other threads sleep instead of spinning.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     from comotion.runtime import server
 
     server.serve(

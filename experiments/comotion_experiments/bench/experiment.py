@@ -1,26 +1,44 @@
 """The table of costs: every method at every number of features, each in a process of its own."""
 
+import math
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from comotion import FusionConfig
 
+from ..inputs import find_inputs
+from .machine import Machine, describe_machine
 from .scene import SceneSpec
-from .timing import Timing, time_scene
+from .straightforward import Baseline, time_straightforward
+from .timing import Timing, time_input, time_scene
+
+# A pair: five single precision numbers are read and four written, and an affinity is written.
+_BYTES_PER_PAIR = 4 * (5 + 4 + 1)
+_BASELINE_UPDATES = 3
+_LEAST_FITTED = 500
+# From so many features on the default method is given a longer period.
+_MANY = 5000
+_LONG_PERIOD = 0.25
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; times in ms per update."""
+    """One line of the table; times in ms per update, its share of ingest included.
 
+    `features` is the number asked for, of a recording the median; `limit_ms` how long the memory takes
+    to stream the sums of all pairs once, 0 where the method keeps none.
+    """
+
+    scene: str
     method: str
     features: int
     rate: float
+    period: float
     median_ms: float
     p99_ms: float
     ingest_ms: float
@@ -28,26 +46,112 @@ class Row:
     cpu_share: float
     memory_mb: float
     nmi: float
+    limit_ms: float
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Results of a run."""
+
+    machine: Machine
+    rows: list[Row]
+    baseline: Baseline | None
+
+    def exponents(self) -> dict[str, float]:
+        """Exponent of the cost in the number of features, by method, from the scenes of 500 and more."""
+        found = {}
+        for method in dict.fromkeys(row.method for row in self.rows):
+            rows = [r for r in self.scenes(method) if r.features >= _LEAST_FITTED]
+            if len({row.features for row in rows}) > 1:
+                sizes = np.log([row.features for row in rows])
+                found[method] = float(np.polyfit(sizes, np.log([row.median_ms for row in rows]), 1)[0])
+        return found
+
+    def scenes(self, method: str) -> list[Row]:
+        """Rows of made-up scenes at the lowest rate."""
+        rows = [row for row in self.rows if row.method == method and row.scene == "made up"]
+        return [row for row in rows if row.rate == min(r.rate for r in rows)]
+
+    def ratio(self) -> float:
+        """How many times as long the straightforward version takes; NaN where it has not been run."""
+        for row in self.scenes("thesis"):
+            if self.baseline is not None and row.features == self.baseline.features:
+                return self.baseline.update_ms / row.median_ms
+        return math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        rows = [asdict(row) for row in self.rows]
+        return {
+            "machine": asdict(self.machine),
+            "rows": [{name: _known(value) for name, value in row.items()} for row in rows],
+            "exponents": self.exponents(),
+            "baseline": None if self.baseline is None else asdict(self.baseline),
+            "times_faster_than_straightforward": _known(self.ratio()),
+        }
 
 
 def run_bench(
     scenes: Sequence[SceneSpec],
     configs: Sequence[FusionConfig],
     updates: int,
+    *,
+    recordings: Sequence[str] = (),
+    baseline: int = 0,
     progress: Callable[[str], None] = lambda _: None,
-) -> list[Row]:
-    """Time every configuration on every scene.
+) -> Costs:
+    """Time every configuration on every scene and recording.
 
     Each runs in a fresh process, so that its peak memory is its own and no other's threads disturb.
+
+    Parameters
+    ----------
+    scenes, configs
+        What to run.
+    updates
+        How many updates to time in each scene.
+    recordings
+        Paths or ``sim:NAME``, as for ``comotion evaluate``.
+    baseline
+        Number of features at which to run the straightforward version; 0 for not at all.
+    progress
+        Told what comes next.
     """
+    progress("memory bandwidth")
+    machine: Machine = alone(describe_machine)
+    inputs = find_inputs(recordings)
     rows = []
     for config in configs:
         for spec in scenes:
-            progress(f"{config.method}, {spec.features} features")
-            room = max(config.max_tracks, 2 * spec.features)
-            sized = config.model_copy(update={"max_tracks": room})
-            rows.append(_row(spec, alone(time_scene, spec, sized, updates)))
-    return rows
+            progress(f"{config.method}, {spec.features} features at {spec.rate:g} Hz")
+            sized = _sized(config, spec)
+            rows.append(_row("made up", spec.rate, machine, alone(time_scene, spec, sized, updates)))
+            rows[-1] = replace(rows[-1], features=spec.features)
+        for item in inputs:
+            progress(f"{config.method}, {item.name}")
+            rows.append(_row(item.name, math.nan, machine, alone(_time_named, item.name, config)))
+    found = None
+    if baseline:
+        progress(f"straightforward version, {baseline} features")
+        spec = replace(scenes[0], features=baseline)
+        found = alone(time_straightforward, spec, FusionConfig(method="thesis"), _BASELINE_UPDATES)
+    return Costs(machine, rows, found)
+
+
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _time_named(name: str, config: FusionConfig) -> Timing:
+    return time_input(find_inputs([name])[0], config)
+
+
+def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
+    changes: dict[str, Any] = {"max_tracks": max(config.max_tracks, 2 * spec.features)}
+    given = config.period != FusionConfig().period
+    if config.method == "comotion" and spec.features >= _MANY and not given:
+        changes["period"] = _LONG_PERIOD
+    return config.model_copy(update=changes)
 
 
 def alone(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -57,22 +161,28 @@ def alone(function: Callable[..., Any], *arguments: Any) -> Any:
         return pool.submit(function, *arguments).result()
 
 
-def _row(spec: SceneSpec, timing: Timing) -> Row:
+def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:
     total = timing.total_ms
+    features = int(np.median(timing.features))
+    streamed = _BYTES_PER_PAIR * features**2 / 2 if timing.method == "thesis" else 0.0
     return Row(
+        scene=scene,
         method=timing.method,
-        features=spec.features,
-        rate=spec.rate,
+        features=features,
+        rate=rate,
+        period=timing.period,
         median_ms=float(np.median(total)),
         p99_ms=float(np.percentile(total, 99)),
         ingest_ms=float(np.median(timing.ingest_ms)),
         cpu_ms=float(np.median(timing.cpu_ms)),
         cpu_share=float(np.sum(timing.cpu_ms)) / (1e3 * timing.period * len(total)),
         memory_mb=timing.memory_mb,
-        nmi=float(np.mean(timing.nmi)),
+        nmi=float(np.nanmean(timing.nmi)) if np.isfinite(timing.nmi).any() else math.nan,
+        limit_ms=streamed / machine.triad_gb_s / 1e6,
     )
 
 
-def scaled(spec: SceneSpec, sizes: Sequence[int]) -> list[SceneSpec]:
-    """The same scene with other numbers of features."""
-    return [replace(spec, features=n) for n in sizes]
+def scaled(spec: SceneSpec, sizes: Iterable[int], rates: Iterable[float]) -> list[SceneSpec]:
+    """The same scene with other numbers of features, at other rates."""
+    rates = list(rates)
+    return [replace(spec, features=n, rate=rate) for n in sizes for rate in rates]

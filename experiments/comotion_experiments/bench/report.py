@@ -1,38 +1,127 @@
-"""The costs as a table."""
+"""The costs as a table, as Markdown and as a picture."""
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.table import Table
 
-from .experiment import Row
+from .experiment import Costs, Row
 
-TITLES = ("method", "N", "Hz", "ms", "p99", "ingest", "CPU ms", "CPU", "MB", "NMI")
+TITLES = (
+    "scene",
+    "method",
+    "N",
+    "Hz",
+    "period",
+    "ms",
+    "p99",
+    "ingest",
+    "CPU ms",
+    "CPU",
+    "MB",
+    "NMI",
+    "limit",
+)
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
 def cells(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Rows of the table: median and 99th percentile of ms per update, of it ingest, share of one core."""
+    """Rows of the table: ms per update, median and 99th percentile, of it ingest; share of one core."""
     return [
         (
+            row.scene,
             row.method,
             f"{row.features}",
-            f"{row.rate:g}",
+            "-" if math.isnan(row.rate) else f"{row.rate:g}",
+            f"{1e3 * row.period:.0f}",
             f"{row.median_ms:.1f}",
             f"{row.p99_ms:.1f}",
-            f"{row.ingest_ms:.1f}",
+            f"{row.ingest_ms:.1f}" if row.ingest_ms else "-",
             f"{row.cpu_ms:.1f}",
             f"{100 * row.cpu_share:.0f} %",
             f"{row.memory_mb:.0f}",
             f"{row.nmi:.3f}",
+            f"{row.limit_ms:.1f}" if row.limit_ms else "-",
         )
         for row in rows
     ]
 
 
-def table(rows: Sequence[Row]) -> Table:
+def table(costs: Costs) -> Table:
     """For a terminal."""
     drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for k, title in enumerate(TITLES):
-        drawn.add_column(title, justify="left" if k == 0 else "right", no_wrap=True)
-    for row in cells(rows):
+        drawn.add_column(title, justify="left" if k < 2 else "right", no_wrap=True)
+    for row in cells(costs.rows):
         drawn.add_row(*row)
     return drawn
+
+
+def lines(costs: Costs) -> list[str]:
+    """What the table does not say."""
+    machine = costs.machine
+    versions = ", ".join(f"{name} {number}" for name, number in machine.versions.items())
+    texts = [
+        f"{machine.processor}, {machine.cores} cores, load {machine.load:.1f}; {versions}",
+        f"memory bandwidth (triad, single precision, all cores): {machine.triad_gb_s:.1f} GB/s",
+    ]
+    texts += [f"{method}: cost grows as N to the {power:.2f}" for method, power in costs.exponents().items()]
+    if costs.baseline is not None:
+        base = costs.baseline
+        texts += [
+            f"straightforward version (NumPy sums, scikit-learn 2-means, ten starts), N = {base.features}: "
+            f"{base.update_ms:.0f} ms per update, NMI {base.nmi:.3f}",
+            f"of it {base.sums_ms:.0f} ms sums and {base.clustering_ms:.0f} ms clustering; the definitions "
+            f"word for word, from a few pairs: {base.literal_ms / 1e3:.0f} s",
+        ]
+        if not math.isnan(costs.ratio()):
+            texts.append(f"thesis method: {costs.ratio():.0f} times as fast as the straightforward version")
+    return texts
+
+
+def markdown(costs: Costs, picture: str, command: str) -> str:
+    """The measured part of the page; `picture` is the name of the plot beside it."""
+    rows = [TITLES, ("---", "---", *["---:"] * (len(TITLES) - 2)), *cells(costs.rows)]
+    drawn = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    listed = "\n".join(f"- {line}" for line in lines(costs))
+    return f"Made by `{command}`.\n\n{listed}\n\n{drawn}\n\n![cost against N]({picture})\n"
+
+
+def save_picture(path: Path, costs: Costs) -> None:
+    """Draw the cost against the number of features, with the power that fits."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4.5), dpi=100, layout="constrained")
+    axes = figure.subplots()
+    powers = costs.exponents()
+    for colour, method in zip(_COLOURS, dict.fromkeys(row.method for row in costs.rows), strict=False):
+        rows = costs.scenes(method)
+        label = method + (f", N^{powers[method]:.2f}" if method in powers else "")
+        size, middle = [row.features for row in rows], [row.median_ms for row in rows]
+        axes.plot(size, middle, marker="o", color=colour, label=label)
+        axes.fill_between(size, middle, [row.p99_ms for row in rows], color=colour, alpha=0.2)
+        if rows and rows[0].limit_ms:
+            limit = [row.limit_ms for row in rows]
+            axes.plot(size, limit, color=colour, linestyle=":", label="memory bandwidth")
+    if costs.baseline is not None:
+        axes.plot(costs.baseline.features, costs.baseline.update_ms, "kx", label="straightforward")
+    axes.set(
+        xscale="log", yscale="log", xlabel="features N", ylabel="ms per update (line: median, band: to p99)"
+    )
+    sizes = sorted({row.features for row in costs.rows if row.scene == "made up"})
+    axes.set_xticks(sizes, [str(n) for n in sizes])
+    axes.minorticks_off()
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend()
+    figure.savefig(path)
+
+
+def write_page(page: Path, title: str, text: str) -> None:
+    """Replace the measured part of a page, between its marks; the rest is left as it is."""
+    begin, end = f"<!-- {title}: begin -->", f"<!-- {title}: end -->"
+    old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
+    if begin not in old or end not in old:
+        raise ValueError(f"{page}: has no marks '{begin}' and '{end}' to write between")
+    head, tail = old.split(begin)[0], old.split(end)[1]
+    page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")

@@ -14,6 +14,8 @@ from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import nmi
 from comotion_schemas import HypothesisUpdate, ObservationBatch
 
+from ..inputs import Input
+from ..offline import run_offline
 from .scene import Scene, SceneSpec
 
 
@@ -63,6 +65,25 @@ def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Timing:
     timing = Timing(config.method, config.period)
     with threadpool_limits(limits=1, user_api="blas"):
         _run(batches, config, timing, scene, fill)
+    timing.memory_mb = _peak_mb()
+    return timing
+
+
+def time_input(item: Input, config: FusionConfig) -> Timing:
+    """Cost of the core on a recording, once its window is full, or from the middle of a short one."""
+    timing = Timing(config.method, config.period)
+    sizes: list[int] = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        cpu = time.process_time()
+        run = run_offline(item.open(), config, on_update=lambda update, _: sizes.append(len(update.track_id)))
+        cpu = time.process_time() - cpu
+    first = min(round(config.window / config.period), len(run.update_ms) // 2)
+    timing.features = sizes[first:]
+    timing.update_ms = run.update_ms[first:].tolist()
+    # Ingest is not told apart here, and reading and scoring take processor time as well.
+    timing.ingest_ms = [0.0] * len(timing.update_ms)
+    timing.cpu_ms = [1e3 * cpu / len(run.update_ms)] * len(timing.update_ms)
+    timing.nmi = run.nmi[first:].tolist()
     timing.memory_mb = _peak_mb()
     return timing
 

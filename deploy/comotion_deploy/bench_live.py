@@ -1,0 +1,85 @@
+"""The processes of ``comotion bench --live``: router, service, three sources, and a probe."""
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .demo import free_endpoint
+from .errors import UserError
+from .launcher import launch
+from .processes import PYTHON, ProcessSpec, comotion
+
+_LEAD_S = 10.0
+_MODULE = "comotion_experiments.bench.live"
+
+
+def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
+    """Run the whole system and measure it for some time.
+
+    Parameters
+    ----------
+    features
+        Of the scene, over its sources.
+    seconds
+        How long to measure.
+    fusion
+        Options of serve.
+    settle
+        Seconds before that: the window fills.
+
+    Raises
+    ------
+    UserError
+        If no result came, with what the processes last said.
+    """
+    from comotion_experiments.bench.live import RESULT, SCENE, SOURCES
+
+    endpoint = free_endpoint()
+    with TemporaryDirectory(prefix="comotion-bench-") as name:
+        folder = Path(name)
+        start = time.time() + _LEAD_S
+        common = (*PYTHON, _MODULE)
+        sources = [
+            ProcessSpec(
+                name=f"s{k}",
+                command=(*common, "source", endpoint, name, str(k), str(features), f"{start:.3f}"),
+                restart="never",
+            )
+            for k in range(SOURCES)
+        ]
+        probe = (*common, "probe", endpoint, name, f"{seconds:g}", f"{start + settle:.3f}")
+        launch(
+            [
+                comotion("router", "router", "--listen", endpoint),
+                comotion("serve", "serve", *fusion, "--connect", endpoint, "--scene", SCENE),
+                *sources,
+                ProcessSpec(name="probe", command=probe, restart="never", foreground=True),
+            ],
+            log=folder / "log",
+        )
+        result = folder / RESULT
+        if not result.exists():
+            last = " | ".join((folder / "log").read_text(encoding="utf-8").splitlines()[-3:])
+            raise UserError(f"no result; last lines: {last}")
+        found: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
+        return found
+
+
+def live_lines(found: dict[str, Any]) -> list[str]:
+    """The result in words."""
+    seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
+
+    def spread(name: str) -> str:
+        middle, p99, largest = found[name]
+        return f"median {middle:.1f} ms, p99 {p99:.1f} ms, largest {largest:.1f} ms"
+
+    counters = ", ".join(f"{value} {name}" for name, value in found["counters"].items())
+    return [
+        f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
+        f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
+        f"put of the last batch an update holds to its receipt: {spread('last_batch')}",
+        f"put of any batch to the first update that holds it: {spread('every_batch')}",
+    ]

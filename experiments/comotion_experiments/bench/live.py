@@ -1,0 +1,196 @@
+"""End to end over a router: sources that note when they put what, and a probe that notes what came back.
+
+Run as processes, see :mod:`comotion_deploy.bench_live`::
+
+    python -m comotion_experiments.bench.live source ENDPOINT FOLDER INDEX FEATURES START
+    python -m comotion_experiments.bench.live probe ENDPOINT FOLDER SECONDS START
+"""
+
+import json
+import os
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_clients.subscribe import subscribe
+from comotion_schemas import Status
+from comotion_schemas.transport import SessionSettings
+from comotion_sources.runtime import SourcePublisher
+
+from .scene import Scene, SceneSpec
+
+SCENE = "bench"
+SOURCES = 3
+RATE = 30.0
+RESULT = "live.json"
+COUNTERS = ("updates", "overruns", "late", "lost", "batches")
+_READY = "COMOTION_READY_FILE"
+
+Stamps = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Live:
+    """What a run gave; ms, each as median, 99th percentile and largest.
+
+    Attributes
+    ----------
+    last_batch
+        From the put of the last batch that an update holds to receipt of the update.
+    every_batch
+        From the put of every batch to receipt of the first update that holds it.
+    cpu_share
+        Processor time of the service, of one core.
+    counters
+        Of the service, grown over the run.
+    """
+
+    seconds: float
+    updates: int
+    tracks: int
+    last_batch: tuple[float, float, float]
+    every_batch: tuple[float, float, float]
+    cpu_share: float
+    memory_mb: float
+    counters: dict[str, int]
+
+
+def run_source(endpoint: str, folder: Path, index: int, features: int, start: float) -> None:
+    """Publish one source of the scene in real time until stopped; then write (stamp, time of put)."""
+    spec = SceneSpec(features=features, sources=SOURCES, rate=RATE)
+    log: list[tuple[int, int]] = []
+    settings = SessionSettings(connect=(endpoint,))
+    publisher = SourcePublisher(
+        f"s{index}", space="world", unit="m", dim=3, scene=SCENE, settings=settings,
+        ready_file=Path(os.environ[_READY]), rate=RATE,
+    )  # fmt: skip
+    with publisher as source:
+        source.ready()
+        for batch in Scene(spec, round(start * 1e9)).frames(index):
+            if source.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
+                break
+            # Acquired when it is due: a source that was held up has seen it no earlier.
+            source.observe(
+                ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended
+            )
+            log.append((batch.stamp_ns, time.time_ns()))
+            if len(log) % round(RATE) == 0:
+                _write(folder / f"s{index}.npy", log)
+    _write(folder / f"s{index}.npy", log)
+
+
+def _write(path: Path, log: list[tuple[int, int]]) -> None:
+    partial = path.with_suffix(".part.npy")
+    np.save(partial, np.array(log, np.int64).reshape(-1, 2))
+    partial.replace(path)
+
+
+def run_probe(endpoint: str, folder: Path, seconds: float, start: float) -> None:
+    """Note updates for some time from a start on, then write the result."""
+    updates: list[tuple[int, int]] = []
+    tracks: list[int] = []
+    with (
+        subscribe(SCENE, endpoint, message=Status) as statuses,
+        subscribe(SCENE, endpoint) as stream,
+    ):
+        Path(os.environ[_READY]).touch()
+        before: dict[str, int] = {}
+        began = (0.0, 0.0)
+        for update in stream:
+            now = time.time()
+            if now < start:
+                continue
+            if not updates:
+                pid = _service(endpoint)
+                before, began = _counters(statuses.drain()), (now, _processor_seconds(pid))
+            updates.append((update.stamp_ns, time.time_ns()))
+            tracks.append(len(update.track_id))
+            if now > start + seconds:
+                break
+        took = now - began[0]
+        cpu = (_processor_seconds(pid) - began[1]) / took
+        after = _counters(statuses.drain())
+    time.sleep(1.5)
+    puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
+    last, every = latencies(np.array(updates), puts)
+    grown = {
+        name: after[name] - before.get(name, 0)
+        for name in ("overruns", "late", "lost", "updates")
+        if name in after
+    }
+    live = Live(
+        took, len(updates), int(np.median(tracks)), _spread(last), _spread(every), cpu, _memory_mb(pid), grown
+    )
+    (folder / RESULT).write_text(json.dumps(asdict(live)))
+
+
+def latencies(updates: Stamps, puts: Stamps) -> tuple[Floats, Floats]:
+    """Latency of updates and of batches in ms.
+
+    Parameters
+    ----------
+    updates
+        int64 [n, 2]: watermark and time of receipt, in order.
+    puts
+        int64 [m, 2]: stamp and time of the put of every batch.
+
+    Returns
+    -------
+    last
+        [n]: since the latest put of those that an update holds.
+    every
+        [k]: from a put to the first update that holds the batch, of those that the updates cover.
+    """
+    puts = puts[np.argsort(puts[:, 0])]
+    held = np.searchsorted(puts[:, 0], updates[:, 0], side="right")
+    latest = np.maximum.accumulate(puts[:, 1])
+    last = (updates[:, 1] - latest[np.maximum(held - 1, 0)]) * 1e-6
+    first = np.searchsorted(updates[:, 0], puts[:, 0], side="left")
+    covered = (first > 0) & (first < len(updates))
+    every = (updates[first[covered], 1] - puts[covered, 1]) * 1e-6
+    return last.astype(np.float64), every.astype(np.float64)
+
+
+def _spread(values: Floats) -> tuple[float, float, float]:
+    return float(np.median(values)), float(np.percentile(values, 99)), float(values.max())
+
+
+def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
+    return next((dict(s.counters) for _, s in reversed(statuses) if s.role == "service"), {})
+
+
+def _service(endpoint: str) -> int:
+    """Process of the service that is connected to an endpoint."""
+    for command in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = command.read_bytes().decode(errors="replace").split("\0")
+        except OSError:
+            continue
+        if words[1:4] == ["-m", "comotion_deploy", "serve"] and endpoint in words:
+            return int(command.parent.name)
+    raise ValueError("the service has gone, or this system has no /proc to tell its use of the processor")
+
+
+def _processor_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _memory_mb(pid: int) -> float:
+    for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) * 1024 / 1e6
+    return 0.0
+
+
+if __name__ == "__main__":
+    what, endpoint, folder, *numbers = sys.argv[1:]
+    if what == "source":
+        run_source(endpoint, Path(folder), int(numbers[0]), int(numbers[1]), float(numbers[2]))
+    else:
+        run_probe(endpoint, Path(folder), float(numbers[0]), float(numbers[1]))

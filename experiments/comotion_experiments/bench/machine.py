@@ -1,0 +1,69 @@
+"""The machine that the numbers are of: processor, versions, memory bandwidth."""
+
+import os
+import platform
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from comotion.compiled import compiled, numba_range
+from comotion.samples import Array
+
+_ELEMENTS = 32_000_000
+_TURNS = 7
+_PACKAGES = ("comotion", "numpy", "numba", "scikit-learn", "scipy")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What it is, and what it was doing.
+
+    `triad_gb_s` is the best of some runs of a[k] = b[k] + s·c[k] over single precision arrays that
+    exceed the cache, on all cores, counting 12 bytes per element.
+    """
+
+    processor: str
+    cores: int
+    load: float
+    triad_gb_s: float
+    versions: dict[str, str]
+
+
+def describe_machine() -> Machine:
+    """Find out; takes about a second."""
+    return Machine(
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        load=os.getloadavg()[0],
+        triad_gb_s=triad(),
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def triad() -> float:
+    """Memory bandwidth in GB/s."""
+    a, b, c = (np.ones(_ELEMENTS, np.float32) for _ in range(3))
+    times = []
+    for _ in range(_TURNS + 1):
+        begun = time.perf_counter()
+        _triad(a, b, c, np.float32(2))
+        times.append(time.perf_counter() - begun)
+    return 12 * _ELEMENTS / min(times[1:]) / 1e9
+
+
+@compiled(parallel=True)
+def _triad(a: Array, b: Array, c: Array, s: np.float32) -> None:
+    for k in numba_range(len(a)):
+        a[k] = b[k] + s * c[k]
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
