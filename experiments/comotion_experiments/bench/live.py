@@ -27,7 +27,7 @@ SCENE = "bench"
 SOURCES = 3
 RATE = 30.0
 RESULT = "live.json"
-COUNTERS = ("updates", "overruns", "late", "lost", "batches")
+COUNTERS: tuple[str, ...] = ("updates", "overruns", "late", "lost", "batches")
 _READY = "COMOTION_READY_FILE"
 
 Stamps = NDArray[np.int64]
