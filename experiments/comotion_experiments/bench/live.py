@@ -27,7 +27,7 @@ SCENE = "bench"
 SOURCES = 3
 RATE = 30.0
 RESULT = "live.json"
-COUNTERS: tuple[str, ...] = ("updates", "overruns", "late", "lost", "batches")
+COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
 _READY = "COMOTION_READY_FILE"
 
 Stamps = NDArray[np.int64]
@@ -118,13 +118,12 @@ def run_probe(endpoint: str, folder: Path, seconds: float, start: float) -> None
     time.sleep(1.5)
     puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
     last, every = latencies(np.array(updates), puts)
-    grown = {
         name: after[name] - before.get(name, 0)
         for name in ("overruns", "late", "lost", "updates")
         if name in after
     }
     live = Live(
-        took, len(updates), int(np.median(tracks)), _spread(last), _spread(every), cpu, _memory_mb(pid), grown
+        took, len(updates), int(np.median(tracks)), _spread(last), _spread(every), cpu, _memory_mb(pid), _grown(before, after)
     )
     (folder / RESULT).write_text(json.dumps(asdict(live)))
 
@@ -162,6 +161,10 @@ def _spread(values: Floats) -> tuple[float, float, float]:
 
 def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
     return next((dict(s.counters) for _, s in reversed(statuses) if s.role == "service"), {})
+
+
+def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
+    return {name: count - before.get(name, 0) for name, count in after.items() if name in COUNTERS}
 
 
 def _service(endpoint: str) -> int:
