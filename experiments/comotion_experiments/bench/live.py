@@ -118,12 +118,15 @@ def run_probe(endpoint: str, folder: Path, seconds: float, start: float) -> None
     time.sleep(1.5)
     puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
     last, every = latencies(np.array(updates), puts)
-        name: after[name] - before.get(name, 0)
-        for name in ("overruns", "late", "lost", "updates")
-        if name in after
-    }
     live = Live(
-        took, len(updates), int(np.median(tracks)), _spread(last), _spread(every), cpu, _memory_mb(pid), _grown(before, after)
+        took,
+        len(updates),
+        int(np.median(tracks)),
+        _spread(last),
+        _spread(every),
+        cpu,
+        _memory_mb(pid),
+        _grown(before, after),
     )
     (folder / RESULT).write_text(json.dumps(asdict(live)))
 
