@@ -14,6 +14,7 @@ from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, ObservationB
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
 
 RATE_SPAN_S = 3.0
+RATE_LEAST_S = 0.5
 STALL_S = 1.0
 STALL_PERIODS = 3
 LOSS_SHOWN_S = 10.0
@@ -58,9 +59,10 @@ class Stream:
         return self.age(now) > max(STALL_S, STALL_PERIODS * self.period())
 
     def rate(self, now: float) -> float:
-        """Messages per second; 0 once it stalls."""
-        period = self.period()
-        return 1.0 / period if period > 0 and not self.stalled(now) else 0.0
+        """Messages per second; 0 once it stalls, and while too little was heard to tell."""
+        # What had been waiting comes in a burst.
+        known = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_LEAST_S
+        return 1.0 / self.period() if known and not self.stalled(now) else 0.0
 
     def losing(self, now: float) -> bool:
         """Whether something was lost lately."""

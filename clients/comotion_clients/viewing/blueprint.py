@@ -32,7 +32,11 @@ def blueprint(layout: Layout) -> Any:
         rrb.TextLogView(
             origin="log",
             name="Events",
-            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"]),
+            # The sink writes the time into the text: the column of a time line is too narrow to read.
+            columns=rrb.TextLogColumns(
+                timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
+                text_log_columns=["loglevel", "body"],
+            ),
         ),
         rrb.TextDocumentView(origin="summary", name="Scene"),
         column_shares=[2, 3],

@@ -134,7 +134,7 @@ class Grid:
     width: float
 
 
-LEGEND = Grid(columns=4, rows=4, width=4.0)
+LEGEND = Grid(columns=4, rows=3, width=3.3)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import threading
 import time
 import urllib.parse
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -147,11 +147,13 @@ class RerunSink:
         for moment in moments:
             self._recording.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp_ns, "ns"))
             for shape in moment.shapes:
-                self._log(shape)
+                self._log(shape, moment.stamp_ns)
         if self._live:
             self._recording.flush(timeout_sec=_FLUSH_S)
 
-    def _log(self, shape: Shape) -> None:
+    def _log(self, shape: Shape, stamp_ns: int) -> None:
+        if isinstance(shape, Entry):
+            shape = replace(shape, text=f"{clock(stamp_ns)} {shape.text}")
         if isinstance(shape, Number) and shape.path not in self._styled:
             self._styled.add(shape.path)
             style = rr.SeriesLines(colors=[shape.colour], names=[plain(shape.name)], widths=[2.0])
@@ -209,6 +211,13 @@ def _points(shape: Points) -> list[Any]:
     labels = {"labels": list(shape.labels), "show_labels": True} if shape.labels else {}
     points = kind(shape.positions, colors=shape.colours, radii=rr.Radius.ui_points(shape.radius), **labels)
     return [points, rr.AnyValues(**shape.values)] if shape.values else [points]
+
+
+def clock(stamp_ns: int) -> str:
+    """Time of day as Rerun shows it by default, in UTC, to a tenth of a second."""
+    tenths = stamp_ns // 100_000_000
+    seconds = tenths // 10 % 86400
+    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{tenths % 10}"
 
 
 def page_url(port: int, data_uri: str) -> str:
