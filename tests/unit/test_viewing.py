@@ -308,3 +308,15 @@ def test_words_are_legible_on_dark_and_on_light() -> None:
     for number in [*range(21), UNDETERMINED]:
         red, green, blue = legible(number)
         assert 0.44 < (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255 < 0.61
+
+
+def test_before_there_is_a_time_nothing_is_drawn_and_old_stamps_are_no_lag() -> None:
+    picture = ScenePicture("lab")
+    assert picture.on_update(update([], 0), 0.0) == []
+    assert picture.tick(0.1) == []
+    picture.on_batch(batch(), 1.0, 10**18)
+    picture.on_update(update([1]), 1.0)
+    paths = {shape.path: moment.stamp_ns for moment in picture.tick(1.1) for shape in moment.shapes}
+    assert set(paths.values()) == {S}
+    assert "lags/a" not in paths
+    assert "lags/.service" in paths

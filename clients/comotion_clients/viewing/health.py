@@ -16,6 +16,8 @@ from .shapes import LEGEND, Document, Entry, Level, Number, Points, Shape
 PERIOD_S = 0.5
 ROWS = 30
 _LOG = "log"
+_TOLD_S = 60.0
+"""A lag beyond this is that of a recording which is played with its own stamps: no lag at all."""
 _ALARM = (213, 94, 0)
 _SERVICE, _VIEW = (150, 150, 150), (204, 121, 167)
 
@@ -51,11 +53,12 @@ class Health:
         for k, row in enumerate(snapshot.sources):
             hue = HUES[k % len(HUES)]
             shapes.append(Number(self._rates(row.name), row.rate, row.name, hue))
-            if row.state == "ok" and row.lag == row.lag:
+            if row.state == "ok" and abs(row.lag) < _TOLD_S:
                 shapes.append(Number(self._lags(row.name), 1e3 * row.lag, row.name, hue))
         service = snapshot.service
         if service.seq >= 0:
             shapes.append(Number("rates/.service", service.rate, "service", _SERVICE))
+        if abs(service.lag) < _TOLD_S:
             shapes.append(Number("lags/.service", 1e3 * service.lag, "service", _SERVICE))
         if view_age is not None:
             shapes.append(Number("lags/.view", 1e3 * view_age, "this view", _VIEW))

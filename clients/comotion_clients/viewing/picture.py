@@ -78,7 +78,7 @@ class ScenePicture:
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
         """Draw an update and what has happened; one that repeats a stamp, as time stands still, is not."""
         moments = [Moment(e.stamp_ns, [event_entry(e)]) for e in self.model.on_update(update, arrived)]
-        if update.stamp_ns == self._drawn_ns:
+        if update.stamp_ns == self._drawn_ns or not _has_time(update):
             return moments
         self._drawn_ns = update.stamp_ns
         self._unscored = [*self._unscored[-_UNSCORED:], (arrived, update)]
@@ -99,7 +99,7 @@ class ScenePicture:
     def _newest_ns(self) -> int | None:
         """The time that everything without one of its own is drawn at."""
         update = self.model.update
-        return self._batch_ns if update is None else update.stamp_ns
+        return self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
 
     def _score(self, update: HypothesisUpdate) -> list[Moment]:
         # Asked in any case: it forgets what is past.
@@ -115,3 +115,8 @@ class ScenePicture:
             Number("scores/misclassification", score.misclassification, "misclassification", _MISS),
         ]
         return [Moment(update.stamp_ns, shapes)]
+
+
+def _has_time(update: HypothesisUpdate) -> bool:
+    """Whether an update has a time at all: with an event clock there is none before the first batch."""
+    return update.stamp_ns > 0
