@@ -173,12 +173,13 @@ def test_frames_turn_with_the_body_in_3d() -> None:
 
 def test_twist_arrows_show_the_way_of_a_second_and_the_axis() -> None:
     moving = hypothesis(4, twist=Twist(linear=[0.3, 0.0, 0.0], angular=[0.0, 0.0, 2.0]))
-    racing = hypothesis(5, twist=Twist(linear=[0.0, 0.0, 0.001], angular=[100.0, 0.0, 0.0]))
-    shapes = draw_hypotheses("p", [moving, racing, hypothesis(6)], 0.5)
+    racing = hypothesis(5, twist=Twist(linear=[0.0, 9.0, 0.0], angular=[100.0, 0.0, 0.0]))
+    resting = hypothesis(6, twist=Twist(linear=[0.001, 0.0, 0.0], angular=[0.0, 0.0, 0.01]))
+    shapes = draw_hypotheses("p", [moving, racing, resting, hypothesis(7)], 0.5)
     linear, angular = one(shapes, Arrows, "p/twist/linear"), one(shapes, Arrows, "p/twist/angular")
-    assert linear.vectors == pytest.approx(np.array([[0.3, 0, 0]]))
-    assert linear.colours.tolist() == [list(colour(4))]
-    assert angular.vectors == pytest.approx(np.array([[0, 0, 1.0], [2.0, 0, 0]]))  # at most four axes long
+    assert linear.vectors == pytest.approx(np.array([[0.3, 0, 0], [0, 2.0, 0]]))  # at most four axes long
+    assert linear.colours.tolist() == [list(colour(4)), list(colour(5))]
+    assert angular.vectors == pytest.approx(np.array([[0, 0, 1.0], [2.0, 0, 0]]))
 
 
 def test_in_2d_a_turn_is_the_way_of_the_tip_of_the_x_axis() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event
 
-from ..colours import HUES, colour, colours, legible
+from ..colours import HUES, RGB, colour, colours, legible
 from ..scene_rows import HypothesisRow, Snapshot, SourceRow
 from ..watch_view import duration, number
 from .hypotheses import labels
@@ -27,6 +27,7 @@ class Health:
 
     def __init__(self) -> None:
         self._rates, self._lags = Paths("rates"), Paths("lags")
+        self._hues: dict[str, RGB] = {}
         self._states: dict[str, str] = {}
         self._lost: dict[str, int] = {}
 
@@ -50,8 +51,8 @@ class Health:
 
     def _curves(self, snapshot: Snapshot, view_age: float | None) -> list[Shape]:
         shapes: list[Shape] = []
-        for k, row in enumerate(snapshot.sources):
-            hue = HUES[k % len(HUES)]
+        for row in snapshot.sources:
+            hue = self._hues.setdefault(row.name, HUES[len(self._hues) % len(HUES)])
             shapes.append(Number(self._rates(row.name), row.rate, row.name, hue))
             if row.state == "ok" and abs(row.lag) < _TOLD_S:
                 shapes.append(Number(self._lags(row.name), 1e3 * row.lag, row.name, hue))

@@ -16,7 +16,7 @@ AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
 SHOWN = 0.1
 """Arrows shorter than this share of an axis are left out."""
 LONGEST = 4.0
-"""An arrow of angular velocity ends at this many axes."""
+"""An arrow ends at this many axes: a few features can seem to race, and the view must still fit."""
 _AXIS_SHARE = 0.07
 
 
@@ -81,8 +81,8 @@ def _velocities(
     linear = np.array(
         [h.twist.linear if h.twist else [0.0] * centroids.shape[1] for h in hypotheses], np.float32
     ).reshape(centroids.shape)
-    rows = np.linalg.norm(linear, axis=1) > SHOWN * axis
-    return Arrows(f"{path}/twist/linear", centroids[rows], linear[rows], shades[rows], 2.5)
+    rows, vectors = _in_sight(linear, axis)
+    return Arrows(f"{path}/twist/linear", centroids[rows], vectors, shades[rows], 2.5)
 
 
 def _spins(
@@ -98,11 +98,16 @@ def _spins(
             turn = _matrix(h)
             origins[k] += axis * turn[:, 0]
             vectors[k] = h.twist.angular * turn[:, 1]
-    speed = np.linalg.norm(vectors, axis=1)
-    rows = speed > SHOWN
-    scale = axis * np.minimum(1.0, LONGEST / np.maximum(speed[rows], 1e-9))
-    arrows = (vectors[rows] * scale[:, None]).astype(np.float32)
+    rows, arrows = _in_sight(axis * vectors, axis)
     return Arrows(f"{path}/twist/angular", origins[rows], arrows, shades[rows], 1.2)
+
+
+def _in_sight(vectors: Places, axis: float) -> tuple[NDArray[np.intp], Places]:
+    """Rows of the vectors that are not too short to be seen, and these, none of them too long."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    rows = np.flatnonzero(lengths > SHOWN * axis)
+    shares = np.minimum(1.0, LONGEST * axis / lengths[rows])
+    return rows, (vectors[rows] * shares[:, None]).astype(np.float32)
 
 
 def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:
