@@ -113,7 +113,7 @@ def _require_alone(component: Component) -> None:
 def _prepare(component: Component, config: FusionConfig) -> bool:
     """Compile and import what the method needs; False when told to stop meanwhile."""
     patience = threading.Timer(
-        _PATIENCE_S, _log.info, ("compiling the methods, once on this machine: about half a minute",)
+        _PATIENCE_S, _log.info, ("preparing the methods: half a minute on the first start, to compile them",)
     )
     patience.daemon = True
     patience.start()
