@@ -51,7 +51,26 @@ class TestWithRerun:
         assert refusal(capsys, "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
         assert refusal(capsys, "--save", tmp_path / "a.png").endswith("ends in .rrd")
         assert "a.mcap" in refusal(capsys, tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
+        assert "rerun a.rrd" in refusal(capsys, "a.rrd", "--web")
+        assert "2GB" in refusal(capsys, "--save", tmp_path / "b.rrd", "--memory", "much")
         assert not (tmp_path / "b.rrd").exists()
+
+    def test_a_window_that_fails_ends_the_command_with_one_line(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        import rerun_cli
+
+        from comotion_clients.viewing.sink import Destination, RerunSink
+
+        broken = tmp_path / "rerun"
+        broken.write_text("#!/bin/sh\necho starting\necho 'Error: no adapter' >&2\nexit 3\n")
+        broken.chmod(0o755)
+        monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "__init__.py"))
+        with RerunSink(Destination(window=True)) as sink:
+            assert sink._window is not None
+            sink._window.wait(30)
+            with pytest.raises(OSError, match=r"failed \(status 3\): Error: no adapter"):
+                _ = sink.closed
 
     @pytest.mark.parametrize("option", ["--port", "--data-port"])
     def test_a_port_in_use_is_told(self, option: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,10 +6,12 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import urllib.parse
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -82,6 +84,7 @@ class RerunSink:
         self._layout: Layout | None = None
         self._styled: set[str] = set()
         self._window: subprocess.Popen[bytes] | None = None
+        self._exit = ExitStack()
         self._live = destination.window or destination.web_port is not None
         self._recording = rr.RecordingStream(
             "comotion",
@@ -122,11 +125,24 @@ class RerunSink:
         with contextlib.suppress(Exception):  # what cannot be delivered any more is not missed
             self._recording.flush(timeout_sec=_FLUSH_S)
         self._recording.disconnect()
+        self._exit.close()
 
     @property
     def closed(self) -> bool:
-        """Whether the window was closed."""
-        return self._window is not None and self._window.poll() is not None
+        """Whether the window was closed.
+
+        Raises
+        ------
+        OSError
+            If it could not be opened, or has crashed.
+        """
+        status = None if self._window is None else self._window.poll()
+        if status:
+            self._words.seek(0)
+            lines = [line.strip() for line in self._words if line.strip()]
+            said = next((line for line in lines if "panicked" in line or "rror" in line), "")
+            raise OSError(f"the window has failed (status {status}): {said or ' '.join(lines)[-200:]}")
+        return status is not None
 
     def wait(self, stop: threading.Event, duration: float | None = None) -> None:
         """Keep showing what there is until told to stop, the time is over, or the window is closed."""
@@ -172,11 +188,13 @@ class RerunSink:
     def _open_window(self, data_uri: str) -> None:
         program = Path(rerun_cli.__file__).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
         command = [str(program), "--connect", data_uri, "--memory-limit", self._where.memory]
-        command.append("--hide-welcome-screen")
+        command += ["--hide-welcome-screen", "--bind", LOOPBACK]
         # As Rerun's own spawn does: no questions at the first start.
-        environment = {**os.environ, "RERUN_APP_ONLY": "true"}
+        environment = {"RUST_LOG": "error", **os.environ, "RERUN_APP_ONLY": "true"}
+        kept = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
+        self._words = self._exit.enter_context(kept)
         self._window = subprocess.Popen(  # noqa: S603 - the viewer of the package
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=self._words, stderr=self._words
         )
 
 

@@ -1,6 +1,7 @@
 """``comotion view``: a scene to look at, in a window, a browser or a file."""
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -84,6 +85,10 @@ def view(
     _require_rerun()
     from comotion_clients.viewing.sink import Destination
 
+    if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", memory) is None:
+        raise UserError(f"--memory {memory}: expected something like 500MB, 2GB or 25%")
+    if recording is not None and recording.suffix == ".rrd":
+        raise UserError(f"{recording} is a file of Rerun's own; look at it with: rerun {recording}")
     if save is not None and save.suffix != ".rrd":
         raise UserError(f"{save}: the name of a file for Rerun ends in .rrd")
     window = not web and save is None
