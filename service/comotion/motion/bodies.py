@@ -1,13 +1,13 @@
 """Rigid bodies: a motion over the frames, fitted to some trajectories, and what it costs each of all."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..window import Bools, Floats
 from .config import MotionConfig
 from .frames import Frames
-from .procrustes import body_costs, fit_body
+from .procrustes import body_costs, fit_body, own_residuals
 from .tracks import Ints
 
 FIT_ITERATIONS = 4
@@ -76,11 +76,20 @@ def fit(frames: Frames, rows: Ints) -> Body:
 
 @dataclass(frozen=True)
 class Costs:
-    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K]."""
+    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K].
+
+    `wider` float64 [K] says by how much a body's tolerance exceeds that of its noise.
+    """
 
     body: Floats
     outlier: Floats
     opening: Floats
+    wider: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def of(self, chosen: list[int]) -> "Costs":
+        """Those of some bodies."""
+        wider = self.wider[chosen] if len(self.wider) else self.wider
+        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], wider)
 
 
 def costs(
@@ -94,8 +103,7 @@ def costs(
     1 the costs of motions far from the best are estimates.
     """
     rows = np.arange(len(frames.owner))
-    wider = np.array([_widening(frames, body, config) for body in bodies])
-    unposed = np.array([_unposed_charge(frames, body, config) for body in bodies])
+    wider, unposed = _own_terms(frames, bodies, config)
     found, _ = _residuals(frames, bodies, rows, wider, unposed, config, stride)
     wide = frames.tolerance[:, None] + wider
     found += 0.5 * _LOOSE_PRICE * frames.dim * np.log(wide / frames.tolerance[:, None])
@@ -103,7 +111,7 @@ def costs(
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
     opening = np.array([_opening(b, config, stretch) for b in bodies])
-    return Costs(body, outlier, opening)
+    return Costs(body, outlier, opening, wider)
 
 
 def _opening(body: Body, config: MotionConfig, stretch: float) -> float:
@@ -113,16 +121,30 @@ def _opening(body: Body, config: MotionConfig, stretch: float) -> float:
     return poses + config.birth_price
 
 
-def moves(frames: Frames, body: Body, config: MotionConfig) -> bool:
-    """Whether a body explains its own rows so much better than rest, both at its tolerance, as it costs.
+def moving(frames: Frames, bodies: list[Body], found: Costs, config: MotionConfig) -> list[int]:
+    """The static body and those that explain their own rows so much better, at one tolerance, as they cost.
 
     A wider tolerance suits everybody: among very many at rest, a body could live on that alone.
     """
-    wider = np.full(2, _widening(frames, body, config))
+    kept = [k for k, body in enumerate(bodies) if body.static]
+    for k, body in enumerate(bodies):
+        if body.static:
+            continue
+        own = np.unique(frames.owner[body.rows])
+        v = float(frames.tolerance[body.rows].min())
+        # A wider tolerance makes no cost smaller than in proportion.
+        least = found.body[own, 0].sum() * v / (v + found.wider[k]) - found.body[own, k].sum()
+        if least > found.opening[k] or _gain(frames, body, found.wider[k], config) > found.opening[k]:
+            kept.append(k)
+    return kept
+
+
+def _gain(frames: Frames, body: Body, wider: float, config: MotionConfig) -> float:
+    """By how much a body's own rows are cheaper under it than at rest, both at its tolerance."""
     both = [static_body(len(frames.stamps)), body]
-    unposed = np.array([0.0, _unposed_charge(frames, body, config)])
-    cost, _ = _residuals(frames, both, body.rows, wider, unposed, config)
-    return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows]) > _opening(body, config, 1.0)
+    _, unposed = _own_terms(frames, both, config)
+    cost, _ = _residuals(frames, both, body.rows, np.full(2, wider), unposed, config)
+    return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
 
 
 def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> Floats:
@@ -141,10 +163,7 @@ def _residuals(
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
     cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
-    count = len(frames.stamps)
-    R = np.stack([body.R.reshape(count, 9).T for body in bodies])
-    t = np.stack([body.t.T for body in bodies])
-    posed = np.array([body.posed for body in bodies], np.float64)
+    R, t, posed = _stacked(bodies)
     body_costs(
         frames.y,
         frames.w,
@@ -164,23 +183,38 @@ def _residuals(
     return cost, squared
 
 
-def _unposed_charge(frames: Frames, body: Body, config: MotionConfig) -> float:
-    if body.static:
-        return 0.0
-    seen = frames.w[body.rows] > 0
-    covered = float(seen[:, body.posed].sum()) / max(1, int(seen.sum()))
-    return frames.dim * (1.0 if covered >= _COVERED else _UNCOVERED * config.residual_cap)
+def _stacked(bodies: list[Body]) -> tuple[Floats, Floats, Floats]:
+    """Poses as the kernels read them, [K, 9, F], [K, 3, F] and [K, F] (1: posed)."""
+    count = len(bodies[0].t)
+    R = np.stack([body.R.reshape(count, 9).T for body in bodies])
+    t = np.stack([body.t.T for body in bodies])
+    return R, t, np.array([body.posed for body in bodies], np.float64)
 
 
-def _widening(frames: Frames, body: Body, config: MotionConfig) -> float:
-    """By how much a body's tolerance exceeds that of its noise: it follows its members' residual.
+def _own_terms(frames: Frames, bodies: list[Body], config: MotionConfig) -> tuple[Floats, Floats]:
+    """By how much each body's tolerance exceeds that of its noise, and the charge for a frame without pose.
 
     Soft things are bodies too: a body that fits its own members worse than the noise says is given
     a wider tolerance, for all trajectories alike, at the price of a log per coordinate.
     """
-    if body.static:
-        return 0.0
-    own = frames.tolerance[body.rows]
-    squared = residuals(frames, body, body.rows, config)
-    excess = float(np.minimum(squared / (own * frames.dim), _LOOSEST).mean())
-    return max(config.looseness * (min(excess, _LOOSEST) - 1), 0.0) * float(own.mean())
+    first = np.cumsum([0, *(len(body.rows) for body in bodies)])
+    rows = np.concatenate([body.rows for body in bodies])
+    excess, covered = np.zeros(len(bodies)), np.zeros(len(bodies))
+    own_residuals(
+        frames.y,
+        frames.w,
+        frames.tolerance,
+        rows,
+        first,
+        frames.dim,
+        _LOOSEST,
+        *_stacked(bodies),
+        excess,
+        covered,
+    )
+    static = np.array([body.static for body in bodies])
+    owners = np.repeat(np.arange(len(bodies)), np.diff(first))
+    mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)
+    wider = np.maximum(config.looseness * (np.minimum(excess, _LOOSEST) - 1), 0.0) * mean
+    unposed = np.where(covered >= _COVERED, 1.0, _UNCOVERED * config.residual_cap) * frames.dim
+    return np.where(static, 0.0, wider), np.where(static, 0.0, unposed)

@@ -20,7 +20,7 @@ from .tracks import Ints, Tracks
 # A scene must have been watched this long before "nothing moves" says more than "nothing yet".
 _WATCHED = 1.0
 # The noise of a hypothesis is read off so many of its members, evenly drawn.
-_ASKED = 256
+_ASKED = 64
 # Rows of one trajectory are told apart in an anchor by this stride.
 _ROWS_PER_TRACK = 8
 

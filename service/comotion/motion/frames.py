@@ -138,14 +138,14 @@ def make_frames(
     owner = np.concatenate([part.own for part in parts])
     y, w = np.zeros((len(owner), len(stamps), 3)), np.zeros((len(owner), len(stamps)))
     noise, seen, squared = np.zeros(len(owner)), np.zeros(len(owner), np.intp), np.zeros(len(owner))
-    first = 0
+    first, corrected = 0, tracks.corrected
     for c in parts:
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
         delay = tracks.delay_ns[own]
         resample(c.times, c.positions, c.start, c.stop, stamps, gap[own], hold[own], delay, y[rows], w[rows])
-        if not c.on_arm and tracks.corrected.any():
-            move(y[rows], w[rows], tracks.turn[own], tracks.shift[own], tracks.corrected[own])
+        if not c.on_arm and corrected.any():
+            move(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
         noise[rows] = noise_variance(tracks, c.squared, c.count, own, config.noise_pool, on_arm=c.on_arm)
     scatter(y, w, seen, squared)
     life = np.zeros(len(tracks.key), np.intp)

@@ -56,6 +56,7 @@ class Offsets:
     def __init__(self) -> None:
         self.reference: int | None = None
         self.found: dict[int, Offset] = {}
+        self._turn = 0
 
     def correct(self, tracks: Tracks) -> Tracks:
         """The same trajectories as the reference would have seen them."""
@@ -79,7 +80,13 @@ class Offsets:
         if self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
         extent, pivot = tracks.extent(), np.median(tracks.newest(), 0)
-        told = [(_told(tracks, frames, labels, one), one) for one in sources.tolist()]
+        asked = sources.tolist()
+        if len(frames.owner) > FEW:
+            # In a large scene one source after the other learns, a step at each update.
+            others = [one for one in asked if one != self.reference]
+            self._turn += 1
+            asked = [self.reference, others[self._turn % len(others)]]
+        told = [(_told(tracks, frames, labels, one), one) for one in asked]
         if len(frames.owner) > FEW:
             frames, told = _excerpt(frames, told)
         groups = next(groups for groups, one in told if one == self.reference)

@@ -292,6 +292,46 @@ def body_costs(
 
 
 @compiled()
+def own_residuals(
+    y: Floats,
+    w: Floats,
+    tolerance: Floats,
+    rows: Slots,
+    first: Slots,
+    dim: int,
+    loosest: float,
+    R: Floats,
+    t: Floats,
+    posed: Floats,
+    excess: Floats,
+    covered: Floats,
+) -> None:
+    """How each motion fits its own rows, in place.
+
+    Parameters
+    ----------
+    rows, first
+        intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of motion k.
+    excess, covered
+        Out: float64 [K], mean squared residual in tolerances and dimensions, each row's at most `loosest`;
+        share of their frames that have a pose.
+    """
+    count = w.shape[1]
+    row, x = np.empty((4, count)), np.empty((4, count))
+    for k in range(len(R)):
+        seen, held = 0, 0
+        for n in range(first[k], first[k + 1]):
+            i = rows[n]
+            seen += _take(y[i], w[i], 1, row)
+            for f in range(count):
+                held += w[i, f] > 0 and posed[k, f] > 0
+            inverse = 1.0 / tolerance[i]
+            _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
+            excess[k] += min(squared * inverse / dim, loosest) / (first[k + 1] - first[k])
+        covered[k] = held / max(seen, 1)
+
+
+@compiled()
 def _take(y: Floats, w: Floats, stride: int, row: Floats) -> int:
     """Every stride-th frame of a row to [4, F]; in how many it is observed."""
     seen = 0

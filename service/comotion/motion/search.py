@@ -12,7 +12,7 @@ from ..compiled import compiled
 from ..engine import NO_HYPOTHESIS
 from ..window import Bools, Floats
 from .assignment import DEAD_FRAMES, Assignment, assign, cheapest
-from .bodies import Body, Costs, costs, fit, moves, static_body
+from .bodies import Body, Costs, costs, fit, moving, static_body
 from .config import MotionConfig
 from .frames import Frames
 from .identity import columns_before, match
@@ -104,9 +104,11 @@ def _settled(
 ) -> Found:
     """The best of bodies, and everybody's assignment to them."""
     found = costs(frames, bodies, config, stride=stride)
+    if stride > 1:
+        kept = moving(frames, bodies, found, config)
+        bodies, found = [bodies[k] for k in kept], found.of(kept)
     chosen = select(_of(frames, found, judged))
-    bodies = [bodies[k] for k in chosen]
-    evidence = Costs(found.body[:, chosen], found.outlier, found.opening[chosen])
+    bodies, evidence = [bodies[k] for k in chosen], found.of(chosen)
     rough = cheapest(evidence.body, evidence.outlier)
     stays = columns_before(past.labels, match(rough, past.labels, len(bodies)))
     where = _carried(frames, newest, bodies, rough)
@@ -136,8 +138,7 @@ def _by_panel(
     kept = {past.static, NO_HYPOTHESIS, *continued.values()}
     groups += [past.labels == h for h in np.unique(past.labels).tolist() if h not in kept]
     rows = [representatives(frames, newest, group & judged) for group in groups]
-    found = [fit(frames, some) for some in rows if len(some) >= 2]
-    return [static_body(len(frames.stamps)), *(body for body in found if moves(frames, body, config))]
+    return [static_body(len(frames.stamps)), *(fit(frames, some) for some in rows if len(some) >= 2)]
 
 
 def _first(

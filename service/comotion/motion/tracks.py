@@ -9,8 +9,8 @@ from ..compiled import compiled
 from ..window import Bools, Floats, Slots, Stamps, Window
 
 Ints = NDArray[np.intp]
-# The spacing of a source is read off so many of its trajectories, the oldest.
-_TIMED = 128
+# The spacing of a source that has more trajectories than this is read off a few, the oldest.
+_MANY, _FEW = 128, 16
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _periods(times: Stamps, start: Ints, stop: Ints, source: Slots) -> Floats:
     found = np.zeros(len(source))
     for one in np.unique(source).tolist():
         mine = np.flatnonzero(source == one)
-        some = mine[:_TIMED]
+        some = mine[:_FEW] if len(mine) > _MANY else mine
         observed = ranges(start[some], stop[some])
         steps = np.diff(times[observed])
         within = np.ones(len(steps), np.bool_)
