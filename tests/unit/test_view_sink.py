@@ -100,7 +100,7 @@ class TestWithRerun:
         told = _printed(tmp_path / "a.rrd")
         expected = [
             "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
-            "/scores/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
+            "/scores/plane/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
             "/spaces/plane/hypotheses", "/spaces/plane/trails", "/spaces/plane/twist/linear",
         ]  # fmt: skip
         assert [path for path in expected if path not in told] == []

@@ -49,6 +49,7 @@ def update(
     positions: object = None,
     sources: tuple[tuple[str, str], ...] = (("a", SESSION),),
     track_source: list[int] | None = None,
+    track_id: list[int] | None = None,
     **more: object,
 ) -> HypothesisUpdate:
     """One track per label, ids 10, 11, ...; all of the first source unless told otherwise."""
@@ -66,7 +67,7 @@ def update(
         period_ns=S // 10,
         sources=[SourceRef(name=name, session=session) for name, session in sources],
         track_source=[0] * count if track_source is None else track_source,
-        track_id=10 + np.arange(count),
+        track_id=10 + np.arange(count) if track_id is None else track_id,
         track_hypothesis=labels,
         track_confidence=[0.5] * count,
         track_position=np.zeros((count, 3), np.float32) if positions is None else positions,
@@ -238,13 +239,13 @@ def test_nmi_is_shown_where_there_is_truth() -> None:
     picture = ScenePicture("lab")
     picture.on_batch(batch(), 0.0, S)
     picture.on_update(update([1, 2]), 0.0)
-    assert not any(isinstance(s, Number) and s.path == "scores/nmi" for s in flat(picture.tick(SETTLE_S)))
+    assert not any(s.path.startswith("scores/") for s in flat(picture.tick(SETTLE_S)))
     assert not picture.layout.scored
     picture.on_truth(TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
     picture.on_batch(batch(stamp_ns=2 * S, seq=1), 1.0, 2 * S)
     picture.on_update(update([1, 2], 2 * S), 1.0)
-    assert not any(isinstance(s, Number) and s.path == "scores/nmi" for s in flat(picture.tick(1.0)))
-    moments = [m for m in picture.tick(1.01 + SETTLE_S) if m.shapes[0].path == "scores/nmi"]
+    assert not any(s.path.startswith("scores/") for s in flat(picture.tick(1.0)))
+    moments = [m for m in picture.tick(1.01 + SETTLE_S) if m.shapes[0].path == "scores/world/nmi"]
     assert [(m.stamp_ns, m.shapes[0].value) for m in moments] == [(2 * S, 1.0)]
     assert picture.layout.scored
 
@@ -321,3 +322,22 @@ def test_before_there_is_a_time_nothing_is_drawn_and_old_stamps_are_no_lag() -> 
     assert set(paths.values()) == {S}
     assert "lags/a" not in paths
     assert "lags/.service" in paths
+
+
+def test_each_space_is_scored_alone() -> None:
+    picture = ScenePicture("lab")
+    for source, space in (("a", "a/pixels"), ("b", "b/pixels")):
+        picture.on_batch(batch(source, space, "px", 2), 0.0, S)
+        picture.on_truth(TruthBatch(source=source, session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
+    # Right in a; in b two objects are one hypothesis. The same objects, seen in two spaces, are no error.
+    both = update(
+        [1, 2, 3, 3],
+        sources=(("a", SESSION), ("b", SESSION)),
+        track_source=[0, 0, 1, 1],
+        track_id=[10, 11, 10, 11],
+    )
+    picture.on_update(both, 0.0)
+    values = {s.path: s.value for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
+    assert values["scores/a_pixels/nmi"] == 1.0
+    assert values["scores/b_pixels/nmi"] == 0.0
+    assert values["scores/b_pixels/wrong"] == 0.5

@@ -6,17 +6,16 @@ at acquisition times: curves of rates and lags at that of the newest update.
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch, Preview, Status, TruthBatch
 
-from ..metrics import Truth, score_update
 from ..scene_model import SceneModel
 from ..scoring import Observed
+from .agreement import Agreement
 from .cameras import Cameras
 from .features import Features
 from .health import PERIOD_S, Health, event_entry
-from .shapes import Layout, Moment, Number, Shape
+from .shapes import Layout, Moment
 
 SETTLE_S = 0.15
 """An update is scored this long after its arrival: the batches it rests on are here by then."""
-_NMI, _MISS = (0, 158, 115), (213, 94, 0)
 _UNSCORED = 64
 
 
@@ -32,7 +31,7 @@ class ScenePicture:
     def __init__(self, scene: str) -> None:
         self.model = SceneModel(scene)
         self.view_age: float | None = None
-        self._truth = Truth()
+        self._agreement = Agreement()
         self._observed = Observed()
         self._features = Features()
         self._cameras = Cameras()
@@ -40,7 +39,6 @@ class ScenePicture:
         self._told_at = -float("inf")
         self._drawn_ns: int | None = None
         self._batch_ns: int | None = None
-        self._scored = False
         self._unscored: list[tuple[float, HypothesisUpdate]] = []
 
     @property
@@ -51,7 +49,7 @@ class ScenePicture:
             ref.name for name, ref in self._observed.spaces.items() if name in cameras and ref.unit == "px"
         } - {ref.name for name, ref in self._observed.spaces.items() if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
-        return Layout(tuple(spaces), tuple(cameras.values()), self._scored)
+        return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Take in a batch: which space its source is in, its rate and its lag."""
@@ -61,7 +59,7 @@ class ScenePicture:
 
     def on_truth(self, truth: TruthBatch) -> None:
         """Take in what a source says about its features' true objects."""
-        self._truth.add(truth)
+        self._agreement.truth.add(truth)
 
     def on_status(self, status: Status) -> None:
         """Take in the Status of a component."""
@@ -89,7 +87,7 @@ class ScenePicture:
         """Draw what has become due: images, scores, and twice a second how the scene is."""
         moments = self._cameras.due(self.model.update, now)
         while self._unscored and now - self._unscored[0][0] >= SETTLE_S:
-            moments += self._score(self._unscored.pop(0)[1])
+            moments += self._agreement.draw(self._unscored.pop(0)[1], self._observed)
         stamp_ns = self._newest_ns()
         if stamp_ns is not None and now - self._told_at >= PERIOD_S:
             self._told_at = now
@@ -100,21 +98,6 @@ class ScenePicture:
         """The time that everything without one of its own is drawn at."""
         update = self.model.update
         return self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
-
-    def _score(self, update: HypothesisUpdate) -> list[Moment]:
-        # Asked in any case: it forgets what is past.
-        tracks = self._observed.at(update.stamp_ns)
-        if not len(self._truth):
-            return []
-        score = score_update(update, self._truth, tracks)
-        if not score.scored:
-            return []
-        self._scored = True
-        shapes: list[Shape] = [
-            Number("scores/nmi", score.nmi, "NMI", _NMI),
-            Number("scores/misclassification", score.misclassification, "misclassification", _MISS),
-        ]
-        return [Moment(update.stamp_ns, shapes)]
 
 
 def _has_time(update: HypothesisUpdate) -> bool:

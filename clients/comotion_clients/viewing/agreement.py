@@ -1,0 +1,49 @@
+"""How well updates agree with the truth: curves per space, since each is clustered alone. Pure."""
+
+from comotion_schemas import HypothesisUpdate
+
+from ..colours import HUES
+from ..metrics import TrackIds, Truth, score_update
+from ..scoring import Observed
+from .paths import Paths
+from .shapes import Moment, Number, Shape
+
+
+class Agreement:
+    """Scores updates; `scored`: there has been something to score."""
+
+    def __init__(self) -> None:
+        self.scored = False
+        self.truth = Truth()
+        self._spaces: list[str] = []
+        self._paths = Paths("scores")
+
+    def draw(self, update: HypothesisUpdate, observed: Observed) -> list[Moment]:
+        """Draw the scores of an update; nothing without truth. Updates come in order."""
+        # Asked in any case: it forgets what is past.
+        tracks = observed.at(update.stamp_ns)
+        if not len(self.truth):
+            return []
+        groups: dict[str, TrackIds] = {}
+        for source, ids in tracks.items():
+            name = observed.spaces[source[0]].name
+            groups[name] = {**groups.get(name, {}), source: ids}
+        shapes = [
+            shape for name, group in sorted(groups.items()) for shape in self._space(update, name, group)
+        ]
+        self.scored |= bool(shapes)
+        return [Moment(update.stamp_ns, shapes)] if shapes else []
+
+    def _space(self, update: HypothesisUpdate, name: str, tracks: TrackIds) -> list[Shape]:
+        score = score_update(update, self.truth, tracks)
+        if not score.scored:
+            return []
+        if name not in self._spaces:
+            self._spaces.append(name)
+        number = 2 * self._spaces.index(name)
+        nmi, missed = (HUES[(k + number) % len(HUES)] for k in (2, 5))
+        path = self._paths(name)
+        return [
+            Number(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
+            Number(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
+        ]
