@@ -7,7 +7,8 @@ import numpy as np
 from ..window import Bools, Floats
 from .config import MotionConfig
 from .frames import Frames
-from .procrustes import body_costs, fit_body, own_residuals
+from .procrustes import fit_body
+from .residuals import body_costs, own_residuals
 from .tracks import Ints
 
 FIT_ITERATIONS = 4
