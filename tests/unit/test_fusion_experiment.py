@@ -156,5 +156,8 @@ def test_the_experiment_runs_scores_and_reports(cache: Path, tmp_path: Path) -> 
     assert report.as_json(results)["cases"][0]["sources"] == [CAMERA_A]
     assert "on average" in report.lines(results)[0]
     assert report.table(results).row_count == 7
+    page = report.markdown(results, "fusion.png")
+    assert page.count("\n| arm |") == 7
+    assert report.lines(results)[0] in page
     report.save_picture(tmp_path / "fusion.png", results)
     assert (tmp_path / "fusion.png").read_bytes()[:4] == b"\x89PNG"

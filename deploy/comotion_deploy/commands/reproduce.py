@@ -91,7 +91,7 @@ def fusion(
     ] = False,
     period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where fusion.png and fusion.json go.")
+        Path, typer.Option("--out", metavar="DIR", help="Where fusion.md, .png and .json go.")
     ] = Path("fusion"),
     cache: Annotated[
         Path | None,
@@ -218,6 +218,7 @@ def _report(results: "Results", out: Path, *, as_json: bool) -> None:
     report.save_picture(out / "fusion.png", results)
     values = json.dumps(report.as_json(results), indent=2)
     (out / "fusion.json").write_text(values + "\n")
+    (out / "fusion.md").write_text(report.markdown(results, "fusion.png"))
     if as_json:
         print(values)
         return
@@ -225,4 +226,4 @@ def _report(results: "Results", out: Path, *, as_json: bool) -> None:
     console.print(report.table(results))
     for line in report.lines(results):
         console.print(line, highlight=False)
-    console.print(f"written: {out / 'fusion.png'}, {out / 'fusion.json'}", highlight=False)
+    console.print(f"written: {out / 'fusion.md'}, .png and .json", highlight=False)

@@ -1,4 +1,4 @@
-"""The fusion experiment as a table, as JSON and as a picture."""
+"""The fusion experiment as a table, as a page, as JSON and as a picture."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -16,12 +16,16 @@ from .study import Outcome
 _COLOURS = {ALONE_A.name: "#999999", WITH_ROBOT.name: "#e69f00", ALL.name: "#0072b2"}
 
 
+_NAMES = ("scene", "camera A", "sources")
+_NUMBERS = ("NMI of A", f"{AFTER_S:.0f} s after", "NMI of all", "surface %", "ids kept %")
+
+
 def table(results: Results) -> Table:
     """One row per scene, cover and variant: means and, after ±, the spread over seeds."""
     found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in ("scene", "camera A", "sources"):
+    for title in _NAMES:
         found.add_column(title, no_wrap=True)
-    for title in ("NMI of A", f"{AFTER_S:.0f} s after", "NMI of all", "surface %", "ids kept %"):
+    for title in _NUMBERS:
         found.add_column(title, justify="right", no_wrap=True)
     for scene in results.scenes:
         for case in (c for c in results.cases if c.scene == scene):
@@ -30,11 +34,11 @@ def table(results: Results) -> Table:
     return found
 
 
-def _cells(case: Case, results: Results) -> list[str]:
+def _cells(case: Case, results: Results) -> tuple[str, ...]:
     start, stop = results.setup.cover
     after = case.nmi_a(stop, stop + AFTER_S) if case.covered else np.array([np.nan])
     kept = case.kept((start, stop)) if case.covered else np.array([np.nan])
-    return [
+    return (
         case.scene,
         "covered" if case.covered else "-" if case.variant is ALONE_B else "open",
         case.variant.name,
@@ -43,7 +47,7 @@ def _cells(case: Case, results: Results) -> list[str]:
         _spread(case.nmi()),
         _spread(100 * case.surface(), 1),
         _spread(100 * kept, 0),
-    ]
+    )
 
 
 def _spread(values: np.ndarray, digits: int = 3) -> str:
@@ -66,6 +70,54 @@ def lines(results: Results) -> list[str]:
         f"On all features, fused: {100 * v.surface:.1f} % of the objects' surface at NMI {v.nmi:.3f}; "
         f"best single camera of each scene: {100 * v.surface_single:.1f} % at {v.nmi_single:.3f}.",
     ]
+
+
+_PAGE = """# Fusing sources
+
+Made by `comotion reproduce fusion`, method {method}, on the [workcell](workcell.md): camera A at
+{rate_a:g} Hz, camera B at {rate_b:g} Hz ({width} x {height} px, {features} features each), a robot's joints
+at {rate_robot:g} Hz; seeds {seeds}, mean ± standard deviation. Covered: nothing reaches camera A's lens from
+{start:g} to {stop:g} s.
+
+- NMI of A: over camera A's features alone, so that sources are compared on the same features; and in the
+  {after:.0f} s after the lens is free again. NMI of all: over the features of all sources.
+- Surface: share of the moving objects' surface within 3 cm of a feature of theirs.
+- Ids kept: share of objects and updates, while A is covered, whose hypothesis has the id of just before,
+  for what B sees or the robot carries.
+
+NMI has a ceiling below 1 here: the truth tells objects apart that have not moved yet.
+
+{lines}
+
+![NMI over time]({picture})
+
+{table}
+"""
+
+
+def markdown(results: Results, picture: str) -> str:
+    """The whole report; `picture` is the path of the plot from there."""
+    setup = results.setup
+    rows = [(*_NAMES, *_NUMBERS), ("---",) * 3 + ("---:",) * len(_NUMBERS)]
+    rows += [
+        _cells(case, results) for scene in results.scenes for case in results.cases if case.scene == scene
+    ]
+    return _PAGE.format(
+        method=results.method,
+        rate_a=setup.rate_a,
+        rate_b=setup.rate_b,
+        rate_robot=setup.rate_robot,
+        width=setup.size[0],
+        height=setup.size[1],
+        features=setup.features,
+        seeds=", ".join(str(seed) for seed in results.seeds),
+        start=setup.cover[0],
+        stop=setup.cover[1],
+        after=AFTER_S,
+        lines="\n".join(f"- {line}" for line in lines(results)),
+        picture=picture,
+        table="\n".join(f"| {' | '.join(row)} |" for row in rows),
+    )
 
 
 def as_json(results: Results) -> dict[str, Any]:
