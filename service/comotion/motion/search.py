@@ -3,7 +3,7 @@
 In a large scene a panel of trajectories does so, and all judge what it has found.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ..compiled import compiled
 from ..engine import NO_HYPOTHESIS
 from ..window import Bools, Floats
-from .assignment import DEAD_FRAMES, Assignment, assign, cheapest
+from .assignment import DEAD_FRAMES, OUTLIER, Assignment, assign, cheapest
 from .bodies import Body, Costs, costs, fit, moving, static_body
 from .config import MotionConfig
 from .frames import Frames
 from .identity import columns_before, match
-from .panel import panel, representatives, strangeness, unexplained
+from .panel import FEW, panel, representatives, strangeness, unexplained
 from .proposals import adopt, propose
 from .selection import select
 from .tracks import Ints
@@ -24,6 +24,9 @@ from .tracks import Ints
 # Candidates are compared on this many frames; what is chosen is fitted to all.
 _KEY_FRAMES = 50
 _ROUNDS = 2
+# Of a scene beyond so many panels a panel's first look at what sets off is too thin: it takes background
+# along, and waiting for one update more is better.
+_FULL = 4
 # Rows up to which a body may turn about itself unseen.
 _SMALL = 3
 # Where trajectories are many, most motions are out of the question for each after a look at every so
@@ -80,6 +83,8 @@ def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> 
         float64 [N, 3], newest position of each trajectory.
     """
     judged = frames.life >= config.min_samples
+    if FEW < len(frames.owner) <= _FULL * FEW:
+        past = _of_now(frames, past, config)
     chosen = panel(frames, newest, past.labels, past.strange, judged)
     if chosen is not None:
         bodies = _by_panel(frames, newest, past, judged, chosen, config)
@@ -91,6 +96,14 @@ def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> 
         found = _settled(frames, newest, bodies, past, judged, config)
         bodies, labels = found.bodies, found.assignment.labels
     return found
+
+
+def _of_now(frames: Frames, past: Past, config: MotionConfig) -> Past:
+    """The past, but what was at rest judged by what is seen of it now: what sets off is heard at once."""
+    resting = past.labels == past.static
+    now = costs(frames, [static_body(len(frames.stamps))], config)
+    strange = strangeness(now, np.where(resting, 0, OUTLIER), config)
+    return replace(past, strange=np.where(resting, strange, past.strange))
 
 
 def _settled(
