@@ -16,7 +16,7 @@ Examples:
 
   comotion reproduce links --seeds 2-6 --out links
 
-  comotion reproduce links --workcell shelf --json
+  comotion reproduce links --workcell shelf --turned 2 --json
 """
 
 
@@ -36,6 +36,12 @@ def links(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
     period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
+    turned: Annotated[
+        float,
+        typer.Option(
+            "--turned", metavar="DEGREES", min=-180, max=180, help="By how much the calibration is wrong."
+        ),
+    ] = 0.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where links.md, links.json and links.jpg go.")
     ] = Path("links"),
@@ -68,7 +74,7 @@ def links(
     setup, kept = study.QUICK if quick else None, cache or cache_folder() / "links"
     with progress() as note:
         results = study.run_experiment(
-            scenes, numbers, config, setup=setup, cache=kept, period=period, progress=note
+            scenes, numbers, config, setup=setup, cache=kept, period=period, turned=turned, progress=note
         )
     values = json.dumps(report.as_json(results), indent=2)
     out.mkdir(parents=True, exist_ok=True)

@@ -51,6 +51,7 @@ def run_experiment(
     setup: Setup | None = None,
     cache: Path | None = None,
     period: float = 1 / 3,
+    turned: float = 0.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Results:
     """Run every scene with every seed.
@@ -67,6 +68,8 @@ def run_experiment(
         Where tracks are kept, so that a second run need not render.
     period
         Seconds between updates.
+    turned
+        Degrees by which the plain camera's calibration is wrong.
     progress
         Told what is being run.
     """
@@ -77,7 +80,7 @@ def run_experiment(
         for seed in seeds:
             progress(f"{scene}, seed {seed}")
             sources = record(scene, seed, setup, cache)
-            cameras = config.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup)}
+            cameras = config.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup, turned)}
             known = config.model_copy(update={"cameras": cameras})
             outcomes.append(run_seed(sources, known, period=period))
         cases.append(Case(scene, outcomes))

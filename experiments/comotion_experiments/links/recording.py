@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from scipy.spatial.transform import Rotation
+
 from comotion.linking import Camera
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
@@ -27,16 +29,17 @@ def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> So
     return keep(cache, f"{scene}-{seed}", setup, lambda: _make(scene, seed, setup))
 
 
-def plain_camera(scene: str, seed: int, setup: Setup) -> Camera:
-    """True calibration of the plain camera."""
+def plain_camera(scene: str, seed: int, setup: Setup, turned: float = 0.0) -> Camera:
+    """Calibration of the plain camera: the true one, or turned by some degrees about its vertical axis."""
     intrinsics, extrinsics = calibration(Scene.named(scene, seed), "b", setup.size)
+    turn = Rotation.from_matrix(extrinsics.rotation) * Rotation.from_euler("y", turned, degrees=True)
     return Camera(
         fx=intrinsics.fx,
         fy=intrinsics.fy,
         cx=intrinsics.cx,
         cy=intrinsics.cy,
         translation=tuple(extrinsics.translation.tolist()),
-        quaternion=tuple(extrinsics.quaternion.tolist()),
+        quaternion=tuple(turn.as_quat().tolist()),
         frame=extrinsics.frame,
     )
 
