@@ -33,12 +33,12 @@ def bench(
     features: Annotated[
         str | None,
         typer.Option(
-            "--features", help="Numbers of features. [default: 500,1000,3000,5000; quick 200,500; live 1000]"
+            "--features", help="Numbers of features. Default: 500,1000,3000,5000; quick 200,500; live 1000."
         ),
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option("--method", help="Method; may be repeated. [default: comotion and thesis]"),
+        typer.Option("--method", help="Method; may be repeated. Default: comotion and thesis."),
     ] = None,
     rate: Annotated[str, typer.Option("--rate", help="Hz of every source; several make more rows.")] = "30",
     recording: Annotated[
@@ -57,7 +57,7 @@ def bench(
         typer.Option(
             "--baseline",
             min=0,
-            help="Features for the straightforward version; 0: leave it out. [default: 1000, quick 200]",
+            help="Features for the straightforward version; 0: leave it out. Default: 1000, quick 200.",
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small numbers, few updates.")] = False,
