@@ -19,8 +19,18 @@ BASELINES = {
     "spectral, shape interaction, K given": spectral_interaction,
 }
 OURS = "comotion, K unknown"
-# What cross-validation chooses from: the threshold that decides K.
-_GRID = tuple(PixelParameters().merge_similarity * f for f in (0.6, 0.8, 1.0, 1.25, 1.6))
+# What cross-validation chooses from: the defaults, and what matters most one step down and up.
+_STEPS: dict[str, tuple[Any, ...]] = {
+    "noise_factor": (22.0, 45.0),
+    "piece_similarity": (0.06, 0.11),
+    "merge_similarity": (0.0055, 0.01),
+    "border_least": (0.35, 0.75),
+    "epipolar_weight": (0.8, 1.4),
+}
+SETTINGS = (
+    PixelParameters(),
+    *(replace(PixelParameters(), **{name: value}) for name, values in _STEPS.items() for value in values),
+)
 _FOLDS = 5
 
 
@@ -128,18 +138,13 @@ def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> R
 
 
 def _cross_validate(sequences: list[Sequence]) -> float:
-    """Mean error where the merge threshold is chosen on other scenes.
+    """Mean error where the setting is chosen on other scenes.
 
     Sequences of one scene share footage and go into the same fold.
     """
     scenes = sorted({s.scene for s in sequences})
     fold = np.array([scenes.index(s.scene) % _FOLDS for s in sequences])
-    errors = np.array(
-        [
-            [s.error for s in _ours(sequences, replace(PixelParameters(), merge_similarity=value))]
-            for value in _GRID
-        ]
-    )
+    errors = np.array([[s.error for s in _ours(sequences, setting)] for setting in SETTINGS])
     held_out = [errors[errors[:, fold != k].mean(axis=1).argmin(), fold == k] for k in range(_FOLDS)]
     return float(np.concatenate(held_out).mean())
 

@@ -19,13 +19,13 @@ Members = NDArray[np.intp]
 _LEAST_POINTS = 9
 _ROUNDS = 3
 _STEP = 4
-_PAIRS = 5
-_SAMPLE = 60
+_PAIRS = 8
+_SAMPLE = 50
 _FLOOR_PX = 0.05
 # A group that moves less than this in a frame pair rests, if the other moves so many times as far.
 _RESTING_PX = 1.5
-_TIMES_AS_FAR = 6.0
-_SLOWEST_PX = 0.1
+_TIMES_AS_FAR = 10.0
+_SLOWEST_PX = 0.2
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Epipolar:
     log_ratio
         Mean of log(joint / own residual). Residuals are medians of the Sampson distance, px; the
         joint one is that of the group that suffers more.
-    resting
-        Share of the frame pairs in which one group rests in the image while the other moves: then
-        the camera rests too, and any motion of the other is its own. An epipolar geometry says
-        nothing here, as one that fits a translation fits what rests.
+    one_rests
+        Whether in some frame pair one group rests in the image while the other moves: then the
+        camera rests too, and what moves is another body. An epipolar geometry says nothing here, as
+        one that fits a translation fits what rests.
     """
 
     log_ratio: float
-    resting: float
+    one_rests: bool
 
 
 class _Own(NamedTuple):
@@ -70,8 +70,9 @@ class EpipolarTest:
         self._visible = frames.visible
         count = len(self._positions)
         step = min(_STEP, max(count - 1, 1))
-        starts = range(0, count - step, max(1, -(-(count - step) // _PAIRS)))
-        self._pairs = [(t, t + step) for t in starts]
+        # The newest motion must not be missed: it may be all that there is.
+        ends = range(count - 1, step - 1, -max(1, -(-(count - step) // _PAIRS)))
+        self._pairs = [(t - step, t) for t in ends]
         self._alone: dict[bytes, list[_Own]] = {}
 
     def compare(self, first: Members, second: Members) -> Epipolar | None:
@@ -84,7 +85,7 @@ class EpipolarTest:
         if not pairs:
             return None
         log_ratio = float(np.mean([_log_ratio(a, b) for a, b in pairs]))
-        return Epipolar(log_ratio, float(np.mean([_one_rests(a.motion, b.motion) for a, b in pairs])))
+        return Epipolar(log_ratio, any(_one_rests(a.motion, b.motion) for a, b in pairs))
 
     def _own(self, group: Members) -> list[_Own]:
         key = group.tobytes()
@@ -114,7 +115,7 @@ def _log_ratio(a: _Own, b: _Own) -> float:
 
 def _one_rests(first: float, second: float) -> bool:
     slow, fast = min(first, second), max(first, second)
-    return slow < _RESTING_PX and fast > max(1.0, _TIMES_AS_FAR * max(slow, _SLOWEST_PX))
+    return slow < _RESTING_PX and fast > _TIMES_AS_FAR * max(slow, _SLOWEST_PX)
 
 
 @compiled()

@@ -105,7 +105,7 @@ class _Merging:
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
         """Whether what speaks for one body outweighs what speaks against."""
         p = self._p
-        held = p.held * self._were(a, b)
+        held = self._held(a, b)
         border = self._continuity.border(self._members[a], self._members[b])
         if border is None:
             return bool(np.log(ratio) + held >= 0)
@@ -117,15 +117,16 @@ class _Merging:
         seen = self._test.compare(self._members[a], self._members[b])
         if seen is None:
             return bool(evidence >= p.epipolar_weight * p.epipolar_unknown)
-        asked = p.epipolar_weight * np.clip(seen.log_ratio, least, most) + p.resting_weight * seen.resting
-        return bool(evidence >= asked)
+        if seen.one_rests:
+            return False
+        return bool(evidence >= p.epipolar_weight * np.clip(seen.log_ratio, least, most))
 
-    def _were(self, a: int, b: int) -> int:
-        """1 if most of both were together before, −1 if apart, 0 if that is not known."""
+    def _held(self, a: int, b: int) -> float:
+        """What having been one hypothesis, or two, counts."""
         mine, other = (self._was(self._members[group]) for group in (a, b))
         if mine is None or other is None:
-            return 0
-        return 1 if mine == other else -1
+            return 0.0
+        return self._p.held_together if mine == other else -self._p.held_apart
 
     def _was(self, members: NDArray[np.intp]) -> int | None:
         """What most of the members belonged to."""

@@ -44,13 +44,12 @@ class PixelParameters:
     border_distance, border_least, ratio_weight
         Between them, log drop of similarity across the border + `border_distance` · log(1 + distance
         in px) + `ratio_weight` · log of the multiple must reach `border_least`, plus
-    epipolar_weight, epipolar_limits, epipolar_unknown, resting_weight
+    epipolar_weight, epipolar_limits, epipolar_unknown
         what the epipolar geometry asks for: `epipolar_weight` times the log ratio of joint to own
-        residual (limited; `epipolar_unknown` if it cannot be told) and `resting_weight` times the
-        share of time in which the one rests and the other does not.
+        residual (limited; `epipolar_unknown` if it cannot be told).
     smallest, smallest_share
         Smaller groups dissolve, by number and by share of all.
-    held
+    held_together, held_apart
         Added for groups of one hypothesis before, subtracted for groups of different ones.
     """
 
@@ -85,7 +84,7 @@ class PixelParameters:
     epipolar_weight: float = 1.08
     epipolar_limits: tuple[float, float] = (-0.2, 2.5)
     epipolar_unknown: float = 0.3
-    resting_weight: float = 3.75
     smallest: int = 5
     smallest_share: float = 0.02
-    held: float = 0.25
+    held_together: float = 0.5
+    held_apart: float = 0.25
