@@ -75,8 +75,8 @@ def bench(
     """Time the core on made-up scenes of any size: ms per update, CPU, memory, and what others take."""
     from rich.console import Console
 
-    # Between two kernels the other threads sleep instead of spinning.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # Threads of kernels spin for some tens of microseconds for the next one, then sleep.
+    os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     if live:
         _live(features, method, seconds, assignments or [], as_json=json_)
         return

@@ -69,8 +69,8 @@ def serve(
     _metrics: options.Metrics = None,
 ) -> None:
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
-    # Between two kernels the other threads sleep instead of spinning.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # Threads of kernels spin for some tens of microseconds for the next one, then sleep.
+    os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     from comotion.runtime import server
 
     server.serve(

@@ -13,7 +13,7 @@ from ..window import Bools, Floats, Slots
 # Each has an array of its own to add up in; the same however many threads there are.
 _CHUNKS = 8
 # A part is copied out when it has left so much of the rows and columns around it.
-_SPARSE = 0.7
+_SPARSE = 0.85
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class Block:
         members = self.members[chosen]
         if not self.is_sparse(len(members)):
             return type(self)(self.matrix, members)
-        copy = room[: len(members), : len(members)]
         with threads_for(len(members) ** 2 // 2):
-            _copy(self.matrix, members, copy)
-        return type(self)(copy, np.arange(len(members)))
+            _copy(self.matrix, members, room)
+        # All of the room, for a view of a part would not be contiguous, and much slower to go through.
+        return type(self)(room, np.arange(len(members)))
 
     def times(self, vector: Floats | Bools) -> tuple[Floats, float]:
         """Product with a vector, float64 [n], and the smallest element off the diagonal."""
