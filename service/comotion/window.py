@@ -22,6 +22,8 @@ _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
 _PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_whole")
 _FIRST_SLOTS = 64
 _FIRST_ROWS = 64
+# Slots make room in so many turns.
+_TURNS = 16
 
 
 @dataclass(frozen=True)
@@ -211,20 +213,26 @@ class Window:
         return columns if self.quaternions is None else [*columns, self.quaternions]
 
     def _make_room(self, slots: Slots) -> None:
-        """Make sure that every slot can take one more observation."""
-        full = slots[self.stop[slots] == self._rows]
-        if not len(full):
-            return
-        if int(self.counts(full).max()) > self._rows // 2:
+        """Make sure that every slot can take one more observation.
+
+        Slots that were opened together would run out of room together: some make room ahead of time.
+        """
+        full = self.stop[slots] == self._rows
+        if full.any() and int(self.counts(slots[full]).max()) > 3 * self._rows // 4:
             self._grow_rows()
+        ahead = slots % _TURNS * (self._rows // (4 * _TURNS))
+        worth = self.start[slots] >= self._rows // 4
+        due = slots[(self.stop[slots] == self._rows) | (worth & (self.stop[slots] >= self._rows - ahead))]
+        if not len(due):
+            return
         if self.quaternions is not None:
-            for slot in full:
+            for slot in due:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
                 self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
         columns = self.times, self.positions, self.speed, self.sigma
-        compact(full, *columns, self.start, self.stop)
-        self.stop[full] -= self.start[full]
-        self.start[full] = 0
+        compact(due, *columns, self.start, self.stop)
+        self.stop[due] -= self.start[due]
+        self.start[due] = 0
 
     def _grow_rows(self) -> None:
         extra = self._rows
