@@ -1,6 +1,6 @@
 """The default method (``method = "comotion"``): a hypothesis is a rigid body with a motion.
 
-tracks -> offsets between sources -> frames (noise, tolerance) -> proposals (distance variance)
+tracks -> offsets between sources -> frames (noise, tolerance) -> panel -> proposals (distance variance)
        -> bodies (rigid motion) -> selection -> assignment -> identity -> kinematics
 """
 
