@@ -28,7 +28,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
     fusion
         Options of serve.
     settle
-        Seconds before that: the window fills.
+        Seconds from the first track on before that: the window fills.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
             )
             for k in range(SOURCES)
         ]
-        probe = (*common, "probe", endpoint, name, f"{seconds:g}", f"{start + settle:.3f}")
+        probe = (*common, "probe", endpoint, name, f"{seconds:g}", f"{settle:g}")
         launch(
             [
                 comotion("router", "router", "--listen", endpoint),

@@ -165,7 +165,7 @@ def sample(
     late
         Count with the states as they were before these observations came.
     """
-    position = np.zeros((len(stamps), 3, places))
+    position = np.zeros((len(stamps), 3, places), dtype)
     speed = np.zeros((len(stamps), places))
     flags = np.zeros((3, len(stamps), places), np.bool_)
     held, observed, changing = flags
@@ -181,7 +181,7 @@ def sample(
     mask = np.empty((len(stamps), _KINDS, places), dtype)
     some = np.zeros((len(stamps), _KINDS, places // TILE), np.bool_)
     _classify(held, observed, changing, sign, kind, mask, some)
-    return Samples(position.astype(dtype), weight.astype(dtype), kind, mask, some)
+    return Samples(position, weight.astype(dtype), kind, mask, some)
 
 
 @compiled()
@@ -198,7 +198,7 @@ def _locate(
     until: Stamps,
     known: Stamps,
     stamps: Stamps,
-    position: Floats,
+    position: Array,
     speed: Floats,
     held: Bools,
     observed: Bools,

@@ -38,15 +38,15 @@ class TestTicker:
 
 
 class TestHeadStart:
-    def test_is_twice_the_longest_recent_duration(self) -> None:
+    def test_is_half_as_much_again_as_the_longest_recent_duration(self) -> None:
         head_start = HeadStart(1000)
         assert head_start.ns == 0
         for duration in (30, 80, 50):
             head_start.note(duration)
-        assert head_start.ns == 160
+        assert head_start.ns == 120
         for _ in range(20):
             head_start.note(40)
-        assert head_start.ns == 80
+        assert head_start.ns == 60
 
     def test_leaves_a_twentieth_of_the_period_to_take_in_data(self) -> None:
         head_start = HeadStart(1000)

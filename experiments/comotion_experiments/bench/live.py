@@ -3,10 +3,11 @@
 Run as processes, see :mod:`comotion_deploy.bench_live`::
 
     python -m comotion_experiments.bench.live source ENDPOINT FOLDER INDEX FEATURES START
-    python -m comotion_experiments.bench.live probe ENDPOINT FOLDER SECONDS START
+    python -m comotion_experiments.bench.live probe ENDPOINT FOLDER SECONDS SETTLE
 """
 
 import json
+import math
 import os
 import sys
 import time
@@ -90,8 +91,8 @@ def _write(path: Path, log: list[tuple[int, int]]) -> None:
     partial.replace(path)
 
 
-def run_probe(endpoint: str, folder: Path, seconds: float, start: float) -> None:
-    """Note updates for some time from a start on, then write the result."""
+def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> None:
+    """Note updates for some time, once `settle` seconds have gone by since the first track."""
     updates: list[tuple[int, int]] = []
     tracks: list[int] = []
     with (
@@ -100,9 +101,11 @@ def run_probe(endpoint: str, folder: Path, seconds: float, start: float) -> None
     ):
         Path(os.environ[_READY]).touch()
         before: dict[str, int] = {}
-        began = (0.0, 0.0)
+        began, start = (0.0, 0.0), math.inf
         for update in stream:
             now = time.time()
+            if len(update.track_id):
+                start = min(start, now + settle)
             if now < start:
                 continue
             if not updates:

@@ -26,6 +26,7 @@ _FEW = 64
 # So few that every start is tried, whatever the guess is worth.
 _SMALL = 128
 _DEEPEST = 62
+_CALLS_PER_CHECK = 5
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class DivisiveKMeans:
     """Clusters whose smallest affinity is above `stop_affinity`.
 
     The splits of one call are the first guess of the next: of a large cluster, two products with the
-    matrix confirm that it still is a best split, and two more that the leading direction gives the same.
+    matrix confirm that it still is a best split, and two more, at every fifth call, that the leading
+    direction gives the same.
     """
 
     def __init__(self, stop_affinity: float) -> None:
@@ -62,9 +64,11 @@ class DivisiveKMeans:
         self._sides: NDArray[np.int64] = np.zeros(0, np.int64)
         self._splits: NDArray[np.int64] = np.zeros(0, np.int64)
         self._rooms: list[Matrix] = []
+        self._calls = 0
 
     def __call__(self, affinity: Affinity) -> tuple[NDArray[np.intp], Floats]:
         """Labels of the trajectories, intp [n], and the sum of affinities of each inside its cluster."""
+        self._calls += 1
         labels, inside = np.zeros(len(affinity), np.intp), np.zeros(len(affinity))
         extra = max(0, len(affinity.matrix) - len(self._sides))
         self._sides, self._splits = np.pad(self._sides, (0, extra)), np.pad(self._splits, (0, extra))
@@ -91,7 +95,8 @@ class DivisiveKMeans:
         bit = 1 << min(depth, _DEEPEST)
         along = cluster.along & (self._splits[places] > depth)
         side = (self._sides[places] & bit) > 0
-        second = halve(block, sums, side & along)
+        thorough = (self._calls + depth) % _CALLS_PER_CHECK == 0
+        second = halve(block, sums, side & along, thorough=thorough)
         self._sides[places] = np.where(second, self._sides[places] | bit, self._sides[places] & ~bit)
         along &= side == second
         halves = [
@@ -111,7 +116,7 @@ class DivisiveKMeans:
         return cluster.block.part(cluster.chosen, self._rooms[depth - 1])
 
 
-def halve(block: Block, sums: Floats, guess: Bools) -> Bools:
+def halve(block: Block, sums: Floats, guess: Bools, *, thorough: bool = True) -> Bools:
     """2-means on the rows of a block, not all equal; bool [n], neither half empty.
 
     Parameters
@@ -122,6 +127,8 @@ def halve(block: Block, sums: Floats, guess: Bools) -> Bools:
         float64 [n], of its rows.
     guess
         bool [n]: a first guess at one half; all alike for none.
+    thorough
+        Whether a good guess is compared with the leading direction as well.
     """
     n = len(block)
     if n == 2:
@@ -129,8 +136,11 @@ def halve(block: Block, sums: Floats, guess: Bools) -> Bools:
     starts = []
     if guess.any() and not guess.all():
         starts = [_two_means(block, sums, guess)]
-        if n > _SMALL and _apart(_leading_cut(block, starts[0].score, 1), starts[0].second) <= n // _FEW:
-            return starts[0].second
+        known = starts[0]
+        if n > _SMALL and not thorough and _apart(guess, known.second) <= n // _FEW:
+            return known.second
+        if n > _SMALL and _apart(_leading_cut(block, known.score, 1), known.second) <= n // _FEW:
+            return known.second
     starts.append(_two_means(block, sums, _least_alike(block, sums)))
     cut = _leading_cut(block, starts[-1].score, _POWER_STEPS)
     if all(_apart(cut, known.second) for known in starts):

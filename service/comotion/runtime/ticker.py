@@ -4,7 +4,7 @@ from collections import deque
 
 _REMEMBERED = 20
 # Births and splits make single updates longer than any before them.
-_MARGIN = 2
+_MARGIN = 1.5
 
 
 class Ticker:
@@ -31,8 +31,8 @@ class Ticker:
 class HeadStart:
     """How long before a deadline to begin, so that work of varying length is done when it comes.
 
-    Twice the longest of the recent durations, at most 95 % of a period: results leave evenly spaced,
-    at the price of being older by what is not needed.
+    One and a half times the longest of the recent durations, at most 95 % of a period: results leave
+    evenly spaced, at the price of being older by what is not needed.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -42,7 +42,7 @@ class HeadStart:
     @property
     def ns(self) -> int:
         """Nanoseconds before the deadline."""
-        return min(_MARGIN * max(self._durations, default=0), self._longest_ns)
+        return min(round(_MARGIN * max(self._durations, default=0)), self._longest_ns)
 
     def note(self, duration_ns: int) -> None:
         """Learn from how long the work has taken."""
