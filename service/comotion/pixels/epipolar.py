@@ -4,6 +4,7 @@ Under strong perspective an affine view of motion tells near from far parts of o
 fundamental matrix per frame pair still explains both. Two bodies share one, as a rule, not.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -100,17 +101,13 @@ class EpipolarTest:
         x, y = self._positions[first, seen], self._positions[second, seen]
         if len(seen) < _LEAST_POINTS:
             return _Own(x, y, 0.0, 0.0)
-        residual = float(np.median(_robust_residuals(x, y, np.ones(len(x)))))
-        return _Own(x, y, residual, float(np.median(np.hypot(*(y - x).T))))
+        return _Own(x, y, *_alone(x, y))
 
 
 def _log_ratio(a: _Own, b: _Own) -> float:
-    # A large group must not outvote a small one.
-    prior = np.concatenate([np.full(len(own.x), len(own.x) ** -0.5) for own in (a, b)])
-    square = _robust_residuals(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y]), prior)
-    joint = max(np.median(square[: len(a.x)]), np.median(square[len(a.x) :]))
+    joint = _joint(a.x, a.y, b.x, b.y)
     alone = (a.residual + b.residual) / 2
-    return float(np.log((np.sqrt(joint) + _FLOOR_PX) / (np.sqrt(alone) + _FLOOR_PX)))
+    return math.log((math.sqrt(joint) + _FLOOR_PX) / (math.sqrt(alone) + _FLOOR_PX))
 
 
 def _one_rests(first: float, second: float) -> bool:
@@ -169,3 +166,24 @@ def _robust_residuals(x: Floats, y: Floats, prior: Floats) -> Floats:
         square = _sampson(right.T @ ((u * s) @ vt) @ left, x, y)
         weight = prior / np.sqrt(1 + square / (4 * max(np.median(square), 0.01)))
     return square
+
+
+@compiled()
+def _alone(x: Floats, y: Floats) -> tuple[float, float]:
+    """Median squared residual of points that are fitted alone, px², and their median motion, px."""
+    move = y - x
+    moved = np.sqrt(move[:, 0] ** 2 + move[:, 1] ** 2)
+    return np.median(_robust_residuals(x, y, np.ones(len(x)))), np.median(moved)
+
+
+@compiled()
+def _joint(xa: Floats, ya: Floats, xb: Floats, yb: Floats) -> float:
+    """Median squared residual of the group that suffers more when both are fitted together, px²."""
+    count = len(xa)
+    prior = np.empty(count + len(xb))
+    # A large group must not outvote a small one.
+    prior[:count] = count**-0.5
+    prior[count:] = len(xb) ** -0.5
+    square = _robust_residuals(np.concatenate((xa, xb)), np.concatenate((ya, yb)), prior)
+    joint: float = max(np.median(square[:count]), np.median(square[count:]))
+    return joint
