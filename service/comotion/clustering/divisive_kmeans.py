@@ -23,8 +23,9 @@ _POWER_STEPS = 10
 _CUT_STEPS = 3
 # A part of the members that may change sides without the means being computed anew.
 _FEW = 64
-# So few that every start is tried, whatever the guess is worth.
+# So few that many starts are tried, whatever the guess is worth.
 _SMALL = 128
+_STARTS = 24
 _DEEPEST = 62
 _CALLS_PER_CHECK = 5
 
@@ -133,19 +134,47 @@ def halve(block: Block, sums: Floats, guess: Bools, *, thorough: bool = True) ->
     n = len(block)
     if n == 2:
         return np.array([False, True])
+    if n <= _SMALL:
+        return _best_of_many(block, sums, guess)
     starts = []
     if guess.any() and not guess.all():
         starts = [_two_means(block, sums, guess)]
         known = starts[0]
-        if n > _SMALL and not thorough and _apart(guess, known.second) <= n // _FEW:
+        if not thorough and _apart(guess, known.second) <= n // _FEW:
             return known.second
-        if n > _SMALL and _apart(_leading_cut(block, known.score, 1), known.second) <= n // _FEW:
+        if _apart(_leading_cut(block, known.score, 1), known.second) <= n // _FEW:
             return known.second
     starts.append(_two_means(block, sums, _least_alike(block, sums)))
     cut = _leading_cut(block, starts[-1].score, _POWER_STEPS)
     if all(_apart(cut, known.second) for known in starts):
         starts.append(_two_means(block, sums, cut))
     return min(starts, key=lambda halves: halves.scatter).second
+
+
+def _best_of_many(block: Block, sums: Floats, guess: Bools) -> Bools:
+    """2-means of a small block from the guess and from around many of its rows, all at once."""
+    n = len(block)
+    rows = np.stack([block.row(i) for i in range(n)])
+    first = np.unique(np.linspace(0, n - 1, _STARTS).astype(np.intp))
+    # Halves around a row and the one least like it.
+    last = rows[first].argmin(1)
+    middle = (np.square(rows[last]).sum(1) - np.square(rows[first]).sum(1)) / 2
+    second = rows @ (rows[last] - rows[first]).T > middle
+    second[last, np.arange(len(last))] = True
+    second[first, np.arange(len(first))] = False
+    second = np.column_stack([guess, _least_alike(block, sums), second])
+    second = second[:, second.any(0) & ~second.all(0)]
+    for _ in range(_MOST_STEPS):
+        half, count = rows @ second, second.sum(0)
+        mean, other = (sums[:, None] - half) / (n - count), half / count
+        lengths = np.square(mean).sum(0), np.square(other).sum(0)
+        scatter = -(n - count) * lengths[0] - count * lengths[1]
+        nearer = rows @ (other - mean) > (lengths[1] - lengths[0]) / 2
+        nearer = np.where(nearer.all(0) | ~nearer.any(0), second, nearer)
+        if np.array_equal(nearer, second):
+            break
+        second = nearer
+    return np.asarray(second[:, scatter.argmin()])
 
 
 def _two_means(block: Block, sums: Floats, second: Bools) -> _Halves:
