@@ -20,7 +20,6 @@ from .sums import PairSums
 from .window import Floats, Slots, Stamps, Window
 
 _MIN_OBSERVATIONS = 2
-_MIN_SAMPLES = 2
 _NEVER = EARLIEST
 # Instants whose samples are worked out at once: bounds the memory that this takes.
 _MOST_AT_ONCE = 64
