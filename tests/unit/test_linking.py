@@ -194,7 +194,7 @@ def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
 
 def test_distortion_is_undone() -> None:
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
-    update = run(fused(view), messages(view), every=60)
+    update = run(fused(view), messages(view))
     assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
