@@ -15,7 +15,12 @@ numba_range = numba.prange
 
 
 def compiled(**options: Any) -> Callable[[Kernel], Kernel]:
-    """Compile a function of arrays to machine code, kept on disk where that is possible."""
+    """Compile a function of arrays to machine code, kept on disk where that is possible.
+
+    `options` are Numba's. With ``fastmath`` the order of a sum follows from what the compiler sees around
+    it, and that differs between the process that compiles and those that load: use it where no update
+    hangs on the last bit.
+    """
 
     def compile_(function: Kernel) -> Kernel:
         try:

@@ -14,8 +14,6 @@ SOFT = 9.0
 # Pull towards the neighbouring frame's rotation, as a share of the moments: it settles what the points
 # leave open, such as a pair's turning about itself.
 _PULL = 1e-3
-REORDERED = {"reassoc", "contract", "nsz"}
-"""Sums may be reordered, which vector instructions need; not-a-number and infinity keep their meaning."""
 
 
 @compiled()
@@ -82,7 +80,7 @@ def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
                 b[c, i] = y[best, c, i]
 
 
-@compiled(fastmath=REORDERED)
+@compiled()
 def _weigh(
     y: Floats,
     w: Floats,
@@ -107,7 +105,7 @@ def _weigh(
     return count
 
 
-@compiled(fastmath=REORDERED)
+@compiled()
 def _pose(
     y: Floats,
     b: Floats,
@@ -172,7 +170,7 @@ def _pull(H: Floats, near: Floats, pulled: bool) -> None:
             H[p, q] += pull * (near[p, q] if pulled else (1.0 if p == q else 0.0))
 
 
-@compiled(fastmath=REORDERED)
+@compiled()
 def _collect(
     y: Floats,
     w: Floats,

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..compiled import compiled
 from ..window import Floats, Slots
-from .procrustes import REORDERED, SOFT
+from .procrustes import SOFT
 
 # A first look at a few frames must leave so many to a row; a second one goes to motions whose cost is
 # below so many times the least and so many nats.
@@ -140,7 +140,7 @@ def _take(y: Floats, w: Floats, stride: int, row: Floats) -> int:
     return seen
 
 
-@compiled(fastmath=REORDERED)
+@compiled()
 def _body_cost(
     row: Floats,
     R: Floats,
