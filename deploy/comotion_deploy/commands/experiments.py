@@ -4,8 +4,22 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from ..errors import UserError, missing_extra
+
+Period = Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")]
+Cache = Annotated[
+    Path | None,
+    typer.Option(
+        "--cache",
+        metavar="DIR",
+        envvar="COMOTION_CACHE",
+        help="Where tracks are kept for the next run. Default: the experiment's folder in ~/.cache/comotion.",
+    ),
+]
 
 
 def check(out: Path) -> None:

@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from .. import options
 from . import reproduce_figures, reproduce_links
-from .experiments import cache_folder, check, check_folder, progress
+from .experiments import Cache, Period, cache_folder, check, check_folder, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.fusion import Results
@@ -89,19 +89,11 @@ def fusion(
     quick: Annotated[
         bool, typer.Option("--quick", help="Small images, short runs, two scenes, two seeds.")
     ] = False,
-    period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
+    period: Period = 1 / 3,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where fusion.md, .png and .json go.")
     ] = Path("fusion"),
-    cache: Annotated[
-        Path | None,
-        typer.Option(
-            "--cache",
-            metavar="DIR",
-            envvar="COMOTION_CACHE",
-            help="Where tracks are kept for the next run. Default: ~/.cache/comotion/fusion.",
-        ),
-    ] = None,
+    cache: Cache = None,
     method: options.Method = None,
     assignments: options.Assignments = None,
     json_: options.Json = False,

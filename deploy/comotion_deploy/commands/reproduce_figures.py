@@ -10,7 +10,7 @@ import typer
 
 from .. import options
 from ..errors import UserError
-from .experiments import cache_folder, check, progress
+from .experiments import Cache, cache_folder, check, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Results
@@ -51,15 +51,7 @@ def figures(
         Path,
         typer.Option("--out", metavar="DIR", help="Where index.html, figures.json and the pictures go."),
     ] = Path("figures"),
-    cache: Annotated[
-        Path | None,
-        typer.Option(
-            "--cache",
-            metavar="DIR",
-            envvar="COMOTION_CACHE",
-            help="Where tracks are kept for the next run. Default: ~/.cache/comotion/figures.",
-        ),
-    ] = None,
+    cache: Cache = None,
     assignments: options.Assignments = None,
     json_: options.Json = False,
     _config: options.ConfigFile = None,

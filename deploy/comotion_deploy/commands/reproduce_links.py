@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import options
-from .experiments import cache_folder, check_folder, progress
+from .experiments import Cache, Period, cache_folder, check_folder, progress
 
 EPILOG = """
 Examples:
@@ -35,7 +35,7 @@ def links(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
-    period: Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")] = 1 / 3,
+    period: Period = 1 / 3,
     turned: Annotated[
         float,
         typer.Option(
@@ -45,15 +45,7 @@ def links(
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where links.md, links.json and links.jpg go.")
     ] = Path("links"),
-    cache: Annotated[
-        Path | None,
-        typer.Option(
-            "--cache",
-            metavar="DIR",
-            envvar="COMOTION_CACHE",
-            help="Where tracks are kept for the next run. Default: ~/.cache/comotion/links.",
-        ),
-    ] = None,
+    cache: Cache = None,
     method: options.Method = None,
     assignments: options.Assignments = None,
     json_: options.Json = False,
