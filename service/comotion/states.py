@@ -7,30 +7,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiled import compiled
 from .window import Bools, Floats, Slots, Stamps, Window
 
 _STEPS_BACK = 3
 _FIRST_CUT = 8
 
 
-@dataclass
+@dataclass(frozen=True)
 class States:
-    """States of n trajectories at one instant.
+    """States of n trajectories at T instants.
 
     Attributes
     ----------
     position
-        float64 [n, dim]; meaningless where not `held`.
-    speed
-        float64 [n]; of the observation, or of the segment that holds the instant.
+        float64 [T, n, dim]; 0 where not `held`.
     observed
-        bool [n]; an observation was made at this very instant.
+        bool [T, n]; an observation was made at this very instant.
     held
-        bool [n]; observed, or inside a segment short enough to interpolate.
+        bool [T, n]; observed, or inside a segment short enough to interpolate.
     """
 
     position: Floats
-    speed: Floats
     observed: Bools
     held: Bools
 
@@ -61,26 +59,49 @@ def _bisect(window: Window, slots: Slots, stamp_ns: int | Stamps, low: Slots, hi
     return low - 1
 
 
-def states_at(window: Window, slots: Slots, stamp_ns: int) -> States:
-    """States at a time, linear between observations (the interpolation of (3.5)).
+def states_at(window: Window, slots: Slots, stamps: Stamps) -> States:
+    """States at ascending times (int64 [T]), linear between observations (the interpolation of (3.5)).
 
     Nothing is interpolated across a gap longer than ``window.gap_ns``, nor beyond either end.
     """
-    last = window.stop[slots] - 1
-    index = locate(window, slots, stamp_ns)
-    begun = index >= window.start[slots]
-    left = np.maximum(index, 0)
-    right = np.clip(index + 1, 0, np.maximum(last, 0))
-    t_left, t_right = window.times[slots, left], window.times[slots, right]
-    observed = begun & (t_left == stamp_ns)
-    span = t_right - t_left
-    between = begun & (index < last) & ~observed & (span <= window.gap_ns)
-    # Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
-    fraction = np.where(between, (stamp_ns - t_left) / np.where(between, span, 1), 0.0)[:, None]
-    position = window.positions[slots, left]
-    position = position + fraction * (window.positions[slots, right] - position)
-    speed = window.speed[slots, np.where(observed, left, right)]
-    return States(position, speed, observed, observed | between)
+    shape = len(stamps), len(slots)
+    states = States(np.zeros((*shape, window.dim)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
+    columns = window.times, window.positions, window.start, window.stop, window.gap_ns
+    _interpolate(*columns, slots, stamps, states.position, states.observed, states.held)
+    return states
+
+
+@compiled()
+def _interpolate(
+    times: Stamps,
+    positions: Floats,
+    start: Slots,
+    stop: Slots,
+    gap_ns: int,
+    slots: Slots,
+    stamps: Stamps,
+    position: Floats,
+    observed: Bools,
+    held: Bools,
+) -> None:
+    for n in range(len(slots)):
+        s, end = slots[n], stop[slots[n]]
+        k = start[s] - 1
+        for t in range(len(stamps)):
+            stamp = stamps[t]
+            if k + 1 < end and times[s, k + 1] <= stamp:
+                k += np.searchsorted(times[s, k + 1 : end], stamp, side="right")
+            if k < start[s]:
+                continue
+            exact = times[s, k] == stamp
+            if not exact and (k + 1 >= end or times[s, k + 1] - times[s, k] > gap_ns):
+                continue
+            observed[t, n], held[t, n] = exact, True
+            # Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
+            share = 0.0 if exact else (stamp - times[s, k]) / (times[s, k + 1] - times[s, k])
+            for c in range(positions.shape[2]):
+                left = positions[s, k, c]
+                position[t, n, c] = left if exact else left + share * (positions[s, k + 1, c] - left)
 
 
 def instants(window: Window, slots: Slots, after_ns: int, until_ns: int) -> Stamps:

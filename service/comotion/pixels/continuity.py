@@ -89,7 +89,7 @@ def _nearest(
         i = picked[p]
         distance = _distances(positions[:, 0, i], positions[:, 1, i], seen[:, i], x, y, m)
         distance[others == i] = np.inf
-        near = _smallest(distance, nearest)
+        near = smallest(distance, nearest)
         near = near[np.isfinite(distance[near])]
         if len(near):
             total = 0.0
@@ -117,7 +117,7 @@ def _distances(px: Floats32, py: Floats32, own: Floats32, x: Floats32, y: Floats
 
 
 @compiled()
-def _smallest(values: Floats32, count: int) -> Members:
+def smallest(values: Floats32, count: int) -> Members:
     """Indices of the smallest values, in order; the first of equals first."""
     best = np.zeros(min(count, len(values)), np.intp)
     held = 0

@@ -64,13 +64,9 @@ def key_frames(window: Window, slots: Slots, stamps: NDArray[np.int64]) -> KeyFr
     sources in a space there is no common frame: states between two observations count too.
     """
     several = len(np.unique(window.source[slots])) > 1
-    positions = np.zeros((len(stamps), len(slots), 2), np.float32)
-    visible = np.zeros((len(stamps), len(slots)), np.bool_)
-    for f, stamp in enumerate(stamps.tolist()):
-        states = states_at(window, slots, stamp)
-        visible[f] = states.held if several else states.observed
-        positions[f] = np.where(visible[f, :, None], states.position, 0.0)
-    return KeyFrames(positions, visible)
+    states = states_at(window, slots, stamps)
+    visible = states.held if several else states.observed
+    return KeyFrames(np.where(visible[..., None], states.position, 0.0).astype(np.float32), visible)
 
 
 def frame_pairs(frames: KeyFrames, steps: tuple[int, ...]) -> FramePairs:

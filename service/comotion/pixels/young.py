@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import compiled
 from ..engine import NO_HYPOTHESIS
 from ..states import states_at
-from ..window import Floats, Slots, Window
+from ..window import Bools, Floats, Slots, Window
+from .continuity import smallest
 from .keyframes import spread
 
 _VOTERS = 5
@@ -31,33 +33,53 @@ def adopt(window: Window, young: Slots, grown: Slots, labels: Labels, held: Labe
     -------
     labels int64 [n] (NO_HYPOTHESIS where nothing is near in time) and the share of votes [n].
     """
-    found = np.full(len(young), NO_HYPOTHESIS)
-    share = np.zeros(len(young))
     if not len(grown):
-        return found, share
-    for k, slot in enumerate(young.tolist()):
-        distance = _distance(window, slot, grown)
-        near = np.argsort(distance, kind="stable")[:_VOTERS]
-        near = near[np.isfinite(distance[near])]
-        if len(near):
-            found[k], share[k] = _vote(labels[near], int(held[k]))
+        return np.full(len(young), NO_HYPOTHESIS), np.zeros(len(young))
+    return _votes(_distance(window, young, grown), labels, held)
+
+
+@compiled()
+def _votes(distance: Floats, labels: Labels, held: Labels) -> tuple[Labels, Floats]:
+    """Label with most votes of the nearest, the smaller of equals, and its share of votes."""
+    found = np.full(len(distance), NO_HYPOTHESIS)
+    share = np.zeros(len(distance))
+    for k in range(len(distance)):
+        near = smallest(distance[k], _VOTERS)
+        near = near[np.isfinite(distance[k][near])]
+        most = 0.0
+        for label in np.sort(labels[near]):
+            votes = (labels[near] == label).sum()
+            weight = votes + _HELD_VOTES * (held[k] == label)
+            if weight > most:
+                most, found[k], share[k] = weight, label, votes / len(near)
     return found, share
 
 
-def _vote(near: Labels, held: int) -> tuple[int, float]:
-    candidates, votes = np.unique(near, return_counts=True)
-    weight = votes + _HELD_VOTES * (candidates == held)
-    best = int(weight.argmax())
-    return int(candidates[best]), float(votes[best] / len(near))
+def _distance(window: Window, young: Slots, grown: Slots) -> Floats:
+    """Mean distance in the image at some instants of the young ones, px [n, m]; inf where none is shared."""
+    at = [window.start[s] + spread(int(window.stop[s] - window.start[s]), _INSTANTS) for s in young]
+    owner = np.repeat(np.arange(len(young)), [len(each) for each in at])
+    index = np.concatenate(at)
+    # Features are born together: the states of the grown ones serve several.
+    stamps, when = np.unique(window.times[young[owner], index], return_inverse=True)
+    states = states_at(window, grown, stamps)
+    own = window.positions[young[owner], index]
+    return _mean_distance(states.position, states.held, own, when, owner, len(young))
 
 
-def _distance(window: Window, slot: int, grown: Slots) -> Floats:
-    """Mean distance in the image at some instants of the young one, px [m]; inf where none is shared."""
-    at = window.start[slot] + spread(int(window.stop[slot] - window.start[slot]), _INSTANTS)
-    total, count = np.zeros(len(grown)), np.zeros(len(grown))
-    for index in at.tolist():
-        states = states_at(window, grown, int(window.times[slot, index]))
-        step = np.linalg.norm(states.position - window.positions[slot, index], axis=1)
-        total += np.where(states.held, step, 0.0)
-        count += states.held
-    return np.where(count > 0, total / np.maximum(count, 1), np.inf)
+@compiled()
+def _mean_distance(
+    positions: Floats, held: Bools, own: Floats, when: Slots, owner: Slots, count: int
+) -> Floats:
+    total, shared = np.zeros((count, held.shape[1])), np.zeros((count, held.shape[1]))
+    for k in range(len(own)):
+        n, t = owner[k], when[k]
+        for j in range(held.shape[1]):
+            if held[t, j]:
+                x, y = positions[t, j, 0] - own[k, 0], positions[t, j, 1] - own[k, 1]
+                total[n, j] += np.sqrt(x * x + y * y)
+                shared[n, j] += 1
+    for n in range(count):
+        for j in range(held.shape[1]):
+            total[n, j] = total[n, j] / shared[n, j] if shared[n, j] > 0 else np.inf
+    return total
