@@ -12,13 +12,15 @@ from ..labels import LabelMemory
 from ..propagation import propagate
 from ..window import Floats, Slots, Window
 from .describe import describe
-from .grouping import Grouping, group
-from .keyframes import KeyFrames, key_frames, spread
+from .grouping import group
+from .keyframes import Floats32, KeyFrames, key_frames, spread
 from .parameters import PixelParameters
 from .young import adopt
 
 # Affinity of a pair that has not been compared (ARCHITECTURE.md: too little time in common).
 _UNKNOWN_AFFINITY = 0.5
+_NOBODY: Slots = np.zeros(0, np.intp)
+_NONE: Floats32 = np.zeros((0, 0), np.float32)
 
 
 class PixelEngine:
@@ -48,7 +50,8 @@ class PixelEngine:
         self._p = parameters or PixelParameters()
         self._stamps: list[int] = []
         self._memory = LabelMemory()
-        self._affinity: NDArray[np.float32] = np.zeros((0, 0), np.float32)
+        # Of the last update: who was current, who was compared, and their similarity.
+        self._compared: tuple[Slots, Slots, Floats32] = (_NOBODY, _NOBODY, _NONE)
 
     def observed(self, window: Window, rows: Rows) -> None:  # noqa: ARG002
         """One instant of one source has been stored."""
@@ -81,7 +84,7 @@ class PixelEngine:
         self._adopt(window, current, grown, held, confidence)
         labels = label[current]
         self._memory.lead(window, np.union1d(current, grown), held, labels)
-        self._keep_affinity(current, grown, found)
+        self._compared = (current, grown, found.similarity.value) if found else (current, _NOBODY, _NONE)
         events = self._memory.note(window, stamp_ns)
         births = self._memory.born_ns
         described = describe(window, current, labels, residual[current], self._spec.name, births)
@@ -111,21 +114,15 @@ class PixelEngine:
         label[current[young]] = labels
         confidence[current[young]] = share / 2
 
-    def _keep_affinity(self, current: Slots, grown: Slots, found: Grouping | None) -> None:
-        count = len(current)
-        self._affinity = np.full((count, count), _UNKNOWN_AFFINITY, np.float32)
-        if found is not None and count:
-            at = {slot: k for k, slot in enumerate(grown.tolist())}
-            rows = np.array([k for k, slot in enumerate(current.tolist()) if slot in at], np.intp)
-            index = np.array([at[slot] for slot in current[rows].tolist()], np.intp)
-            # Rounding and the floors of its factors can lift a similarity above 1.
-            alike = np.minimum(found.similarity.value[np.ix_(index, index)], np.float32(1))
-            self._affinity[np.ix_(rows, rows)] = alike
-        np.fill_diagonal(self._affinity, 1.0)
-
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""
-        return self._affinity
+        current, grown, value = self._compared
+        affinity = np.full((len(current), len(current)), _UNKNOWN_AFFINITY, np.float32)
+        _, rows, index = np.intersect1d(current, grown, assume_unique=True, return_indices=True)
+        # Rounding and the floors of its factors can lift a similarity above 1.
+        affinity[np.ix_(rows, rows)] = np.minimum(value[np.ix_(index, index)], np.float32(1))
+        np.fill_diagonal(affinity, 1.0)
+        return affinity
 
     def state(self, window: Window) -> dict[str, Any]:
         """Labels of all trajectories, since when there are the hypotheses, and so the warm start."""
