@@ -18,7 +18,7 @@ from comotion.pixels.local import explain
 from comotion.pixels.merging import merge
 from comotion.pixels.parameters import PixelParameters
 from comotion.pixels.pieces import Pieces, link
-from comotion.pixels.sampling import neighbour_distance
+from comotion.pixels.sampling import Neighbours
 from comotion.pixels.similarity import Similarity
 from comotion_clients.metrics import misclassification
 from comotion_schemas import UNDETERMINED, ObservationBatch
@@ -137,7 +137,7 @@ def test_neighbour_distance_counts_common_frames_only():
     rng = np.random.default_rng(2)
     positions, _ = affine_scene(rng, (6,), frames=8, noise=2.0)
     visible = rng.random((8, 6)) > 0.3
-    found = neighbour_distance(frames_of(positions, visible), np.array([0, 3]), 10.0)
+    found = Neighbours(frames_of(positions, visible), 10.0).distance(np.array([0, 3]))
     for row, i in enumerate((0, 3)):
         for j in range(6):
             both = visible[:, i] & visible[:, j]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .keyframes import Floats32, KeyFrames
-from .sampling import neighbour_distance
+from .sampling import Neighbours
 
 _EVIDENCE = 0.02
 _RIVAL = 0.5
@@ -35,7 +35,7 @@ def ask_neighbours(frames: KeyFrames, own_evidence: Floats32, mean: Floats32, la
     sure = np.flatnonzero(fits.sum(axis=1) == 1)
     if not len(unsure) or not len(sure):
         return labels
-    distance = neighbour_distance(frames, unsure, 0.0)[:, sure]
+    distance = Neighbours(frames, 0.0).distance(unsure)[:, sure]
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :_VOTERS]
     member = np.eye(mean.shape[1])[labels[sure[nearest]]]
     near = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
