@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import compiled
 from ..states import states_at
 from ..window import Slots, Window
 
@@ -74,11 +75,22 @@ def frame_pairs(frames: KeyFrames, steps: tuple[int, ...]) -> FramePairs:
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])
     second = np.concatenate([np.arange(min(s, count), count) for s in steps])
-    seen = frames.visible[first] & frames.visible[second]
-    start = frames.positions[first] * seen[..., None]
-    move = (frames.positions[second] - frames.positions[first]) * seen[..., None]
-    return FramePairs(
-        np.ascontiguousarray(start.transpose(0, 2, 1)),
-        np.ascontiguousarray(move.transpose(0, 2, 1)),
-        seen.astype(np.float32),
-    )
+    return FramePairs(*_pair(frames.positions, frames.visible, first, second))
+
+
+@compiled()
+def _pair(
+    positions: Floats32, visible: NDArray[np.bool_], first: NDArray[np.intp], second: NDArray[np.intp]
+) -> tuple[Floats32, Floats32, Floats32]:
+    shape = len(first), 2, visible.shape[1]
+    start, move = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    seen = np.zeros((len(first), visible.shape[1]), np.float32)
+    for q in range(len(first)):
+        a, b = first[q], second[q]
+        for i in range(visible.shape[1]):
+            if visible[a, i] and visible[b, i]:
+                seen[q, i] = 1
+                for c in range(2):
+                    start[q, c, i] = positions[a, i, c]
+                    move[q, c, i] = positions[b, i, c] - positions[a, i, c]
+    return start, move, seen

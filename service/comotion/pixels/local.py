@@ -9,7 +9,13 @@ from ..compiled import compiled
 from .keyframes import Floats32, FramePairs
 from .sampling import Indices
 
+Floats = NDArray[np.float64]
+
 _LEAST_MEMBERS = 4
+# Motions differ little in when they see something happen: some of them tell it.
+_ACTIVITY_STEP = 8
+# Products may be fused into sums; what must not happen is that sums are reordered, see compiled.
+_FUSED = {"contract", "nnan", "nsz"}
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,7 @@ class Residuals:
 
     total: Floats32
     used: Floats32
-    activity: NDArray[np.float64]
+    activity: Floats
 
 
 def explain(pairs: FramePairs, groups: list[Indices], ridge: float, cap: float) -> Residuals:
@@ -43,76 +49,135 @@ def explain(pairs: FramePairs, groups: list[Indices], ridge: float, cap: float) 
     ridge, cap
         px²; see :class:`~comotion.pixels.parameters.PixelParameters`.
     """
-    parts = [_explain(pairs.start, pairs.move, pairs.seen, g, ridge, np.float32(cap)) for g in groups]
-    weights = [len(g) for g in groups]
-    activity = np.average([part[2] for part in parts], axis=0, weights=weights)
-    return Residuals(
-        np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]), activity
-    )
+    parts = [_fit(pairs.start, pairs.move, pairs.seen, group.T, ridge) for group in groups]
+    motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    described = pairs.start, pairs.move, pairs.seen, motions, used * np.float32(cap)
+    return Residuals(_total_residuals(*described), np.ascontiguousarray(used.T), _activity(*described))
 
 
-@compiled(fastmath=True)
+@compiled()
 def _fit(
     start: Floats32, move: Floats32, seen: Floats32, members: Indices, ridge: float
-) -> tuple[int, float, float, float, float, float, float]:
-    """Centred least squares with a ridge: u = a x + b y + e, v = c x + d y + f; (n, a, b, c, d, e, f)."""
-    n = 0
-    cx = cy = cu = cv = 0.0
-    for i in members:
-        if seen[i] > 0:
-            n += 1
-            cx += start[0, i]
-            cy += start[1, i]
-            cu += move[0, i]
-            cv += move[1, i]
-    if n < _LEAST_MEMBERS:
-        return n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    cx, cy, cu, cv = cx / n, cy / n, cu / n, cv / n
-    sxx = syy = n * ridge
-    sxy = sxu = syu = sxv = syv = 0.0
-    for i in members:
-        if seen[i] > 0:
-            px, py, pu, pv = start[0, i] - cx, start[1, i] - cy, move[0, i] - cu, move[1, i] - cv
-            sxx += px * px
-            syy += py * py
-            sxy += px * py
-            sxu += px * pu
-            syu += py * pu
-            sxv += px * pv
-            syv += py * pv
-    det = sxx * syy - sxy * sxy
-    a, b = (sxu * syy - syu * sxy) / det, (syu * sxx - sxu * sxy) / det
-    c, d = (sxv * syy - syv * sxy) / det, (syv * sxx - sxv * sxy) / det
-    return n, a, b, c, d, cu - a * cx - b * cy, cv - c * cx - d * cy
+) -> tuple[Floats32, Floats32]:
+    """Centred least squares with a ridge, for members [M, H] of H motions at a time.
+
+    u = a x + b y + e, v = c x + d y + f; returns (a, b, c, d, e, f) [Q, H, 6] and whether enough
+    members were seen, 1 or 0, [Q, H].
+    """
+    size, count = members.shape
+    motions = np.zeros((len(seen), count, 6), np.float32)
+    used = np.zeros((len(seen), count), np.float32)
+    x, y, u, v, w = np.empty((5, size, count), np.float32)
+    for q in range(len(seen)):
+        # Gathered first: the sums below then go over contiguous numbers.
+        for m in range(size):
+            for h in range(count):
+                i = members[m, h]
+                x[m, h], y[m, h], w[m, h] = start[q, 0, i], start[q, 1, i], seen[q, i]
+                u[m, h], v[m, h] = move[q, 0, i], move[q, 1, i]
+        sums = np.zeros((5, count))
+        _first_moments(x, y, u, v, w, sums)
+        moments = np.zeros((7, count))
+        _second_moments(x, y, u, v, w, sums, moments)
+        _solve(sums, moments, ridge, motions[q], used[q])
+    return motions, used
 
 
-@compiled(fastmath=True)
-def _explain(
-    start: Floats32, move: Floats32, seen: Floats32, members: Indices, ridge: float, cap: np.float32
-) -> tuple[Floats32, Floats32, NDArray[np.float64]]:
-    pairs, _, count = start.shape
-    total = np.zeros((len(members), count), np.float32)
-    used = np.zeros((len(members), pairs), np.float32)
-    activity = np.zeros(pairs, np.float64)
-    weight = np.zeros(pairs, np.float64)
-    for q in range(pairs):
-        x, y, u, v, m = start[q, 0], start[q, 1], move[q, 0], move[q, 1], seen[q]
-        visible = m.sum()
-        for h in range(len(members)):
-            n, a_, b_, c_, d_, e_, f_ = _fit(start[q], move[q], m, members[h], ridge)
-            if n < _LEAST_MEMBERS:
-                continue
-            a, b, c = np.float32(a_), np.float32(b_), np.float32(c_)
-            d, e, f = np.float32(d_), np.float32(e_), np.float32(f_)
-            used[h, q] = np.float32(1)
-            row = total[h]
-            active = np.float32(0)
-            for i in range(count):
-                ru = u[i] - a * x[i] - b * y[i] - e
-                rv = v[i] - c * x[i] - d * y[i] - f
-                r = min((ru * ru + rv * rv) * m[i], cap)
-                row[i] += r
-                active += r / (r + np.float32(1))
-            activity[q] += active
-            weight[q] += visible
-    return total, used, activity / np.maximum(weight, 1)
+@compiled()
+def _first_moments(x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, sums: Floats) -> None:
+    """Number and means, [5, H]."""
+    n, cx, cy, cu, cv = sums
+    for m in range(len(x)):
+        for h in range(len(n)):
+            n[h] += w[m, h]
+            cx[h] += x[m, h]
+            cy[h] += y[m, h]
+            cu[h] += u[m, h]
+            cv[h] += v[m, h]
+    for h in range(len(n)):
+        count = max(n[h], 1.0)
+        cx[h], cy[h], cu[h], cv[h] = cx[h] / count, cy[h] / count, cu[h] / count, cv[h] / count
+
+
+@compiled()
+def _second_moments(
+    x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, sums: Floats, moments: Floats
+) -> None:
+    """Sums of xx, yy, xy, xu, yu, xv and yv about the means, [7, H]."""
+    _, cx, cy, cu, cv = sums
+    xx, yy, xy, xu, yu, xv, yv = moments
+    for m in range(len(x)):
+        for h in range(len(cx)):
+            px, py = (x[m, h] - cx[h]) * w[m, h], (y[m, h] - cy[h]) * w[m, h]
+            pu, pv = u[m, h] - cu[h], v[m, h] - cv[h]
+            xx[h] += px * px
+            yy[h] += py * py
+            xy[h] += px * py
+            xu[h] += px * pu
+            yu[h] += py * pu
+            xv[h] += px * pv
+            yv[h] += py * pv
+
+
+@compiled()
+def _solve(sums: Floats, moments: Floats, ridge: float, motions: Floats32, used: Floats32) -> None:
+    for h in range(len(motions)):
+        n, cx, cy, cu, cv = sums[:, h]
+        if n < _LEAST_MEMBERS:
+            continue
+        xx, yy, xy, xu, yu, xv, yv = moments[:, h]
+        xx, yy = xx + n * ridge, yy + n * ridge
+        det = xx * yy - xy * xy
+        a, b = (xu * yy - yu * xy) / det, (yu * xx - xu * xy) / det
+        c, d = (xv * yy - yv * xy) / det, (yv * xx - xv * xy) / det
+        motions[h, 0], motions[h, 1], motions[h, 4] = a, b, cu - a * cx - b * cy
+        motions[h, 2], motions[h, 3], motions[h, 5] = c, d, cv - c * cx - d * cy
+        used[h] = 1
+
+
+@compiled(fastmath=_FUSED)
+def _total_residuals(
+    start: Floats32, move: Floats32, seen: Floats32, motions: Floats32, caps: Floats32
+) -> Floats32:
+    """Sums of squared residuals of motions [Q, H, 6], each capped (0: the motion does not count), [H, N]."""
+    pairs, count, _ = motions.shape
+    total = np.zeros((count, start.shape[2]), np.float32)
+    # Two at a time: what takes the time is to fetch the trajectories. An odd last one goes twice.
+    for first in range(0, count, 2):
+        second = min(first + 1, count - 1)
+        r, s = np.zeros((2, start.shape[2]), np.float32)
+        for q in range(pairs):
+            x, y, u, v, w = start[q, 0], start[q, 1], move[q, 0], move[q, 1], seen[q]
+            a, b, c, d, e, f = motions[q, first]
+            g, h, j, k, m, n = motions[q, second]
+            most, limit = caps[q, first], caps[q, second]
+            for i in range(len(x)):
+                ru, rv = u[i] - a * x[i] - b * y[i] - e, v[i] - c * x[i] - d * y[i] - f
+                su, sv = u[i] - g * x[i] - h * y[i] - m, v[i] - j * x[i] - k * y[i] - n
+                r[i] += min((ru * ru + rv * rv) * w[i], most)
+                s[i] += min((su * su + sv * sv) * w[i], limit)
+        total[first], total[second] = r, s
+    return total
+
+
+@compiled(fastmath=_FUSED)
+def _activity(start: Floats32, move: Floats32, seen: Floats32, motions: Floats32, caps: Floats32) -> Floats:
+    """Mean of r² / (r² + 1 px²) over some of the motions and who is seen, [Q]."""
+    activity = np.zeros(len(seen))
+    for q in range(len(seen)):
+        x, y, u, v, w = start[q, 0], start[q, 1], move[q, 0], move[q, 1], seen[q]
+        active = np.zeros(len(x), np.float32)
+        fitted = 0
+        for h in range(0, motions.shape[1], _ACTIVITY_STEP):
+            fitted += caps[q, h] > 0
+            a, b, c, d, e, f = motions[q, h]
+            for i in range(len(x)):
+                ru, rv = u[i] - a * x[i] - b * y[i] - e, v[i] - c * x[i] - d * y[i] - f
+                square = min((ru * ru + rv * rv) * w[i], caps[q, h])
+                active[i] += square / (square + np.float32(1))
+        # Added up one by one: see compiled.
+        total = 0.0
+        for i in range(len(x)):
+            total += active[i]
+        activity[q] = total / max(fitted * w.sum(), 1)
+    return activity
