@@ -9,6 +9,7 @@ from .continuity import Continuity
 from .epipolar import EpipolarTest
 from .keyframes import Floats32, KeyFrames
 from .merging import merge
+from .misfits import reassign
 from .parameters import PixelParameters
 from .pieces import link
 from .similarity import Similarity, compare
@@ -58,6 +59,7 @@ def group(
     pieces = link(similarity, parameters.piece_similarity)
     merged = merge(pieces, Continuity(frames, similarity.value), EpipolarTest(frames), parameters, before)
     _, labels = np.unique(merged[pieces.of], return_inverse=True)
+    _, labels = np.unique(reassign(frames, labels), return_inverse=True)
     mean = _to_groups(similarity, labels)
     labels = ask_neighbours(frames, np.diagonal(similarity.evidence), mean, labels)
     return Grouping(labels, _confidence(mean, labels, parameters.merge_similarity), similarity)

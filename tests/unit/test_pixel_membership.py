@@ -1,0 +1,52 @@
+"""Which group single trajectories of a space in pixels belong to, once there are groups."""
+
+import numpy as np
+
+from comotion.pixels.keyframes import KeyFrames
+from comotion.pixels.misfits import reassign
+
+
+def drawer_scene(frames=24):
+    """Wall on both sides of a drawer that opens in the last frames; 40, 6 and 40 trajectories, truth."""
+    rng = np.random.default_rng(0)
+    wall = rng.uniform([0, 0], [150, 300], (40, 2))
+    corner = rng.uniform([420, 90], [440, 110], (6, 2))
+    drawer = rng.uniform([180, 100], [410, 250], (40, 2))
+    truth = np.repeat([0, 0, 1], (40, 6, 40))
+    positions = np.repeat(np.concatenate([wall, corner, drawer])[None], frames, axis=0)
+    # Towards the camera: away from a point beyond its right edge.
+    opened = 0.04 * np.maximum(np.arange(frames) - (frames - 5), 0)
+    positions += opened[:, None, None] * (positions - [540, 180]) * truth[:, None]
+    return positions + rng.normal(0, 0.1, positions.shape), truth
+
+
+def frames_of(positions, visible=None):
+    visible = np.ones(positions.shape[:2], bool) if visible is None else visible
+    return KeyFrames(np.where(visible[..., None], positions, 0).astype(np.float32), visible)
+
+
+def test_who_rests_beside_a_moving_group_goes_back_to_the_resting_one():
+    positions, truth = drawer_scene()
+    mistaken = truth.copy()
+    mistaken[40:46] = 1
+    np.testing.assert_array_equal(reassign(frames_of(positions), mistaken), truth)
+    # Nothing has moved yet: the motion says nothing, whoever belongs where.
+    np.testing.assert_array_equal(reassign(frames_of(positions[:18]), mistaken), mistaken)
+
+
+def test_who_no_group_explains_stays_where_it_is():
+    positions, truth = drawer_scene()
+    # Half as fast as the drawer: a feature that slides along its edge.
+    positions[:, -1] = (positions[:, -1] + positions[0, -1]) / 2
+    positions[-5:, 0] += np.arange(5)[:, None] * [3.0, -2.0]
+    np.testing.assert_array_equal(reassign(frames_of(positions), truth), truth)
+
+
+def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
+    positions, truth = drawer_scene()
+    mistaken = truth.copy()
+    mistaken[40:46] = 1
+    visible = np.ones(positions.shape[:2], bool)
+    visible[16:, 40:43] = False
+    truth[40:43] = 1
+    np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken), truth)
