@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from .continuity import Continuity
 from .epipolar import EpipolarTest
-from .keyframes import Floats32, KeyFrames
+from .keyframes import KeyFrames
 from .merging import merge
 from .misfits import reassign
 from .parameters import PixelParameters
-from .pieces import link
+from .pieces import link, pool
 from .similarity import Similarity, compare
 from .uninformed import ask_neighbours
 
@@ -60,21 +60,15 @@ def group(
     merged = merge(pieces, Continuity(frames, similarity.value), EpipolarTest(frames), parameters, before)
     _, labels = np.unique(merged[pieces.of], return_inverse=True)
     _, labels = np.unique(reassign(frames, labels), return_inverse=True)
-    mean = _to_groups(similarity, labels)
+    weighted, evidence = pool(similarity, labels)
+    mean = (weighted / evidence).T
     labels = ask_neighbours(frames, np.diagonal(similarity.evidence), mean, labels)
     return Grouping(labels, _confidence(mean, labels, parameters.merge_similarity), similarity)
 
 
-def _to_groups(similarity: Similarity, labels: NDArray[np.intp]) -> Floats32:
-    """Similarity of trajectories to groups, [N, K]."""
-    member: Floats32 = np.eye(labels.max() + 1, dtype=np.float32)[labels]
-    mean: Floats32 = ((similarity.value * similarity.evidence) @ member) / (similarity.evidence @ member)
-    return mean
-
-
-def _confidence(mean: Floats32, labels: NDArray[np.intp], least: float) -> NDArray[np.float64]:
+def _confidence(mean: NDArray[np.float64], labels: NDArray[np.intp], least: float) -> NDArray[np.float64]:
     rows = np.arange(len(labels))
-    own = mean[rows, labels].astype(np.float64)
+    own = mean[rows, labels]
     others = mean.copy()
     others[rows, labels] = 0
     rival = np.maximum(others.max(axis=1), least)

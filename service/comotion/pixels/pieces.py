@@ -34,18 +34,44 @@ class Pieces:
 
 def link(similarity: Similarity, least: float) -> Pieces:
     """Link trajectories down to a mean similarity of `least`."""
-    weighted = similarity.value * similarity.evidence
-    roots = _average_linkage(np.stack([weighted, similarity.evidence], axis=-1), np.float32(least))
+    roots = _average_linkage(_beside(similarity.value, similarity.evidence), np.float32(least))
     _, of = np.unique(roots, return_inverse=True)
-    return Pieces(of, _pool(weighted, of), _pool(similarity.evidence, of))
+    weighted, evidence = pool(similarity, of)
+    return Pieces(of, _by_piece(weighted, of), _by_piece(evidence, of))
 
 
-def _pool(values: Floats32, of: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Sums over the blocks of a matrix."""
-    order = np.argsort(of, kind="stable")
-    starts = np.searchsorted(of[order], np.arange(of.max() + 1))
-    rows = np.add.reduceat(values[order], starts, axis=0, dtype=np.float64)
-    return np.add.reduceat(rows[:, order], starts, axis=1)
+def pool(similarity: Similarity, of: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sums of evidence times similarity, and of evidence, of P groups (`of`, intp [N]) to N trajectories."""
+    return _pool(similarity.value, similarity.evidence, of, int(of.max()) + 1)
+
+
+@compiled()
+def _pool(
+    value: Floats32, evidence: Floats32, of: NDArray[np.intp], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    weighted, total = np.zeros((count, len(value))), np.zeros((count, len(value)))
+    for i in range(len(value)):
+        a, b = weighted[of[i]], total[of[i]]
+        for j in range(len(a)):
+            a[j] += value[i, j] * evidence[i, j]
+            b[j] += evidence[i, j]
+    return weighted, total
+
+
+def _by_piece(sums: NDArray[np.float64], of: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Sums [P, P] of columns of one piece."""
+    return sums @ np.eye(len(sums))[of]
+
+
+@compiled()
+def _beside(value: Floats32, evidence: Floats32) -> Floats32:
+    """Weighted similarity beside evidence, float32 [N, N, 2]."""
+    sums = np.empty((*value.shape, 2), np.float32)
+    for i in range(len(value)):
+        for j in range(len(value)):
+            sums[i, j, 0] = value[i, j] * evidence[i, j]
+            sums[i, j, 1] = evidence[i, j]
+    return sums
 
 
 @compiled()

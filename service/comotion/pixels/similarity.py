@@ -10,7 +10,8 @@ from .interaction import subspace
 from .keyframes import Floats32, KeyFrames, frame_pairs
 from .local import Residuals, explain
 from .parameters import PixelParameters
-from .sampling import sample_members
+from .patterns import alike
+from .sampling import Indices, sample_members
 
 # Side of the blocks in which a matrix and its transpose are visited: both fit the cache.
 _TILE = 64
@@ -47,36 +48,65 @@ def compare(frames: KeyFrames, parameters: PixelParameters, rng: np.random.Gener
     pairs = frame_pairs(frames, p.steps)
     groups = sample_members(frames, p.local_motions, p.members, p.reaches, p.motion_weight, rng)
     residuals = explain(pairs, groups, p.ridge, p.cap)
-    preference, evidence, best = _preference(residuals, pairs.seen, p)
+    value, evidence, best = preference(residuals, pairs.seen, p)
     vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)
     floors = (p.preference_floor, p.interaction_floor, p.rank_floor)
-    value = _combine(preference, vectors, np.array(p.ranks), *(np.float32(f) for f in floors))
+    _combine(value, vectors, np.array(p.ranks), *(np.float32(f) for f in floors))
     return Similarity(value, evidence, best)
 
 
-def _preference(
+def preference(
     residuals: Residuals, seen: Floats32, p: PixelParameters
 ) -> tuple[Floats32, Floats32, Floats32]:
-    """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals."""
-    count = residuals.used @ seen
+    """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
+
+    What a motion covers of a trajectory follows from the frame pairs of either, and many share these:
+    sums over coverage are formed once per pattern. The total residuals are used up.
+    """
     share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
-    coverage = (((residuals.used * share) @ seen) ** p.coverage_power).astype(np.float32)
-    square = np.where(count > 0, residuals.total / np.maximum(count, 1), np.float32(np.inf))
+    motion, track = alike(residuals.used), alike(seen.T)
+    used = residuals.used[motion.first]
+    coverage = (((used * share) @ seen) ** p.coverage_power).astype(np.float32)
+    square = residuals.total
+    _mean(square, used @ seen, motion.of)
     best = _best(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
-    width = 2 * (p.noise_factor * typical + p.noise_floor)
-    preferred = np.exp(-square / np.float32(width))
-    # Products of such small numbers are denormal, on which multiplication takes ten times as long.
-    preferred[preferred < _NEGLIGIBLE] = 0
-    weighted = coverage * preferred
-    # Fortran's lower triangles are C's upper ones, the only valid ones; _tanimoto reads no other.
-    both = ssyrk(1.0, weighted.T, lower=1).T
-    some = coverage[::_COVERAGE_STEP]
-    covered = ssyrk(1.0 / len(some), some.T, lower=1).T
-    one_sided: Floats32 = (weighted * preferred).T @ coverage
-    _tanimoto(both, covered, one_sided, np.float32(p.evidence_floor))
-    return both, covered, np.where(known, best, np.float32(np.nan))
+    square *= np.float32(-1 / (2 * (p.noise_factor * typical + p.noise_floor)))
+    preferred = np.exp(square, out=square)
+    own = _weigh(preferred, coverage, motion.of)
+    # Fortran's lower triangle is C's upper one, the only valid one; _tanimoto reads no other.
+    both = ssyrk(1.0, preferred.T, lower=1).T
+    narrow = coverage[:, track.first]
+    counts = np.bincount(motion.of[::_COVERAGE_STEP], minlength=len(used)).astype(np.float32)
+    some = counts > 0
+    covered = (narrow[some].T * (counts[some] / counts.sum())) @ narrow[some]
+    evidence = np.empty_like(both)
+    _tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(p.evidence_floor))
+    return both, evidence, np.where(known, best, np.float32(np.nan))
+
+
+@compiled()
+def _mean(total: Floats32, count: Floats32, motion: Indices) -> None:
+    """Divide sums [H, N] by the counts [G, N] of their motions' patterns, in place; infinite without any."""
+    for h in range(len(total)):
+        n = count[motion[h]]
+        for i in range(len(n)):
+            total[h, i] = total[h, i] / n[i] if n[i] > 0 else np.float32(np.inf)
+
+
+@compiled()
+def _weigh(preferred: Floats32, coverage: Floats32, motion: Indices) -> Floats32:
+    """Weight preferences [H, N] by coverage [G, N] in place; sums of weighted squares by pattern [G, N]."""
+    squares = np.zeros_like(coverage)
+    for h in range(len(preferred)):
+        c, total = coverage[motion[h]], squares[motion[h]]
+        for i in range(len(c)):
+            # Products of such small numbers are denormal, on which multiplication takes ten times as long.
+            value = preferred[h, i] if preferred[h, i] >= _NEGLIGIBLE else np.float32(0)
+            preferred[h, i] = c[i] * value
+            total[i] += c[i] * value * value
+    return squares
 
 
 def _best(square: Floats32) -> Floats32:
@@ -93,18 +123,23 @@ def _best(square: Floats32) -> Floats32:
 
 
 @compiled(fastmath=True)
-def _tanimoto(both: Floats32, covered: Floats32, one_sided: Floats32, floor: np.float32) -> None:
-    """In place, from upper triangles: Σab / (Σa² + Σb² − Σab) and evidence, made symmetric."""
+def _tanimoto(
+    both: Floats32, evidence: Floats32, own: Floats32, covered: Floats32, track: Indices, floor: np.float32
+) -> None:
+    """Σab / (Σa² + Σb² − Σab) in place of the upper triangle of Σab, and evidence; both made symmetric.
+
+    Σa² [N, P] and evidence [P, P] are by pattern (intp [N]) of the other trajectory.
+    """
     tiny = np.float32(1e-12)
     count = len(both)
     for top in range(0, count, _TILE):
         for left in range(top, count, _TILE):
             for i in range(top, min(top + _TILE, count)):
+                p = track[i]
                 for j in range(max(i, left), min(left + _TILE, count)):
-                    value = both[i, j] / max(one_sided[i, j] + one_sided[j, i] - both[i, j], tiny)
+                    value = both[i, j] / max(own[i, track[j]] + own[j, p] - both[i, j], tiny)
                     both[i, j] = both[j, i] = value
-                    evidence = covered[i, j] + floor
-                    covered[i, j] = covered[j, i] = evidence
+                    evidence[i, j] = evidence[j, i] = covered[p, track[j]] + floor
 
 
 @compiled()
@@ -115,11 +150,12 @@ def _combine(
     preference_floor: np.float32,
     interaction_floor: np.float32,
     rank_floor: np.float32,
-) -> Floats32:
+) -> None:
     """Geometric mean of preference and shape interaction, the latter a geometric mean over ranks.
 
-    Rows of V are normalised per rank; interaction at a rank is |v_i·v_j|⁴. Every product is grouped
-    so that (i, j) and (j, i) agree to the last bit, which linkage relies on.
+    It takes the preference's place. Rows of V are normalised per rank; interaction at a rank is
+    |v_i·v_j|⁴. Every product is grouped so that (i, j) and (j, i) agree to the last bit, which linkage
+    relies on.
     """
     dims, count = vectors.shape
     square = np.zeros((dims + 1, count), np.float32)
@@ -127,7 +163,6 @@ def _combine(
         square[k + 1] = square[k] + vectors[k] * vectors[k]
     # A row may be 0 (a feature at the origin); the product of two of these must stay finite.
     inverse = 1 / np.maximum(square, np.float32(1e-16))
-    out = np.empty((count, count), np.float32)
     wanted = np.zeros(dims, np.bool_)
     wanted[ranks - 1] = True
     root = np.float32(1 / len(ranks))
@@ -148,5 +183,4 @@ def _combine(
                     product[j] *= cosine * cosine + rank_floor
         for j in range(count):
             mean = (np.sqrt(np.sqrt(product[j])) if four else product[j] ** root) + interaction_floor
-            out[i, j] = np.sqrt((preference[i, j] + preference_floor) * mean)
-    return out
+            preference[i, j] = np.sqrt((preference[i, j] + preference_floor) * mean)

@@ -13,7 +13,9 @@ _VOTERS = 5
 Labels = NDArray[np.intp]
 
 
-def ask_neighbours(frames: KeyFrames, own_evidence: Floats32, mean: Floats32, labels: Labels) -> Labels:
+def ask_neighbours(
+    frames: KeyFrames, own_evidence: Floats32, mean: NDArray[np.float64], labels: Labels
+) -> Labels:
     """Labels of trajectories, those of the uninformed by the vote of the nearest in the image.
 
     Uninformed is who was not seen while most of the motion took place and fits two groups nearly
@@ -26,7 +28,7 @@ def ask_neighbours(frames: KeyFrames, own_evidence: Floats32, mean: Floats32, la
     own_evidence
         float32 [N]; evidence of each trajectory with itself, 1 if it was seen throughout.
     mean
-        float32 [N, K]; similarity of each trajectory to each group.
+        float64 [N, K]; similarity of each trajectory to each group.
     labels
         intp [N].
     """
