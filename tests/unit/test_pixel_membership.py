@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from comotion.pixels.engine import choose
 from comotion.pixels.keyframes import KeyFrames
 from comotion.pixels.misfits import reassign
+from comotion.pixels.parameters import PixelParameters
 
 
 def drawer_scene(frames=24):
@@ -50,3 +52,14 @@ def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
     visible[16:, 40:43] = False
     truth[40:43] = 1
     np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken), truth)
+
+
+def test_the_living_and_half_as_many_of_the_dead_are_compared():
+    few = PixelParameters(least_seen=4, few_tracks=6, most_tracks=14)
+    seen = np.array([9, 3, 4, 8, 7, 5] + 6 * [6])
+    dead = np.repeat([True, False], 6)
+    # Of the dead who was seen longest; nobody who was hardly seen at all.
+    assert choose(seen, dead, few).tolist() == [0, 3, 4, *range(6, 12)]
+    # Of a few there is no choice.
+    assert choose(seen[:8], dead[:8], few).tolist() == [0, 3, 4, 5, 6, 7]
+    assert choose(np.full(20, 24), np.zeros(20, bool), few).tolist() == list(range(14))

@@ -96,12 +96,7 @@ class PixelEngine:
         stamps = stamps[spread(len(stamps), self._p.key_frames)]
         slots = window.slots()
         frames = key_frames(window, slots, stamps)
-        seen = frames.visible.sum(axis=0)
-        ready = np.flatnonzero(seen >= self._p.least_seen)
-        if len(ready) > self._p.most_tracks:
-            # The living go first, then who was seen longest.
-            rank = np.lexsort((-seen[ready], ~np.isin(slots[ready], current)))
-            ready = np.sort(ready[rank[: self._p.most_tracks]])
+        ready = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), self._p)
         return slots[ready], frames.of(ready)
 
     def _adopt(self, window: Window, current: Slots, grown: Slots, held: Slots, confidence: Floats) -> None:
@@ -133,3 +128,24 @@ class PixelEngine:
         series = [window.series(slot).times for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
         self._memory.load(state, window)
+
+
+def choose(seen: Slots, dead: NDArray[np.bool_], parameters: PixelParameters) -> Slots:
+    """Indices of the trajectories that are compared, ascending.
+
+    The living go first, then who was seen longest. How many dead ones there may be follows from the
+    number of the living, so that the time of an update does too.
+
+    Parameters
+    ----------
+    seen
+        intp [N]; on how many key frames.
+    dead
+        bool [N]; not among the current ones.
+    """
+    p = parameters
+    ready = np.flatnonzero(seen >= p.least_seen)
+    living = len(ready) - int(dead[ready].sum())
+    most = min(p.most_tracks, max(p.few_tracks, round((1 + p.dead_share) * living)))
+    rank = np.lexsort((-seen[ready], dead[ready]))
+    return np.sort(ready[rank[:most]])

@@ -30,12 +30,15 @@ def _complete(frames: KeyFrames, rank: int, rounds: int) -> NDArray[np.float64]:
     if seen.all():
         return values
     matrix = np.where(seen, values, _held(frames.visible, values))
-    unseen = ~seen
     basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -min(rank, 2 * count) :]
+    gaps = ~frames.visible.all(axis=0)
+    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~seen[:, gaps]
+    moments = complete @ complete.T
     for _ in range(rounds):
         # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
-        basis = np.linalg.qr(matrix @ (matrix.T @ basis))[0]
-        np.copyto(matrix, basis @ (basis.T @ matrix), where=unseen)
+        basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
+        np.copyto(rest, basis @ (basis.T @ rest), where=unseen)
+    matrix[:, gaps] = rest
     return matrix
 
 

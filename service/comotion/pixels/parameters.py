@@ -11,8 +11,9 @@ class PixelParameters:
     ----------
     key_frames, least_seen
         Instants of the window that are looked at, and on how many of them a trajectory must be seen.
-    most_tracks
-        Trajectories that are compared with one another; further ones follow their neighbours.
+    most_tracks, dead_share, few_tracks
+        Trajectories that are compared with one another: up to the first number; beyond the last one
+        no more dead ones than this share of the living. Further ones follow their neighbours.
     steps
         Lengths of the frame pairs, in key frames.
     local_motions, members, reaches
@@ -56,6 +57,8 @@ class PixelParameters:
     key_frames: int = 24
     least_seen: int = 4
     most_tracks: int = 1200
+    dead_share: float = 0.5
+    few_tracks: int = 400
     steps: tuple[int, ...] = (1, 4, 12)
     local_motions: int = 600
     members: int = 8
