@@ -69,10 +69,9 @@ class _Merging:
         p = self._p
         smaller = np.minimum(np.minimum(self._size[:, None], self._size[None]), p.merge_cap)
         ratio = np.triu(self._similarity(), 1) / (p.merge_similarity * np.sqrt(smaller / p.merge_size))
-        for flat in np.argsort(-ratio, axis=None, kind="stable").tolist():
+        pairs = np.flatnonzero(ratio >= p.merge_range[0])
+        for flat in pairs[np.argsort(-ratio.flat[pairs], kind="stable")].tolist():
             a, b = divmod(flat, len(ratio))
-            if ratio[a, b] < p.merge_range[0]:
-                break
             if self._merge(a, b, float(ratio[a, b])):
                 return a, b
         return None
