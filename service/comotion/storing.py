@@ -68,3 +68,15 @@ def compact(
             )
             for c in range(positions.shape[2]):
                 positions[s, k, c] = positions[s, first + k, c]
+
+
+@compiled()
+def transfer(
+    slots: Slots, column: Floats | Stamps, grown: Floats | Stamps, start: Slots, stop: Slots
+) -> None:
+    """Copy the observations of slots from one column [S, M, d] to the same places in another, larger one."""
+    for n in range(len(slots)):
+        s = slots[n]
+        for k in range(start[s], stop[s]):
+            for c in range(column.shape[2]):
+                grown[s, k, c] = column[s, k, c]

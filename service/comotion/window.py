@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .storing import append, compact
+from .storing import append, compact, transfer
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -235,27 +235,27 @@ class Window:
         self.start[due] = 0
 
     def _grow_rows(self) -> None:
-        extra = self._rows
-        for name in _COLUMNS:
-            column = getattr(self, name)
-            if column is not None:
-                shape = (self.capacity, extra, *column.shape[2:])
-                setattr(self, name, np.concatenate([column, np.zeros(shape, column.dtype)], axis=1))
-        self._rows += extra
+        self._grow_columns(self.capacity, 2 * self._rows)
+        self._rows *= 2
 
     def _grow_slots(self) -> None:
         extra = max(_FIRST_SLOTS, self.capacity)
-        for name in _COLUMNS:
-            column = getattr(self, name)
-            if column is not None:
-                setattr(
-                    self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)])
-                )
+        self._grow_columns(self.capacity + extra, self._rows)
         for name in _PER_SLOT:
             column = getattr(self, name)
             setattr(self, name, np.concatenate([column, np.zeros(extra, column.dtype)]))
         self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
         self.capacity += extra
+
+    def _grow_columns(self, slots: int, rows: int) -> None:
+        """Most slots of short-lived features are nearly empty: memory that nobody writes to costs nothing."""
+        used = np.flatnonzero(self.used)
+        for name in _COLUMNS:
+            column = getattr(self, name)
+            if column is not None:
+                grown = np.zeros((slots, rows, *column.shape[2:]), column.dtype)
+                transfer(used, np.atleast_3d(column), np.atleast_3d(grown), self.start, self.stop)
+                setattr(self, name, grown)
 
     def state(self) -> dict[str, Any]:
         """Everything the window holds, as plain arrays."""
