@@ -6,6 +6,8 @@ from comotion.pixels.engine import choose
 from comotion.pixels.keyframes import KeyFrames
 from comotion.pixels.misfits import reassign
 from comotion.pixels.parameters import PixelParameters
+from comotion.pixels.young import adopt
+from comotion.window import Window
 
 
 def drawer_scene(frames=24):
@@ -63,3 +65,25 @@ def test_the_living_and_half_as_many_of_the_dead_are_compared():
     # Of a few there is no choice.
     assert choose(seen[:8], dead[:8], few).tolist() == [0, 3, 4, 5, 6, 7]
     assert choose(np.full(20, 24), np.zeros(20, bool), few).tolist() == list(range(14))
+
+
+def test_the_young_go_with_neighbours_that_move_as_they_do():
+    rest = np.stack([np.full(6, 40.0), np.arange(6) * 8.0], axis=1)
+    drawer = np.stack([np.full(6, 0.0), np.arange(6) * 8.0], axis=1)
+    # One rests just before the drawer, one moves with it close to what rests.
+    young = np.array([[10.0, 20.0], [30.0, 20.0]])
+    start = np.concatenate([rest, drawer, young])
+    moves = np.repeat([0, 1, 0, 1], (6, 6, 1, 1))
+    window = Window(2, 10**10, 10**9)
+    slots = window.open(14, 0)
+    for k in range(10):
+        here = slots if k >= 6 else slots[:12]
+        x = start + np.outer(moves, [0.0, 3.0]) * k
+        window.insert(here, (1 + k) * 10**8, x[: len(here)], np.full(len(here), np.nan), None)
+    labels = np.repeat([7, 8], 6)
+    nobody = np.full(2, -1)
+    found, _ = adopt(window, slots[12:], slots[:12], labels, nobody, 10.0)
+    assert found.tolist() == [7, 8]
+    # By place alone it would be the other way round.
+    found, _ = adopt(window, slots[12:], slots[:12], labels, nobody, 0.0)
+    assert found.tolist() == [8, 7]

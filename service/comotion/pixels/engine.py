@@ -105,7 +105,8 @@ class PixelEngine:
         if not young.any():
             return
         labelled = grown[label[grown] != NO_HYPOTHESIS]
-        labels, share = adopt(window, current[young], labelled, label[labelled], held[young])
+        known = labelled, label[labelled], held[young]
+        labels, share = adopt(window, current[young], *known, self._p.motion_weight)
         label[current[young]] = labels
         confidence[current[young]] = share / 2
 

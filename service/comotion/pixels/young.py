@@ -17,8 +17,10 @@ _HELD_VOTES = 1.0
 Labels = NDArray[np.int64]
 
 
-def adopt(window: Window, young: Slots, grown: Slots, labels: Labels, held: Labels) -> tuple[Labels, Floats]:
-    """Labels of young trajectories by the vote of those near them in the image.
+def adopt(
+    window: Window, young: Slots, grown: Slots, labels: Labels, held: Labels, motion_weight: float
+) -> tuple[Labels, Floats]:
+    """Labels of young trajectories by the vote of those near them in the image that move as they do.
 
     Parameters
     ----------
@@ -28,6 +30,8 @@ def adopt(window: Window, young: Slots, grown: Slots, labels: Labels, held: Labe
         Slots, intp [n] and [m]; the grown ones are labelled `labels` int64 [m].
     held
         int64 [n]; what the young ones were labelled until now: worth one vote.
+    motion_weight
+        See :class:`~comotion.pixels.sampling.Neighbours`.
 
     Returns
     -------
@@ -35,7 +39,7 @@ def adopt(window: Window, young: Slots, grown: Slots, labels: Labels, held: Labe
     """
     if not len(grown):
         return np.full(len(young), NO_HYPOTHESIS), np.zeros(len(young))
-    return _votes(_distance(window, young, grown), labels, held)
+    return _votes(_distance(window, young, grown, motion_weight), labels, held)
 
 
 @compiled()
@@ -55,8 +59,8 @@ def _votes(distance: Floats, labels: Labels, held: Labels) -> tuple[Labels, Floa
     return found, share
 
 
-def _distance(window: Window, young: Slots, grown: Slots) -> Floats:
-    """Mean distance in the image at some instants of the young ones, px [n, m]; inf where none is shared."""
+def _distance(window: Window, young: Slots, grown: Slots, motion_weight: float) -> Floats:
+    """Distances at some instants of the young ones, px [n, m]; inf where none is shared."""
     at = [window.start[s] + spread(int(window.stop[s] - window.start[s]), _INSTANTS) for s in young]
     owner = np.repeat(np.arange(len(young)), [len(each) for each in at])
     index = np.concatenate(at)
@@ -64,22 +68,34 @@ def _distance(window: Window, young: Slots, grown: Slots) -> Floats:
     stamps, when = np.unique(window.times[young[owner], index], return_inverse=True)
     states = states_at(window, grown, stamps)
     own = window.positions[young[owner], index]
-    return _mean_distance(states.position, states.held, own, when, owner, len(young))
+    return _weighted(states.position, states.held, own, when, owner, len(young), motion_weight)
 
 
 @compiled()
-def _mean_distance(
-    positions: Floats, held: Bools, own: Floats, when: Slots, owner: Slots, count: int
+def _weighted(
+    positions: Floats, held: Bools, own: Floats, when: Slots, owner: Slots, count: int, motion_weight: float
 ) -> Floats:
-    total, shared = np.zeros((count, held.shape[1])), np.zeros((count, held.shape[1]))
+    """Mean distance in the image plus weighted root mean square of that of displacements, [count, m]."""
+    shape = count, held.shape[1]
+    total, shared, square, moves = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for k in range(len(own)):
         n, t = owner[k], when[k]
+        moved = k > 0 and owner[k - 1] == n
         for j in range(held.shape[1]):
             if held[t, j]:
                 x, y = positions[t, j, 0] - own[k, 0], positions[t, j, 1] - own[k, 1]
                 total[n, j] += np.sqrt(x * x + y * y)
                 shared[n, j] += 1
+                if moved and held[when[k - 1], j]:
+                    x -= positions[when[k - 1], j, 0] - own[k - 1, 0]
+                    y -= positions[when[k - 1], j, 1] - own[k - 1, 1]
+                    square[n, j] += x * x + y * y
+                    moves[n, j] += 1
     for n in range(count):
         for j in range(held.shape[1]):
-            total[n, j] = total[n, j] / shared[n, j] if shared[n, j] > 0 else np.inf
+            if shared[n, j] > 0:
+                total[n, j] = total[n, j] / shared[n, j]
+                total[n, j] += motion_weight * np.sqrt(square[n, j] / max(moves[n, j], 1.0))
+            else:
+                total[n, j] = np.inf
     return total
