@@ -7,20 +7,33 @@ import numba
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
-# A few tenths of a millisecond.
-_WORTH_WAKING = 300_000
+# Some ten microseconds; a second thread is at work after three.
+_WORTH_WAKING = 30_000
+# Of what a kernel does, only the loops that ask for it are shared out.
+_OWN_LOOPS = {
+    "comprehension": False,
+    "reduction": False,
+    "inplace_binop": False,
+    "setitem": False,
+    "numpy": False,
+    "stencil": False,
+    "fusion": False,
+    "prange": True,
+}
 
 numba_range = numba.prange
 """A range whose turns are shared out among the cores, in kernels compiled with ``parallel=True``."""
 
 
-def compiled(**options: Any) -> Callable[[Kernel], Kernel]:
+def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Kernel]:
     """Compile a function of arrays to machine code, kept on disk where that is possible.
 
     `options` are Numba's. With ``fastmath`` the order of a sum follows from what the compiler sees around
     it, and that differs between the process that compiles and those that load: use it where no update
     hangs on the last bit.
     """
+    if parallel:
+        options["parallel"] = _OWN_LOOPS
 
     def compile_(function: Kernel) -> Kernel:
         try:
@@ -33,16 +46,6 @@ def compiled(**options: Any) -> Callable[[Kernel], Kernel]:
     return compile_
 
 
-class threads_for:  # noqa: N801
-    """Context in which one thread alone does what takes less time than waking the others."""
-
-    def __init__(self, operations: int) -> None:
-        self._alone = operations <= _WORTH_WAKING
-
-    def __enter__(self) -> None:
-        self._before = numba.get_num_threads()
-        if self._alone:
-            numba.set_num_threads(1)
-
-    def __exit__(self, *_: object) -> None:
-        numba.set_num_threads(self._before)
+def worth_waking(operations: int) -> bool:
+    """Whether so many operations take longer than waking the other threads."""
+    return operations > _WORTH_WAKING

@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .affinity import Affinity, Matrix
+from .aligned import aligned_zeros
 from .engine import Rows
 from .instants import Instants
 from .places import Places
-from .samples import EARLIEST, LATEST, TILE, Changing, Samples, sample
+from .samples import EARLIEST, LATEST, MOST_INSTANTS, TILE, Changing, Samples
 from .states import Insertions, instants, locate
 from .sums import PairSums
 from .window import Floats, Slots, Stamps, Window
 
 _MIN_OBSERVATIONS = 2
 _NEVER = EARLIEST
-# Instants whose samples are worked out at once: bounds the memory that this takes.
-_MOST_AT_ONCE = 64
 # Rounding adds up over hours: a tile is summed anew at every so many updates, one after the other.
 _UPDATES_PER_RECOUNT = 10
 
@@ -48,7 +47,7 @@ class Pairs:
         self._places = Places()
         # Newest observation of each slot whose samples have been taken in.
         self._known: Stamps = np.zeros(0, np.int64)
-        self._waiting: list[Samples] = []
+        self._waiting = Samples(0, self._sums.dtype)
         self._instants = Instants()
         self._reads = 0
         self._matrix: Matrix = np.zeros((0, 0), np.float32)
@@ -58,7 +57,8 @@ class Pairs:
         self._fit(window)
         slots, stamp = rows.slots, rows.stamp_ns
         self._instants.add(stamp)
-        late = slots[window.times[slots, window.stop[slots] - 1] > stamp]
+        late = slots[window.last_ns[slots] > stamp]
+        late = late[window.times[late, window.stop[late] - 1] > stamp]
         if not len(late):
             return
         index = locate(window, late, stamp)
@@ -117,8 +117,9 @@ class Pairs:
         self._give_places(window, slots)
         width = self._sums.blocks * TILE
         if len(self._matrix) < width:
-            self._matrix = np.empty((width, width), np.float32)
-        rounded = self._sums.add_and_compare(self._pop(), sigma_switch, self._matrix)
+            self._matrix = aligned_zeros((width, width), np.float32)
+        rounded = self._sums.add_and_compare(self._waiting, sigma_switch, self._matrix)
+        self._waiting.count = 0
         self._reads += 1
         if self._reads % _UPDATES_PER_RECOUNT == 0 and self._sums.tiles:
             rounded = np.union1d(rounded, [self._reads // _UPDATES_PER_RECOUNT % self._sums.tiles])
@@ -139,7 +140,9 @@ class Pairs:
             int64 [n, n]: common samples of each pair.
         """
         self._take_in(window)
-        self._recount(window, self._sums.add(self._pop()))
+        rounded = self._sums.add(self._waiting)
+        self._waiting.count = 0
+        self._recount(window, rounded)
         n, placed = len(slots), np.flatnonzero(self._places.of[slots] >= 0)
         variance, samples = np.zeros((n, n)), np.zeros((n, n), np.int64)
         places = self._places.of[slots[placed]]
@@ -152,8 +155,9 @@ class Pairs:
 
     def _fit(self, window: Window) -> None:
         extra = window.capacity - len(self._known)
-        self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
-        self._places.fit(window.capacity)
+        if extra:
+            self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
+            self._places.fit(window.capacity)
 
     def _restart(self, slots: Slots) -> None:
         """Drop the samples of trajectories; those that the window still holds come in again."""
@@ -161,8 +165,7 @@ class Pairs:
         places = self._places.of[slots]
         places = places[places >= 0]
         self._sums.forget(places)
-        for samples in self._waiting:
-            samples.drop(places[places < samples.places])
+        self._waiting.drop(places)
 
     def _taking_part(self, window: Window) -> Slots:
         lasting = window.used & ~window.ended
@@ -187,6 +190,7 @@ class Pairs:
     def _give_places(self, window: Window, slots: Slots) -> None:
         self._places.take(slots, window.source[slots])
         self._sums.fit(self._places.blocks)
+        self._waiting.fit(self._places.blocks)
 
     def _begun(self, window: Window, slots: Slots) -> Stamps:
         """From when on (exclusive) the states of slots have not been taken in."""
@@ -229,38 +233,12 @@ class Pairs:
         self, window: Window, who: Changing, stamps: Stamps, sign: int, late: Insertions | None = None
     ) -> None:
         """Have samples wait for the next pass over the sums; many go there at once."""
-        for k in range(0, len(stamps), _MOST_AT_ONCE):
-            if sum(len(samples) for samples in self._waiting) >= _MOST_AT_ONCE:
-                self._sums.add(self._pop())
-            width = self._sums.blocks * TILE
-            part = stamps[k : k + _MOST_AT_ONCE]
-            self._waiting.append(self._sample(window, who, part, sign, width, late))
-
-    def _sample(
-        self,
-        window: Window,
-        who: Changing,
-        stamps: Stamps,
-        sign: int,
-        width: int,
-        late: Insertions | None = None,
-    ) -> Samples:
-        return sample(
-            window,
-            who,
-            stamps,
-            sign=sign,
-            v_move=self._v_move,
-            places=width,
-            dtype=self._sums.dtype,
-            late=late,
-        )
-
-    def _pop(self) -> Samples:
-        width = self._sums.blocks * TILE
-        waiting = [samples.widened(width) for samples in self._waiting]
-        self._waiting.clear()
-        return Samples.joined(waiting) if waiting else Samples.none(width, self._sums.dtype)
+        while len(stamps):
+            if not self._waiting.room:
+                self._sums.add(self._waiting)
+                self._waiting.count = 0
+            part, stamps = stamps[: self._waiting.room], stamps[self._waiting.room :]
+            self._waiting.add(window, who, part, sign=sign, v_move=self._v_move, late=late)
 
     def _recount(self, window: Window, tiles: Slots) -> None:
         """Sum tiles anew from the window, of which everything has been taken in."""
@@ -275,7 +253,9 @@ class Pairs:
             who = Changing.of(slots, inside)
             who.after[:] = EARLIEST
             stamps = self._instants.between(EARLIEST, LATEST)
+            samples = Samples(2 if column != row else 1, self._sums.dtype)
             # The newest first, for their distance becomes the shift.
-            for k in reversed(range(0, len(stamps), _MOST_AT_ONCE)):
-                part = stamps[k : k + _MOST_AT_ONCE]
-                self._sums.add_to(tile, self._sample(window, who, part, 1, TILE + offset))
+            for k in reversed(range(0, len(stamps), MOST_INSTANTS)):
+                samples.count = 0
+                samples.add(window, who, stamps[k : k + MOST_INSTANTS], sign=1, v_move=self._v_move)
+                self._sums.add_to(tile, samples)

@@ -12,16 +12,21 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .aligned import aligned_zeros
 from .compiled import compiled
-from .states import Insertions
-from .window import Bools, Floats, Slots, Stamps, Window
+from .states import Insertions, newest_at
+from .window import Floats, Slots, Stamps, Window
 
 Array = NDArray[Any]
 
 TILE = 64
 """Places that are worked on together; kernels that are kept on disk do not notice a change of it."""
+MOST_INSTANTS = 64
+"""Instants whose samples are worked out at once: bounds the memory that this takes."""
 EARLIEST, LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
-_KINDS = 4
+KINDS = 4
+WEIGHT, MASK = 3, 4
+_ROWS = MASK + KINDS
 # ε of (3.2), in units of v_move².
 _REST = 1e-3
 
@@ -31,79 +36,6 @@ def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
     if v_move is None:
         return np.ones_like(speed)
     return -np.expm1(math.log(0.1) * ((speed / v_move) ** 2 + _REST))
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Samples of T instants among P places.
-
-    A place is of a kind at an instant: 1 if observed, plus 2 if changing; -1 if not held. With a place
-    of kind k those have a sample that are held and not excluded: two that are not changing have none,
-    nor two that are not observed.
-
-    Attributes
-    ----------
-    position, weight
-        [T, 3, P] (zero beyond the space's dimension) and [T, P].
-    kind
-        int8 [T, P].
-    mask
-        [T, 4, P]: per kind of the one, who the other may be: 1, or -1 where samples are taken out.
-    some
-        bool [T, 4, P / TILE]: whether a block of places has any such.
-    """
-
-    position: NDArray[np.floating[Any]]
-    weight: NDArray[np.floating[Any]]
-    kind: NDArray[np.int8]
-    mask: NDArray[np.floating[Any]]
-    some: Bools
-
-    @property
-    def places(self) -> int:
-        """P."""
-        return int(self.kind.shape[1])
-
-    def __len__(self) -> int:
-        return len(self.kind)
-
-    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
-        """All attributes, for kernels."""
-        return self.position, self.weight, self.kind, self.mask, self.some
-
-    @classmethod
-    def none(cls, places: int, dtype: np.dtype[Any]) -> Self:
-        """No samples at all."""
-        return cls(
-            np.zeros((0, 3, places), dtype),
-            np.zeros((0, places), dtype),
-            np.zeros((0, places), np.int8),
-            np.zeros((0, _KINDS, places), dtype),
-            np.zeros((0, _KINDS, places // TILE), np.bool_),
-        )
-
-    @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """All of one after the other; of equal P."""
-        return cls(*(np.concatenate(columns) for columns in zip(*(p.arrays() for p in parts), strict=True)))
-
-    def drop(self, places: Slots) -> None:
-        """Take the samples of some places out."""
-        self.kind[:, places] = -1
-        self.mask[:, :, places] = 0
-
-    def widened(self, places: int) -> Self:
-        """The same with room for more places."""
-        extra = places - self.places
-        if not extra:
-            return self
-        return type(self)(
-            np.pad(self.position, ((0, 0), (0, 0), (0, extra))),
-            np.pad(self.weight, ((0, 0), (0, extra))),
-            np.pad(self.kind, ((0, 0), (0, extra)), constant_values=-1),
-            np.pad(self.mask, ((0, 0), (0, 0), (0, extra))),
-            np.pad(self.some, ((0, 0), (0, 0), (0, extra // TILE))),
-        )
 
 
 @dataclass(frozen=True)
@@ -133,116 +65,204 @@ class Changing:
         return cls(slots, places, np.full(n, LATEST), np.full(n, LATEST), np.full(n, LATEST))
 
 
-def sample(
-    window: Window,
-    who: Changing,
-    stamps: Stamps,
-    *,
-    sign: int,
-    v_move: float | None,
-    places: int,
-    dtype: np.dtype[Any],
-    late: Insertions | None = None,
-) -> Samples:
-    """Samples that come (`sign` 1) or go (-1) at some instants.
+class Samples:
+    """Samples of T instants among B blocks of TILE places, with room for a few more instants.
 
-    Parameters
+    A place is of a kind at an instant: 1 if observed, plus 2 if changing; -1 if not held. With a place
+    of kind k those have a sample that are held and not excluded: two that are not changing have none,
+    nor two that are not observed.
+
+    Attributes
     ----------
-    window
-        Where the trajectories are.
-    who
-        Who takes part.
-    stamps
-        int64 [T], ascending.
-    sign
-        1 or -1.
-    v_move
-        Speed of λ in (3.2).
-    places
-        P, a multiple of TILE.
-    dtype
-        Of the arrays.
-    late
-        Count with the states as they were before these observations came.
+    count
+        T.
+    values
+        [B, room, 8, TILE], a block and instant in one piece: x, y and z (zero beyond the space's
+        dimension), the weight, and per kind of the one who the other may be: 1, or -1 where samples are
+        taken out. From T on, and but for the last four where a place is not held, meaningless.
+    kind
+        int8 [B, room, TILE].
+    some
+        bool [B, room, 4]: per kind, whether a block has any who may be the other.
     """
-    position = np.zeros((len(stamps), 3, places), dtype)
-    speed = np.zeros((len(stamps), places))
-    flags = np.zeros((3, len(stamps), places), np.bool_)
-    held, observed, changing = flags
-    store = window.times, window.positions, window.speed, window.start, window.stop, window.gap_ns
-    where = who.slots, who.places, who.after, who.until, who.known
-    _locate(*store, *where, stamps, position, speed, held, observed, changing)
-    if late is not None:
-        places_late = who.places[np.searchsorted(who.slots, late.slots)]
-        late.undo((position, speed, held, observed), places_late, stamps, window.gap_ns)
-        changing[:, places_late] |= (late.t_left < stamps[:, None]) & (stamps[:, None] <= late.t_right)
-    weight = velocity_weight(speed, v_move)
-    kind = np.empty((len(stamps), places), np.int8)
-    mask = np.empty((len(stamps), _KINDS, places), dtype)
-    some = np.zeros((len(stamps), _KINDS, places // TILE), np.bool_)
-    _classify(held, observed, changing, sign, kind, mask, some)
-    return Samples(position, weight.astype(dtype), kind, mask, some)
+
+    def __init__(self, blocks: int, dtype: np.dtype[Any], room: int = MOST_INSTANTS) -> None:
+        self.count = 0
+        self.values: Array = aligned_zeros((blocks, room, _ROWS, TILE), dtype)
+        self.kind: Array = np.full((blocks, room, TILE), -1, np.int8)
+        self.some: Array = np.zeros((blocks, room, KINDS), np.bool_)
+
+    @property
+    def blocks(self) -> int:
+        """B."""
+        return len(self.kind)
+
+    @property
+    def room(self) -> int:
+        """For how many more instants there is room."""
+        return int(self.kind.shape[1]) - self.count
+
+    def fit(self, blocks: int) -> None:
+        """Make room for so many blocks; in new ones nobody is held."""
+        if blocks <= self.blocks:
+            return
+        wider, t, old = Samples(blocks, self.values.dtype), self.count, self.blocks
+        wider.values[:old, :t], wider.some[:old, :t] = self.values[:, :t], self.some[:, :t]
+        wider.kind[:old, :t] = self.kind[:, :t]
+        self.values, self.kind, self.some = wider.values, wider.kind, wider.some
+
+    def drop(self, places: Slots) -> None:
+        """Take the samples of some places out."""
+        block, inside = places // TILE, places % TILE
+        self.kind[block, :, inside] = -1
+        self.values[block, :, MASK:, inside] = 0
+
+    def add(
+        self,
+        window: Window,
+        who: Changing,
+        stamps: Stamps,
+        *,
+        sign: int,
+        v_move: float | None,
+        late: Insertions | None = None,
+    ) -> None:
+        """Samples that come (`sign` 1) or go (-1) at some more instants.
+
+        Parameters
+        ----------
+        window
+            Where the trajectories are.
+        who
+            Who takes part.
+        stamps
+            int64 [T], ascending, for which there is room.
+        sign
+            1 or -1.
+        v_move
+            Speed of λ in (3.2).
+        late
+            Count with the states as they were before these observations came.
+        """
+        rate = 0.0 if v_move is None else math.log(0.1) / v_move**2
+        rest = -math.inf if v_move is None else math.log(0.1) * _REST
+        out = self.values, self.kind, self.some
+        store = window.times, window.positions, window.speed, window.start, window.stop
+        those = who.slots, who.places, who.after, who.until, who.known
+        _take(*store, *those, stamps, window.gap_ns, sign, rate, rest, self.count, *out)
+        if late is not None:
+            places = who.places[np.searchsorted(who.slots, late.slots)]
+            before = late.t_left, late.t_right, late.x_left, late.x_right, late.speed
+            _put_back(*before, places, stamps, window.gap_ns, sign, rate, rest, self.count, *out)
+        self.count += len(stamps)
 
 
 @compiled()
-def _locate(
+def _take(
     times: Stamps,
     positions: Floats,
     speeds: Floats,
     start: Slots,
     stop: Slots,
-    gap_ns: int,
     slots: Slots,
     places: Slots,
     after: Stamps,
     until: Stamps,
     known: Stamps,
     stamps: Stamps,
-    position: Array,
-    speed: Floats,
-    held: Bools,
-    observed: Bools,
-    changing: Bools,
+    gap_ns: int,
+    sign: int,
+    rate: float,
+    rest: float,
+    begin: int,
+    values: Array,
+    kind: Array,
+    some: Array,
 ) -> None:
-    """States of trajectories at ascending instants, linear between observations."""
-    for n in range(len(slots)):
+    """Samples at ascending instants, behind the first `begin` of those that there are."""
+    count = len(stamps)
+    values[:, begin : begin + count, MASK:] = 0
+    kind[:, begin : begin + count] = -1
+    some[:, begin : begin + count] = False
+    for n in range(len(slots) if count else 0):
         s, p, first, end = slots[n], places[n], start[slots[n]], stop[slots[n]]
         while end > first and times[s, end - 1] > known[n]:
             end -= 1
-        k = first - 1
-        if len(stamps):
-            k += np.searchsorted(times[s, first:end], stamps[0], side="right")
-        for t in range(len(stamps)):
+        k = newest_at(times[s], first, end, stamps[0])
+        for t in range(count):
             stamp = stamps[t]
             while k + 1 < end and times[s, k + 1] <= stamp:
                 k += 1
             if k < first:
                 continue
-            exact = times[s, k] == stamp
-            if not exact and (k + 1 >= end or times[s, k + 1] - times[s, k] > gap_ns):
+            observed, right = times[s, k] == stamp, k + 1
+            if observed:
+                right = k
+            elif right >= end or times[s, right] - times[s, k] > gap_ns:
                 continue
-            held[t, p] = True
-            observed[t, p] = exact
-            changing[t, p] = after[n] < stamp <= until[n]
-            speed[t, p] = speeds[s, k if exact else k + 1]
             # Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
-            share = 0.0 if exact else (stamp - times[s, k]) / (times[s, k + 1] - times[s, k])
+            share = 0.0 if observed else (stamp - times[s, k]) / (times[s, right] - times[s, k])
             for c in range(positions.shape[2]):
                 left = positions[s, k, c]
-                position[t, c, p] = left if exact else left + share * (positions[s, k + 1, c] - left)
+                values[p // TILE, begin + t, c, p % TILE] = left + share * (positions[s, right, c] - left)
+            weight = 1.0 - np.exp(rate * speeds[s, right] ** 2 + rest)
+            changing = after[n] < stamp <= until[n]
+            _hold(values, kind, some, p, begin + t, weight, observed, changing, sign)
 
 
 @compiled()
-def _classify(
-    held: Bools, observed: Bools, changing: Bools, sign: int, kind: Array, mask: Array, some: Array
+def _hold(
+    values: Array,
+    kind: Array,
+    some: Array,
+    place: int,
+    t: int,
+    weight: float,
+    observed: bool,
+    changing: bool,
+    sign: int,
 ) -> None:
-    for t in range(held.shape[0]):
-        for p in range(held.shape[1]):
-            h, o, c = held[t, p], observed[t, p], changing[t, p]
-            kind[t, p] = o + 2 * c if h else -1
-            mask[t, 0, p] = sign * (h and o and c)
-            mask[t, 1, p] = sign * (h and c)
-            mask[t, 2, p] = sign * (h and o)
-            mask[t, 3, p] = sign * h
-            for k in range(4):
-                some[t, k, p // TILE] |= mask[t, k, p] != 0
+    """A place is held: with whom it has a sample, by the kind of the other."""
+    block, inside = place // TILE, place % TILE
+    values[block, t, WEIGHT, inside] = weight
+    kind[block, t, inside] = observed + 2 * changing
+    for other in range(KINDS):
+        if (observed or other & 1) and (changing or other & 2):
+            values[block, t, MASK + other, inside] = sign
+            some[block, t, other] = True
+
+
+@compiled()
+def _put_back(
+    t_left: Stamps,
+    t_right: Stamps,
+    x_left: Floats,
+    x_right: Floats,
+    speed: Floats,
+    places: Slots,
+    stamps: Stamps,
+    gap_ns: int,
+    sign: int,
+    rate: float,
+    rest: float,
+    begin: int,
+    values: Array,
+    kind: Array,
+    some: Array,
+) -> None:
+    """What was there before late observations came is what has changed."""
+    for n in range(len(places)):
+        block, inside = places[n] // TILE, places[n] % TILE
+        for t in range(len(stamps)):
+            if not t_left[n] < stamps[t] <= t_right[n]:
+                continue
+            kind[block, begin + t, inside] = -1
+            values[block, begin + t, MASK:, inside] = 0
+            observed = stamps[t] == t_right[n]
+            if not observed and t_right[n] - t_left[n] > gap_ns:
+                continue
+            share = (stamps[t] - t_left[n]) / (t_right[n] - t_left[n])
+            for c in range(x_left.shape[1]):
+                values[block, begin + t, c, inside] = x_left[n, c] + share * (x_right[n, c] - x_left[n, c])
+            weight = 1.0 - np.exp(rate * speed[n] ** 2 + rest)
+            _hold(values, kind, some, places[n], begin + t, weight, observed, True, sign)

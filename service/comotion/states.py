@@ -1,17 +1,14 @@
 """Where trajectories are at an instant: f_i(t) of the thesis, between observations as at them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .compiled import compiled
 from .window import Bools, Floats, Slots, Stamps, Window
 
-_STEPS_BACK = 3
-_FIRST_CUT = 8
+# Most questions are about the newest or the oldest observations: steps from there before a search.
+_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -35,28 +32,71 @@ class States:
 
 def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
     """Index of the newest observation at or before a time in each slot; ``start - 1`` where none is."""
-    start, index = window.start[slots], window.stop[slots] - 1
-    # Most questions are about the newest observations: a few steps back come before the bisection.
-    for _ in range(_STEPS_BACK):
-        later = (index >= start) & (window.times[slots, index] > stamp_ns)
-        if not later.any():
-            return index
-        index -= later
-    return _bisect(window, slots, stamp_ns, start, index + 1)
+    stamps = np.broadcast_to(np.asarray(stamp_ns, np.int64), slots.shape)
+    index = np.empty(len(slots), np.intp)
+    _locate(window.times, window.start, window.stop, slots, stamps, index)
+    return index
 
 
-def _bisect(window: Window, slots: Slots, stamp_ns: int | Stamps, low: Slots, high: Slots) -> Slots:
-    """Bisection of all slots at once: times[low - 1] <= stamp < times[high]."""
-    last = window.times.shape[1] - 1
-    # The other questions are about the oldest observations, so the first cut is made near them.
-    middle = np.minimum(low + _FIRST_CUT, (low + high) // 2)
-    while (low < high).any():
-        before = window.times[slots, np.minimum(middle, last)] <= stamp_ns
-        open_ = low < high
-        low = np.where(open_ & before, middle + 1, low)
-        high = np.where(open_ & ~before, middle, high)
-        middle = (low + high) // 2
-    return low - 1
+@compiled()
+def _locate(times: Stamps, start: Slots, stop: Slots, slots: Slots, stamps: Stamps, index: Slots) -> None:
+    for n in range(len(slots)):
+        index[n] = newest_at(times[slots[n]], start[slots[n]], stop[slots[n]], stamps[n])
+
+
+@compiled()
+def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
+    """Index of the newest time at or before `stamp` among ``times[start:stop]``; ``start - 1`` for none."""
+    for _ in range(_STEPS):
+        if stop <= start or times[stop - 1] <= stamp:
+            return stop - 1
+        stop -= 1
+    for _ in range(_STEPS):
+        if stop <= start or times[start] > stamp:
+            return start - 1
+        start += 1
+    # Backwards by twice as much each time, then bisection.
+    reach = _STEPS
+    while stop - reach > start and times[stop - reach] > stamp:
+        stop -= reach
+        reach *= 2
+    start = max(start, stop - reach)
+    while start < stop:
+        middle = (start + stop) // 2
+        if times[middle] <= stamp:
+            start = middle + 1
+        else:
+            stop = middle
+    return start - 1
+
+
+def recent_steps(window: Window, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
+    """How far each slot has come in its last while, float64 [n, dim], and how long that took, int64 [n] ns.
+
+    It begins with the newest observation that is `span_ns` older than the last, or with the first.
+    """
+    step, took = np.zeros((len(slots), window.dim)), np.zeros(len(slots), np.int64)
+    _step(window.times, window.positions, window.start, window.stop, slots, span_ns, step, took)
+    return step, took
+
+
+@compiled()
+def _step(
+    times: Stamps,
+    positions: Floats,
+    start: Slots,
+    stop: Slots,
+    slots: Slots,
+    span_ns: int,
+    step: Floats,
+    took: Stamps,
+) -> None:
+    for n in range(len(slots)):
+        s, last = slots[n], stop[slots[n]] - 1
+        first = max(newest_at(times[s], start[s], stop[s], times[s, last] - span_ns), start[s])
+        took[n] = times[s, last] - times[s, first]
+        for c in range(positions.shape[2]):
+            step[n, c] = positions[s, last, c] - positions[s, first, c]
 
 
 def states_at(window: Window, slots: Slots, stamps: Stamps) -> States:
@@ -142,27 +182,3 @@ class Insertions:
         return cls(
             slots, t_left, t_right, x_left, x_right, np.linalg.norm(x_right - x_left, axis=1) / seconds
         )
-
-    def undo(self, states: Sequence[NDArray[Any]], places: Slots, stamps: Stamps, gap_ns: int) -> None:
-        """Put states back to what they were before the insertion.
-
-        Parameters
-        ----------
-        states
-            Position [T, 3, P], speed [T, P], held and observed, bool [T, P].
-        places
-            intp [n]: where in `states` the slots are.
-        stamps
-            int64 [T], of the states.
-        gap_ns
-            Longest time to interpolate across.
-        """
-        position, speed, held, observed = states
-        t, n = np.nonzero((self.t_left < stamps[:, None]) & (stamps[:, None] <= self.t_right))
-        p, left, right = places[n], self.t_left[n], self.t_right[n]
-        fraction = ((stamps[t] - left) / (right - left))[:, None]
-        dim = self.x_left.shape[1]
-        position[t, :dim, p] = self.x_left[n] + fraction * (self.x_right - self.x_left)[n]
-        speed[t, p] = self.speed[n]
-        observed[t, p] = stamps[t] == right
-        held[t, p] = observed[t, p] | (right - left <= gap_ns)

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled, numba_range, threads_for
+from .aligned import aligned_zeros
+from .compiled import worth_waking
 from .samples import TILE, Array, Samples
+from .tiles import ENOUGH, PLANES, advance
 from .window import Floats, Slots
 
-_PLANES = 5
-_SHIFT, _WEIGHT, _FIRST, _SECOND, _SAMPLES = range(_PLANES)
-_MIN_SAMPLES = 2
 # A tile whose largest sum of squares falls below this share of what it has been is mostly rounding.
 _SOUND = 1e-4
 # Rounding of a variance that is let be, in units of sigma_switch².
@@ -26,14 +25,6 @@ _TOLERATED = 0.01
 _PATIENCE = 0.99
 # Below this share of its sum of squares, a variance has few digits left of float64.
 _DIGITS = 1e-9
-# 2^f on -1..0 as 1 + f·P(f), from Chebyshev interpolation: within 4e-9.
-_FIT = np.polynomial.Chebyshev.interpolate(lambda f: np.expm1(f * np.log(2)) / f, 5, domain=[-1, 0])
-_P1, _P2, _P3, _P4, _P5, _P6 = _FIT.convert(kind=np.polynomial.Polynomial).coef.astype(np.float32)
-_ZERO, _ONE = np.float32(0), np.float32(1)
-# That of a pair that cannot be compared is -1: an affinity of 0.5.
-# Nothing is smaller than 1e-18: products with less would be subnormal, and a hundred times as slow.
-_LEAST_POWER = np.float32(-60)
-_ENOUGH = np.float32(_MIN_SAMPLES)
 
 
 class PairSums:
@@ -50,7 +41,7 @@ class PairSums:
     def __init__(self, dtype: type[np.floating[Any]] = np.float32) -> None:
         self.dtype = np.dtype(dtype)
         self.blocks = 0
-        self._tiles: Array = np.zeros((0, _PLANES, TILE, TILE), dtype)
+        self._tiles: Array = aligned_zeros((0, PLANES, TILE, TILE), dtype)
         self._peak: Floats = np.zeros(0)
         # Largest squared distance of a mean from its shift when the tile was last recounted.
         self._settled: Floats = np.zeros(0)
@@ -68,7 +59,7 @@ class PairSums:
         if self.tiles > len(self._tiles):
             # A quarter more at once: growing copies everything.
             room = int(_triangle(blocks + blocks // 8))
-            grown = np.zeros((room, *self._tiles.shape[1:]), self.dtype)
+            grown = aligned_zeros((room, *self._tiles.shape[1:]), self.dtype)
             grown[: len(self._tiles)] = self._tiles
             self._tiles = grown
             extra = room - len(self._peak)
@@ -95,7 +86,7 @@ class PairSums:
 
     def compare(self, tiles: Slots, sigma_switch: float, out: NDArray[np.float32]) -> None:
         """Write the affinities of some tiles again."""
-        nothing = Samples.none(self.blocks * TILE, self.dtype)
+        nothing = Samples(self.blocks, self.dtype, room=0)
         _, self._settled[tiles] = self._advance(tiles, nothing, -1.0 / sigma_switch**2, out)
 
     def _pass(self, samples: Samples, rate: float, out: NDArray[np.float32]) -> Slots:
@@ -114,10 +105,16 @@ class PairSums:
     def _advance(
         self, tiles: Slots, samples: Samples, rate: float, out: NDArray[np.float32]
     ) -> tuple[Floats, Floats]:
-        rows, columns = _blocks_of(tiles)
-        where = tiles, rows * TILE, columns * TILE
-        with threads_for(len(tiles) * TILE**2):
-            most, reach = _advance(self._tiles, *where, *samples.arrays(), self.dtype.type(rate), out)
+        return self._apply((tiles, *_blocks_of(tiles)), samples, rate, out)
+
+    def _apply(
+        self, where: tuple[Slots, Slots, Slots], samples: Samples, rate: float, out: NDArray[np.float32]
+    ) -> tuple[Floats, Floats]:
+        arrays = samples.values, samples.kind, samples.some
+        together = worth_waking(len(where[0]) * TILE**2)
+        most, reach = advance(
+            self._tiles, *where, *arrays, samples.count, self.dtype.type(rate), out, together
+        )
         return most, reach
 
     def recount(self, tile: int) -> tuple[int, int]:
@@ -128,11 +125,9 @@ class PairSums:
         return int(row[0]), int(column[0])
 
     def add_to(self, tile: int, samples: Samples) -> None:
-        """Take samples into one tile; their first TILE places are its rows, their last its columns."""
-        where = np.array([tile]), np.zeros(1, np.intp), np.array([samples.places - TILE])
-        nowhere = np.zeros((0, 0), np.float32)
-        with threads_for(TILE**2):
-            most, _ = _advance(self._tiles, *where, *samples.arrays(), self.dtype.type(0), nowhere)
+        """Take samples into one tile; their first block is its rows, their last its columns."""
+        where = np.array([tile]), np.zeros(1, np.intp), np.array([samples.blocks - 1])
+        most, _ = self._apply(where, samples, 0.0, np.zeros((0, 0), np.float32))
         self._peak[tile] = max(self._peak[tile], most[0])
 
     def forget(self, places: Slots) -> None:
@@ -149,8 +144,8 @@ class PairSums:
         high, low = np.maximum.outer(places, places), np.minimum.outer(places, places)
         tile = _triangle(high // TILE) + low // TILE
         found = self._tiles[tile, :, high % TILE, low % TILE].astype(np.float64)
-        weight, first, second, samples = (found[..., k] for k in range(1, _PLANES))
-        enough = samples >= _MIN_SAMPLES
+        weight, first, second, samples = (found[..., k] for k in range(1, PLANES))
+        enough = samples >= ENOUGH
         weight = np.where(enough, weight, 1.0)
         squares = second - first**2 / weight
         rounded = np.unique(tile[enough & (squares < _DIGITS * second)])
@@ -165,139 +160,3 @@ def _blocks_of(tiles: Slots) -> tuple[Slots, Slots]:
     """Rows and columns of tiles, counted in blocks."""
     row = ((np.sqrt(8 * tiles + 1) - 1) // 2).astype(np.intp)
     return row, tiles - _triangle(row)
-
-
-@compiled(parallel=True, fastmath={"contract"})
-def _advance(
-    sums: Array,
-    tiles: Slots,
-    rows: Slots,
-    columns: Slots,
-    position: Array,
-    weight: Array,
-    kind: Array,
-    mask: Array,
-    some: Array,
-    rate: np.floating[Any],
-    out: Array,
-) -> tuple[Floats, Floats]:
-    """Take samples into tiles, write what they say then; per tile the largest sum and mean of squares."""
-    most, reach = np.zeros(len(tiles)), np.zeros(len(tiles))
-    for n in numba_range(len(tiles)):
-        tile, row, column = sums[tiles[n]], rows[n], columns[n]
-        change = np.empty((_PLANES, TILE), sums.dtype)
-        chosen = np.empty(len(kind), np.int64)
-        bits = np.empty(TILE, np.int32)
-        largest, farthest = np.zeros(TILE, sums.dtype), np.zeros(TILE, sums.dtype)
-        for i in range(TILE):
-            count = _choose(kind[:, row + i], some[:, :, column // TILE], chosen)
-            if count:
-                _collect(tile, i, row, column, position, weight, kind, mask, chosen[:count], change)
-            for j in range(TILE):
-                largest[j] = max(largest[j], tile[_SECOND, i, j])
-            if len(out):
-                _affinities(tile, i, rate, out[row + i, column : column + TILE], bits, farthest)
-        most[n], reach[n] = largest.max(), farthest.max()
-    return most, reach
-
-
-@compiled()
-def _choose(kinds: Array, some: Array, chosen: Array) -> int:
-    """Which instants have a sample of a place with any of a block; how many."""
-    count = 0
-    for t in range(len(kinds)):
-        if kinds[t] >= 0 and some[t, kinds[t]]:
-            chosen[count] = t
-            count += 1
-    return count
-
-
-@compiled(fastmath={"contract"})
-def _collect(
-    tile: Array,
-    i: int,
-    row: int,
-    column: int,
-    position: Array,
-    weight: Array,
-    kind: Array,
-    mask: Array,
-    chosen: Array,
-    change: Array,
-) -> None:
-    """Add the samples of row i at some instants to the sums of a tile."""
-    fresh = False
-    for j in range(TILE):
-        fresh |= tile[_SAMPLES, i, j] == _ZERO
-    if fresh:
-        _begin(tile, i, row, column, position, kind, mask, chosen)
-    for plane in range(1, _PLANES):
-        for j in range(TILE):
-            change[plane, j] = _ZERO
-    shift = tile[_SHIFT, i]
-    for t in chosen:
-        x, y, z = position[t, 0, row + i], position[t, 1, row + i], position[t, 2, row + i]
-        w = weight[t, row + i]
-        xs = position[t, 0, column : column + TILE]
-        ys = position[t, 1, column : column + TILE]
-        zs = position[t, 2, column : column + TILE]
-        ws, ms = weight[t, column : column + TILE], mask[t, kind[t, row + i], column : column + TILE]
-        for j in range(TILE):
-            dx, dy, dz = x - xs[j], y - ys[j], z - zs[j]
-            distance = np.sqrt(dx * dx + dy * dy + dz * dz) - shift[j]
-            # w is monotonic in v, so the faster of two has the larger.
-            share = max(w, ws[j]) * ms[j]
-            first = share * distance
-            change[_WEIGHT, j] += share
-            change[_FIRST, j] += first
-            change[_SECOND, j] += first * distance
-            change[_SAMPLES, j] += ms[j]
-    for plane in range(1, _PLANES):
-        for j in range(TILE):
-            tile[plane, i, j] += change[plane, j]
-
-
-@compiled(fastmath={"contract"})
-def _begin(
-    tile: Array, i: int, row: int, column: int, position: Array, kind: Array, mask: Array, chosen: Array
-) -> None:
-    """Start the pairs of row i that have no sample: the first distance is the shift."""
-    for j in range(TILE):
-        if tile[_SAMPLES, i, j] != _ZERO:
-            continue
-        for plane in range(1, _PLANES):
-            tile[plane, i, j] = _ZERO
-        for t in chosen:
-            if mask[t, kind[t, row + i], column + j] > _ZERO:
-                dx = position[t, 0, row + i] - position[t, 0, column + j]
-                dy = position[t, 1, row + i] - position[t, 1, column + j]
-                dz = position[t, 2, row + i] - position[t, 2, column + j]
-                tile[_SHIFT, i, j] = np.sqrt(dx * dx + dy * dy + dz * dz)
-                break
-
-
-@compiled(fastmath={"contract"})
-def _affinities(
-    tile: Array, i: int, rate: np.floating[Any], values: Array, bits: Array, farthest: Array
-) -> None:
-    """(3.4) of row i: exp(−γσ²) is 2 to the power of −σ²/sigma_switch²."""
-    for j in range(TILE):
-        comparable = tile[_SAMPLES, i, j] >= _ENOUGH
-        over = _ONE / tile[_WEIGHT, i, j]
-        mean = tile[_FIRST, i, j] * over
-        farthest[j] = max(farthest[j], mean * mean if comparable else _ZERO)
-        variance = max((tile[_SECOND, i, j] - tile[_FIRST, i, j] * mean) * over, _ZERO)
-        power = np.float32(max(rate * variance, _LEAST_POWER)) if comparable else -_ONE
-        whole = np.int32(power)
-        part = power - np.float32(whole)
-        share = _P5 + part * _P6
-        share = _P4 + part * share
-        share = _P3 + part * share
-        share = _P2 + part * share
-        share = _P1 + part * share
-        values[j] = _ONE + part * share
-        # The bits of the exponent of a single precision number.
-        bits[j] = (whole + np.int32(127)) << np.int32(23)
-    scale = bits.view(np.float32)
-    for j in range(TILE):
-        values[j] = min(values[j] * scale[j], _ONE)

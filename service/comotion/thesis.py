@@ -20,7 +20,7 @@ from .engine import IdAllocator, Partition, Rows, SpaceSpec
 from .labels import LabelMemory
 from .pairs import Pairs
 from .propagation import propagate
-from .states import locate
+from .states import recent_steps
 from .window import Floats, Slots, Window
 
 # A velocity is taken over this long: at 15 Hz noise moves a single step as much as slow motion does.
@@ -92,30 +92,27 @@ class ThesisEngine:
         self._memory.load(state, window)
 
     def _describe(self, window: Window, current: Slots, labels: NDArray[np.int64]) -> list[Hypothesis]:
-        velocity = _velocity(window, current)
-        position = window.positions[current, window.stop[current] - 1]
-        found = []
-        for label in np.unique(labels).tolist():
-            members = labels == label
-            speed = float(np.linalg.norm(velocity[members].mean(axis=0)))
-            found.append(
-                Hypothesis(
-                    id=label,
-                    space=self._spec.name,
-                    size=int(members.sum()),
-                    born_ns=self._memory.born_ns[label],
-                    state="moving" if speed > self._v_moving else "undetermined",
-                    centroid=position[members].mean(axis=0).tolist(),
-                )
+        found, group = np.unique(labels, return_inverse=True)
+        sizes = np.bincount(group)
+        step, took = recent_steps(window, current, _VELOCITY_NS)
+        velocity = step / np.where(took > 0, took * 1e-9, 1.0)[:, None]
+        speeds = np.linalg.norm(_means(velocity, group, sizes), axis=1)
+        centroids = _means(window.positions[current, window.stop[current] - 1], group, sizes)
+        return [
+            Hypothesis(
+                id=label,
+                space=self._spec.name,
+                size=size,
+                born_ns=self._memory.born_ns[label],
+                state="moving" if speed > self._v_moving else "undetermined",
+                centroid=centroid,
             )
-        return found
+            for label, size, speed, centroid in zip(
+                found.tolist(), sizes.tolist(), speeds.tolist(), centroids.tolist(), strict=True
+            )
+        ]
 
 
-def _velocity(window: Window, slots: Slots) -> Floats:
-    """Mean velocity of each trajectory over its last half second, unit/s [n, dim]."""
-    last = window.stop[slots] - 1
-    newest = window.times[slots, last]
-    first = np.clip(locate(window, slots, newest - _VELOCITY_NS), window.start[slots], last)
-    seconds = (newest - window.times[slots, first]) * 1e-9
-    step = window.positions[slots, last] - window.positions[slots, first]
-    return step / np.where(seconds > 0, seconds, 1.0)[:, None]
+def _means(values: Floats, group: Slots, sizes: Slots) -> Floats:
+    """Mean of each group of rows, float64 [groups, dim]."""
+    return np.column_stack([np.bincount(group, column) / sizes for column in values.T])

@@ -124,12 +124,41 @@ def test_spectral_clustering_answers_for_any_affinity(name, affinity):
     np.testing.assert_array_equal(labels, by_appearance(labels))
 
 
+def gathered(affinity, members, some):
+    """The block of some members, with room for one more."""
+    room = np.full((len(members) + 1,) * 2, np.nan, np.float32)
+    lower = np.where(np.tri(len(affinity), dtype=bool), affinity, np.nan).astype(np.float32)
+    return Block.gathered(lower, members, room, some)
+
+
+def first_half(affinity):
+    nobody, everybody = np.zeros(len(affinity), bool), np.arange(len(affinity))
+    return halve(*gathered(affinity, everybody, nobody), nobody)
+
+
+@pytest.mark.parametrize("count", [1, 2, 40, 299])
+@pytest.mark.parametrize("size", [40, 300])
+def test_a_block_is_read_from_below_the_diagonal(size, count):
+    rng = np.random.default_rng(size + count)
+    affinity = _symmetric(size, count, ())
+    members = np.sort(rng.choice(size, min(size, count), replace=False))
+    some, vector = rng.uniform(size=len(members)) < 0.3, rng.normal(size=len(members))
+    block, survey = gathered(affinity, members, some)
+    dense = affinity[np.ix_(members, members)]
+    np.testing.assert_allclose(survey.sums, dense.sum(axis=1), rtol=1e-5)
+    np.testing.assert_allclose(survey.part, dense[:, some].sum(axis=1), rtol=1e-5)
+    assert survey.least == pytest.approx(dense.min(), abs=1e-7)
+    np.testing.assert_allclose(block.times(vector), dense @ vector, atol=1e-4)
+    np.testing.assert_allclose(block.rows(), dense, rtol=1e-6)
+    np.testing.assert_allclose(block.row(len(members) // 2), dense[len(members) // 2], rtol=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_first_split_is_as_good_as_that_of_ten_random_starts(seed):
     rng = np.random.default_rng(seed)
     affinity, _ = blocks((14, 9, 6), inside=0.7, outside=0.3, noise=rng.uniform(0.05, 0.3), seed=seed)
     theirs = KMeans(2, n_init=10, random_state=0).fit(affinity)
-    second = halve(Block.of(Affinity.of(affinity))[0], affinity.sum(axis=1), np.zeros(len(affinity), bool))
+    second = first_half(affinity)
     ours = sum(((half - half.mean(axis=0)) ** 2).sum() for half in (affinity[second], affinity[~second]))
     assert ours <= 1.02 * theirs.inertia_
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..affinity import Affinity, Matrix
+from ..compiled import compiled
 from ..window import Bools, Floats, Slots
-from .block import Block
+from .block import Block, Survey, room_for
 
 _MOST_STEPS = 100
 _POWER_STEPS = 10
@@ -41,10 +42,14 @@ class _Halves:
 
 @dataclass(frozen=True)
 class _Cluster:
-    """A part of a block, not copied out yet; `along`: who was with the same others in the last call."""
+    """Some rows and columns of a matrix, not gathered yet.
 
-    block: Block
-    chosen: Slots
+    `members` intp [n]: which trajectories they are; `along` bool [n]: who was with the same others in
+    the last call.
+    """
+
+    matrix: Matrix
+    rows: Slots
     members: Slots
     along: Bools
     depth: int
@@ -71,11 +76,10 @@ class DivisiveKMeans:
         """Labels of the trajectories, intp [n], and the sum of affinities of each inside its cluster."""
         self._calls += 1
         labels, inside = np.zeros(len(affinity), np.intp), np.zeros(len(affinity))
-        extra = max(0, len(affinity.matrix) - len(self._sides))
-        self._sides, self._splits = np.pad(self._sides, (0, extra)), np.pad(self._splits, (0, extra))
-        block, order = Block.of(affinity)
-        everyone = np.arange(len(order))
-        pending = [_Cluster(block, everyone, order, np.ones(len(order), np.bool_), 0)] if len(order) else []
+        self._fit(len(affinity.matrix))
+        order = np.argsort(affinity.places)
+        everyone = _Cluster(affinity.matrix, affinity.places[order], order, np.ones(len(order), np.bool_), 0)
+        pending = [everyone] if len(order) else []
         found = 0
         while pending:
             cluster = pending.pop()
@@ -86,59 +90,62 @@ class DivisiveKMeans:
                 found += 1
         return labels, inside
 
+    def _fit(self, places: int) -> None:
+        extra = places - len(self._sides)
+        if extra > 0:
+            self._sides, self._splits = np.pad(self._sides, (0, extra)), np.pad(self._splits, (0, extra))
+
     def _split(self, cluster: _Cluster, places: Slots) -> tuple[list[_Cluster], Floats]:
         """The halves of a cluster, none where it holds no weak edge; and the sums of its rows."""
-        depth, block = cluster.depth, self._copied(cluster)
-        sums, least = block.times(np.ones(len(block)))
-        if len(block) == 1 or least > self._stop_affinity:
+        depth, bit = cluster.depth, 1 << min(cluster.depth, _DEEPEST)
+        sides, along = self._sides[places], cluster.along & (self._splits[places] > depth)
+        side = (sides & bit) > 0
+        guess = side & along
+        block, survey = Block.gathered(cluster.matrix, cluster.rows, self._room(depth, len(places)), guess)
+        if len(block) == 1 or survey.least > self._stop_affinity:
             self._splits[places] = depth
-            return [], sums
-        bit = 1 << min(depth, _DEEPEST)
-        along = cluster.along & (self._splits[places] > depth)
-        side = (self._sides[places] & bit) > 0
+            return [], survey.sums
         thorough = (self._calls + depth) % _CALLS_PER_CHECK == 0
-        second = halve(block, sums, side & along, thorough=thorough)
-        self._sides[places] = np.where(second, self._sides[places] | bit, self._sides[places] & ~bit)
+        second = halve(block, survey, guess, thorough=thorough)
+        self._sides[places] = np.where(second, sides | bit, sides & ~bit)
         along &= side == second
         halves = [
-            _Cluster(block, chosen, cluster.members[chosen], along[chosen], depth + 1)
+            _Cluster(block.matrix, chosen, cluster.members[chosen], along[chosen], depth + 1)
             for chosen in (np.flatnonzero(second), np.flatnonzero(~second))
         ]
-        return halves, sums
+        return halves, survey.sums
 
-    def _copied(self, cluster: _Cluster) -> Block:
-        """A cluster as a block. Of each depth there is one at a time, so each has one room."""
-        n, depth = len(cluster.chosen), cluster.depth
-        if n == len(cluster.block):
-            return cluster.block
-        self._rooms += [np.zeros((0, 0), np.float32)] * (depth - len(self._rooms))
-        if cluster.block.is_sparse(n) and len(self._rooms[depth - 1]) < n:
-            self._rooms[depth - 1] = np.empty((n + n // 8, n + n // 8), np.float32)
-        return cluster.block.part(cluster.chosen, self._rooms[depth - 1])
+    def _room(self, depth: int, size: int) -> Matrix:
+        """Where the cluster of a depth goes: there is one of each at a time."""
+        if len(self._rooms) == depth:
+            self._rooms.append(room_for(0))
+        if len(self._rooms[depth]) < size:
+            self._rooms[depth] = room_for(size)
+        return self._rooms[depth]
 
 
-def halve(block: Block, sums: Floats, guess: Bools, *, thorough: bool = True) -> Bools:
+def halve(block: Block, survey: Survey, guess: Bools, *, thorough: bool = True) -> Bools:
     """2-means on the rows of a block, not all equal; bool [n], neither half empty.
 
     Parameters
     ----------
     block
         At least two members.
-    sums
-        float64 [n], of its rows.
+    survey
+        Of the block, and of what is guessed.
     guess
         bool [n]: a first guess at one half; all alike for none.
     thorough
         Whether a good guess is compared with the leading direction as well.
     """
-    n = len(block)
+    n, sums = len(block), survey.sums
     if n == 2:
         return np.array([False, True])
     if n <= _SMALL:
         return _best_of_many(block, sums, guess)
     starts = []
     if guess.any() and not guess.all():
-        starts = [_two_means(block, sums, guess)]
+        starts = [_two_means(block, sums, guess, survey.part)]
         known = starts[0]
         if not thorough and _apart(guess, known.second) <= n // _FEW:
             return known.second
@@ -154,7 +161,7 @@ def halve(block: Block, sums: Floats, guess: Bools, *, thorough: bool = True) ->
 def _best_of_many(block: Block, sums: Floats, guess: Bools) -> Bools:
     """2-means of a small block from the guess and from around many of its rows, all at once."""
     n = len(block)
-    rows = np.stack([block.row(i) for i in range(n)])
+    rows = block.rows()
     first = np.unique(np.linspace(0, n - 1, _STARTS).astype(np.intp))
     # Halves around a row and the one least like it.
     last = rows[first].argmin(1)
@@ -165,6 +172,7 @@ def _best_of_many(block: Block, sums: Floats, guess: Bools) -> Bools:
     second = np.column_stack([guess, _least_alike(block, sums), second])
     second = second[:, second.any(0) & ~second.all(0)]
     for _ in range(_MOST_STEPS):
+        second = _distinct(second)
         half, count = rows @ second, second.sum(0)
         mean, other = (sums[:, None] - half) / (n - count), half / count
         lengths = np.square(mean).sum(0), np.square(other).sum(0)
@@ -177,29 +185,62 @@ def _best_of_many(block: Block, sums: Floats, guess: Bools) -> Bools:
     return np.asarray(second[:, scatter.argmin()])
 
 
-def _two_means(block: Block, sums: Floats, second: Bools) -> _Halves:
-    """Move rows to the nearer of the two means until none moves."""
+def _distinct(splits: Bools) -> Bools:
+    """The columns that differ, each where it first is: most starts soon meet."""
+    first: dict[bytes, int] = {}
+    for k, split in enumerate(np.packbits(splits.T, axis=1)):
+        first.setdefault(split.tobytes(), k)
+    return splits[:, list(first.values())]
+
+
+def _two_means(block: Block, sums: Floats, second: Bools, half: Floats | None = None) -> _Halves:
+    """Move rows to the nearer of the two means until none moves; `half`: the product with `second`."""
     n = len(block)
     for _ in range(_MOST_STEPS):
-        half, _least = block.times(second)
-        mean, other = (sums - half) / (n - second.sum()), half / second.sum()
-        scatter = -(n - second.sum()) * (mean @ mean) - second.sum() * (other @ other)
-        score, _least = block.times(other - mean)
-        nearer = score > (other @ other - mean @ mean) / 2
-        if nearer.all() or not nearer.any():
+        half = block.times(second) if half is None else half
+        across, threshold, scatter = _means(sums, half, int(second.sum()))
+        score = block.times(across)
+        nearer, count, moved = _nearer(score, threshold, second)
+        if not 0 < count < n:
             break
-        moved = int((nearer != second).sum())
-        second = nearer
+        second, half = nearer, None
         if moved <= n // _FEW:
             break
-    return _Halves(second, float(scatter), score)
+    return _Halves(second, scatter, score)
+
+
+@compiled()
+def _means(sums: Floats, half: Floats, count: int) -> tuple[Floats, float, float]:
+    """From the sums of all rows and of `count` of them: the way from the first half's mean to the other.
+
+    Also, what a row's product with it must exceed for the other to be nearer; and the scatter.
+    """
+    n, across = len(sums), np.empty(len(sums))
+    first, second = 0.0, 0.0
+    for i in range(n):
+        mean, other = (sums[i] - half[i]) / (n - count), half[i] / count
+        first += mean * mean
+        second += other * other
+        across[i] = other - mean
+    return across, (second - first) / 2, -(n - count) * first - count * second
+
+
+@compiled()
+def _nearer(score: Floats, threshold: float, second: Bools) -> tuple[Bools, int, int]:
+    """Rows nearer to the second mean; how many they are, and how many rows have changed sides."""
+    nearer, count, moved = np.empty(len(score), np.bool_), 0, 0
+    for i in range(len(score)):
+        nearer[i] = score[i] > threshold
+        count += nearer[i]
+        moved += nearer[i] != second[i]
+    return nearer, count, moved
 
 
 def _least_alike(block: Block, sums: Floats) -> Bools:
     """Halves around the row that is least like all others, and the one least like it."""
     first = block.row(int(sums.argmin()))
     last = block.row(int(first.argmin()))
-    score, _ = block.times(last - first)
+    score = block.times(last - first)
     second = score > (last @ last - first @ first) / 2
     return second if second.any() and not second.all() else first < first.max()
 
@@ -208,22 +249,29 @@ def _leading_cut(block: Block, score: Floats, steps: int) -> Bools:
     """Halves along the direction in which the rows vary most, by power iteration from a first guess."""
     cut = _cut(score)
     for _ in range(steps):
-        direction, _least = block.times(score - score.mean())
-        score, _least = block.times(direction / max(np.abs(direction).max(), np.finfo(np.float64).tiny))
+        direction = block.times(score - score.mean())
+        score = block.times(direction / max(np.abs(direction).max(), np.finfo(np.float64).tiny))
         before, cut = cut, _cut(score)
         if not _apart(before, cut):
             break
     return cut
 
 
+@compiled()
 def _cut(score: Floats) -> Bools:
     """Two halves of numbers, about the middle of the means of the halves; the least alone if need be."""
-    threshold, second = score.mean(), np.zeros(len(score), np.bool_)
+    n = len(score)
+    lonely: Bools = score > score.min()
+    threshold, second = score.mean(), lonely
     for _ in range(_CUT_STEPS):
-        second = np.asarray(score > threshold)
-        if second.all() or not second.any():
-            return np.asarray(score > score.min())
-        threshold = (score[second].mean() + score[~second].mean()) / 2
+        sums, count = np.zeros(2), 0
+        for x in score:
+            sums[int(x > threshold)] += x
+            count += x > threshold
+        if not 0 < count < n:
+            return lonely
+        second = score > threshold
+        threshold = (sums[1] / count + sums[0] / (n - count)) / 2
     return second
 
 

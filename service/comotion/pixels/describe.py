@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis, Twist
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..states import locate
+from ..states import recent_steps
 from ..window import Floats, Slots, Window
 
 _VELOCITY_NS = 500_000_000
@@ -34,10 +34,7 @@ def describe(
     """
     last = window.stop[current] - 1
     position = window.positions[current, last]
-    newest = window.times[current, last]
-    first = np.clip(locate(window, current, newest - _VELOCITY_NS), window.start[current], last)
-    span = newest - window.times[current, first]
-    step = position - window.positions[current, first]
+    step, span = recent_steps(window, current, _VELOCITY_NS)
     found = []
     for label in np.unique(labels[labels >= 0]).tolist():
         mine = np.flatnonzero(labels == label)
