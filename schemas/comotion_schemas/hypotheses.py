@@ -189,8 +189,7 @@ class HypothesisUpdate:
             raise reject("range", "track_confidence must lie in 0..1")
         if not np.isfinite(self.track_position[:, :2]).all() or np.isinf(self.track_position[:, 2]).any():
             raise reject("non-finite", "track_position must be finite")
-        pairs = np.empty(count, np.dtype([("source", "<u2"), ("id", "<u8")]))
-        pairs["source"], pairs["id"] = self.track_source, self.track_id
         order = np.lexsort((self.track_id, self.track_source))
-        if (pairs[order][1:] == pairs[order][:-1]).any():
+        source, track = self.track_source[order], self.track_id[order]
+        if ((source[1:] == source[:-1]) & (track[1:] == track[:-1])).any():
             raise reject("duplicate-id", "a track is listed twice")

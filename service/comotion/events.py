@@ -1,6 +1,7 @@
 """What has happened to the hypotheses from one partition to the next."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,11 @@ class Membership:
     tracks: NDArray[np.int64]
     labels: NDArray[np.int64]
 
+    @cached_property
+    def hypotheses(self) -> list[int]:
+        """Those that have members, ascending."""
+        return [h for h in np.unique(self.labels).tolist() if h != NO_HYPOTHESIS]
+
     @classmethod
     def empty(cls) -> "Membership":
         """Nobody."""
@@ -33,10 +39,11 @@ def changes(stamp_ns: int, before: Membership, after: Membership) -> list[Event]
     from nowhere, else ``born``. One that is gone: ``merged`` if no fewer of its members went to some
     other old hypothesis than went nowhere, else ``ended``.
     """
+    was, now = before.hypotheses, after.hypotheses
+    if was == now:
+        return []
     tracks = np.union1d(before.tracks, after.tracks)
     old, new = _align(tracks, before), _align(tracks, after)
-    was = np.setdiff1d(old, NO_HYPOTHESIS).tolist()
-    now = np.setdiff1d(new, NO_HYPOTHESIS).tolist()
     events = [_beginning(stamp_ns, h, old[new == h]) for h in now if h not in set(was)]
     survivors = set(was) & set(now)
     merged: dict[int, list[int]] = {}

@@ -34,7 +34,8 @@ class LabelMemory:
     def fit(self, window: Window) -> None:
         """Make room for every slot of the window."""
         extra = window.capacity - len(self.label)
-        self.label = np.pad(self.label, (0, extra), constant_values=NO_HYPOTHESIS)
+        if extra:
+            self.label = np.pad(self.label, (0, extra), constant_values=NO_HYPOTHESIS)
 
     def forget(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
@@ -43,7 +44,9 @@ class LabelMemory:
 
     def lead(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Have the dormant, all but those `named` anew, follow the current from `before` to `now`."""
-        dormant = np.setdiff1d(np.flatnonzero(window.used & ~window.ended), named)
+        waiting = window.used & ~window.ended
+        waiting[named] = False
+        dormant = np.flatnonzero(waiting)
         self.label[dormant] = follow(before, now, self.label[dormant])
 
     def note(self, window: Window, stamp_ns: int) -> list[Event]:
@@ -51,7 +54,7 @@ class LabelMemory:
         after = self._membership(window)
         events = changes(stamp_ns, self._before, after)
         self._before = after
-        self.born_ns = {h: self.born_ns.get(h, stamp_ns) for h in np.unique(after.labels).tolist()}
+        self.born_ns = {h: self.born_ns.get(h, stamp_ns) for h in after.hypotheses}
         return events
 
     def _membership(self, window: Window) -> Membership:

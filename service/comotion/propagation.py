@@ -34,8 +34,7 @@ def propagate(before: Labels, clusters: NDArray[np.intp], allocate: Callable[[],
     known = before != NO_HYPOTHESIS
     old, row = np.unique(before[known], return_inverse=True)
     count = int(clusters.max(initial=-1)) + 1
-    shared = np.zeros((len(old), count), np.int64)
-    np.add.at(shared, (row, clusters[known]), 1)
+    shared = np.bincount(row * count + clusters[known], minlength=len(old) * count).reshape(len(old), count)
     ids = np.full(count, NO_HYPOTHESIS)
     while shared.any():
         k, m = np.unravel_index(int(shared.argmax()), shared.shape)

@@ -13,6 +13,8 @@ from .timeline import Instant
 from .window import Bools, Slots, Window
 
 _MIN_OBSERVATIONS = 2
+# A part of the ids that may differ from those sent before without all being looked for.
+_FEW = 16
 # m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
 MAX_COORDINATE = 1e9
 
@@ -36,7 +38,7 @@ class Space:
         # (source index, id) of every slot in use, and back.
         self._slot_of: dict[tuple[int, int], int] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
-        # Ids that a source last sent, ascending, and their slots.
+        # Ids that a source last sent, and their slots.
         self._last_sent: dict[int, tuple[Ids, Slots]] = {}
         self.current: Slots = np.zeros(0, np.intp)
         self._opened = 0
@@ -62,7 +64,9 @@ class Space:
             # An id that its source has declared lost for good must not come back.
             self._stats.reject("duplicate-id")
         keep = known & ~ended
-        self._insert(instant, slots[keep], rows[keep])
+        if not keep.all():
+            slots, rows = slots[keep], rows[keep]
+        self._insert(instant, slots, rows)
 
     def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
         batch = instant.batch
@@ -89,26 +93,32 @@ class Space:
             fresh = fresh[:room]
         if len(fresh):
             slots[fresh] = self._open(ids[fresh], source)
-        order = np.argsort(ids, kind="stable")
-        self._last_sent[source] = ids[order], slots[order]
+        self._last_sent[source] = ids.copy(), slots
         return slots
 
     def _find(self, ids: Ids, source: int) -> Slots:
         """Slots of ids, -1 where there is none; most are those that the source sent last."""
-        sent, their = self._last_sent.get(source, (ids[:0], np.zeros(0, np.intp)))
-        slots = np.full(len(ids), -1, np.intp)
-        if len(sent):
-            at = np.minimum(np.searchsorted(sent, ids), len(sent) - 1)
-            hit = np.flatnonzero((sent[at] == ids) & (their[at] >= 0))
-            slot = their[at[hit]]
-            # A slot may have been given to another since.
-            same = (
-                self.window.used[slot] & (self.window.source[slot] == source) & (self.ids[slot] == ids[hit])
-            )
-            slots[hit[same]] = slot[same]
+        slots = self._found_again(ids, source)
         for k in np.flatnonzero(slots < 0).tolist():
             slots[k] = self._slot_of.get((source, int(ids[k])), -1)
         return slots
+
+    def _found_again(self, ids: Ids, source: int) -> Slots:
+        """Slots of the ids that the source sent last, -1 for the others."""
+        sent, slots = self._last_sent.get(source, (ids[:0], np.zeros(0, np.intp)))
+        if not len(sent):
+            return np.full(len(ids), -1)
+        # Most sources send the same again, but for a few that are replaced in their place.
+        if len(sent) != len(ids) or np.count_nonzero(sent != ids) > len(ids) // _FEW:
+            order = np.argsort(sent, kind="stable")
+            at = order[np.minimum(np.searchsorted(sent, ids, sorter=order), len(sent) - 1)]
+            sent, slots = sent[at], slots[at]
+        # A slot may have been given to another since.
+        window = self.window
+        same = (
+            (sent == ids) & window.used[slots] & (window.source[slots] == source) & (self.ids[slots] == ids)
+        )
+        return np.where(same & (slots >= 0), slots, -1)
 
     def _open(self, ids: Ids, source: int) -> Slots:
         slots = self.window.open(len(ids), source)
@@ -159,7 +169,7 @@ class Space:
 
     def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
         limits = np.zeros(self.window.capacity, np.int64)
-        for source in np.unique(self.window.source[self.window.used]).tolist():
+        for source in self.sources_in_use():
             limits[self.window.source == source] = timeout_ns(source)
         # Where the window is shorter than the timeout, what has left it has no state to report.
         held = self.window.stop > self.window.start
@@ -168,11 +178,11 @@ class Space:
 
     def _forget(self, fresh: Bools) -> None:
         """Let go of trajectories that are outdated and too short to say anything."""
-        slots = self.window.slots()
-        short = self.window.counts(slots) < _MIN_OBSERVATIONS
-        gone = slots[short & ~fresh[slots]]
+        window = self.window
+        gone = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
         if not len(gone):
             return
+        gone = gone[np.argsort(window.key[gone])]
         self.engine.forgetting(self.window, gone)
         for slot in gone.tolist():
             del self._slot_of[int(self.window.source[slot]), int(self.ids[slot])]
@@ -180,7 +190,7 @@ class Space:
 
     def sources_in_use(self) -> set[int]:
         """Indices of the sessions that have a trajectory here."""
-        return set(np.unique(self.window.source[self.window.used]).tolist())
+        return set(np.flatnonzero(np.bincount(self.window.source[self.window.used])).tolist())
 
     def state(self) -> dict[str, Any]:
         """The window and the engine, as plain values and arrays."""

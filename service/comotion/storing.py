@@ -11,6 +11,9 @@ from .compiled import compiled
 if TYPE_CHECKING:
     from .window import Bools, Floats, Slots, Stamps
 
+# Slots make room in so many turns.
+_TURNS = 16
+
 
 @compiled()
 def append(
@@ -44,6 +47,33 @@ def append(
             if at - 1 == start[s] and whole[s]:
                 speed[s, at - 1] = speed[s, at]
         stop[s] = at + 1
+
+
+@compiled()
+def older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop: Slots) -> Slots:
+    """How many observations of each slot are older than a time, intp [n]."""
+    counts = np.zeros(len(slots), np.intp)
+    for n in range(len(slots)):
+        s = slots[n]
+        while start[s] + counts[n] < stop[s] and times[s, start[s] + counts[n]] < before_ns:
+            counts[n] += 1
+    return counts
+
+
+@compiled()
+def crowded(slots: Slots, start: Slots, stop: Slots, rows: int) -> Slots:
+    """Those slots that should make room: at the end of their rows, or near it and worth it.
+
+    Slots that were opened together would run out of room together: some make room ahead of time.
+    """
+    due = np.empty(len(slots), np.intp)
+    count = 0
+    for s in slots:
+        ahead = s % _TURNS * (rows // (4 * _TURNS))
+        if stop[s] == rows or (start[s] >= rows // 4 and stop[s] >= rows - ahead):
+            due[count] = s
+            count += 1
+    return due[:count]
 
 
 @compiled()

@@ -15,6 +15,7 @@ Nothing here reads a clock: `now_ns` comes from the caller.
 import heapq
 from collections import deque
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class SourceClock:
     @property
     def period_ns(self) -> int:
         """Median spacing of its recent instants; 0 until there are two."""
-        return int(np.median(self.gaps_ns)) if self.gaps_ns else 0
+        return int(median(self.gaps_ns)) if self.gaps_ns else 0
 
     def observe(self, stamp_ns: int) -> None:
         """Advance to a stamp."""

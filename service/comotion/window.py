@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .storing import append, compact, transfer
+from .storing import append, compact, crowded, older, transfer
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -21,9 +21,8 @@ Bools = NDArray[np.bool_]
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
 _PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_whole")
 _FIRST_SLOTS = 64
-_FIRST_ROWS = 64
-# Slots make room in so many turns.
-_TURNS = 16
+# Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
+_FIRST_ROWS = 60
 
 
 @dataclass(frozen=True)
@@ -142,34 +141,33 @@ class Window:
         self._make_room(slots)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
-        fresh = self.last_ns[slots] < stamp_ns
-        stored = fresh.copy()
-        newest = slots[fresh]
-        if self.quaternions is not None:
-            turns = np.nan if quaternions is None else quaternions[fresh]
-            self.quaternions[newest, self.stop[newest]] = turns
-        columns = self.times, self.positions, self.speed, self.sigma
-        spans = self.start, self.stop, self._whole
-        append(newest, stamp_ns, positions[fresh], sigma[fresh], *columns, *spans)
-        self.last_ns[newest] = stamp_ns
-        for k in np.flatnonzero(~fresh):
+        stored: Bools = self.last_ns[slots] < stamp_ns
+        if stored.all():
+            self._append(slots, stamp_ns, positions, sigma, quaternions)
+            return stored
+        late = np.flatnonzero(~stored)
+        turns = None if quaternions is None else quaternions[stored]
+        self._append(slots[stored], stamp_ns, positions[stored], sigma[stored], turns)
+        for k in late.tolist():
             turn = None if quaternions is None else quaternions[k]
             stored[k] = self._insert_between(int(slots[k]), stamp_ns, positions[k], float(sigma[k]), turn)
         return stored
 
+    def _append(
+        self, slots: Slots, stamp_ns: int, positions: Floats, sigma: Floats, quaternions: Floats | None
+    ) -> None:
+        if self.quaternions is not None:
+            self.quaternions[slots, self.stop[slots]] = np.nan if quaternions is None else quaternions
+        columns = self.times, self.positions, self.speed, self.sigma
+        append(slots, stamp_ns, positions, sigma, *columns, self.start, self.stop, self._whole)
+        self.last_ns[slots] = stamp_ns
+
     def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
         slots = self.slots()
-        counts = np.zeros(len(slots), np.intp)
-        moving = np.arange(len(slots))
-        # A few observations per slot go at each update, so a few passes over all slots suffice.
-        while len(moving):
-            at = self.start[slots[moving]] + counts[moving]
-            inside = at < self.stop[slots[moving]]
-            moving, at = moving[inside], at[inside]
-            moving = moving[self.times[slots[moving], at] < before_ns]
-            counts[moving] += 1
-        return slots[counts > 0], counts[counts > 0]
+        counts = older(slots, before_ns, self.times, self.start, self.stop)
+        some = counts > 0
+        return slots[some], counts[some]
 
     def evict(self, slots: Slots, counts: Slots) -> None:
         """Drop the oldest observations of slots."""
@@ -213,18 +211,14 @@ class Window:
         return columns if self.quaternions is None else [*columns, self.quaternions]
 
     def _make_room(self, slots: Slots) -> None:
-        """Make sure that every slot can take one more observation.
-
-        Slots that were opened together would run out of room together: some make room ahead of time.
-        """
-        full = self.stop[slots] == self._rows
-        if full.any() and int(self.counts(slots[full]).max()) > 3 * self._rows // 4:
-            self._grow_rows()
-        ahead = slots % _TURNS * (self._rows // (4 * _TURNS))
-        worth = self.start[slots] >= self._rows // 4
-        due = slots[(self.stop[slots] == self._rows) | (worth & (self.stop[slots] >= self._rows - ahead))]
+        """Make sure that every slot can take one more observation."""
+        due = crowded(slots, self.start, self.stop, self._rows)
         if not len(due):
             return
+        full = due[self.stop[due] == self._rows]
+        if int(self.counts(full).max(initial=0)) > 3 * self._rows // 4:
+            self._grow_rows()
+            due = crowded(slots, self.start, self.stop, self._rows)
         if self.quaternions is not None:
             for slot in due:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
