@@ -6,6 +6,7 @@ from comotion.pixels.engine import choose
 from comotion.pixels.keyframes import KeyFrames
 from comotion.pixels.misfits import reassign
 from comotion.pixels.parameters import PixelParameters
+from comotion.pixels.uninformed import hold
 from comotion.pixels.young import adopt
 from comotion.window import Window
 
@@ -33,9 +34,9 @@ def test_who_rests_beside_a_moving_group_goes_back_to_the_resting_one():
     positions, truth = drawer_scene()
     mistaken = truth.copy()
     mistaken[40:46] = 1
-    np.testing.assert_array_equal(reassign(frames_of(positions), mistaken), truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions), mistaken).labels, truth)
     # Nothing has moved yet: the motion says nothing, whoever belongs where.
-    np.testing.assert_array_equal(reassign(frames_of(positions[:18]), mistaken), mistaken)
+    np.testing.assert_array_equal(reassign(frames_of(positions[:18]), mistaken).labels, mistaken)
 
 
 def test_who_no_group_explains_stays_where_it_is():
@@ -43,7 +44,7 @@ def test_who_no_group_explains_stays_where_it_is():
     # Half as fast as the drawer: a feature that slides along its edge.
     positions[:, -1] = (positions[:, -1] + positions[0, -1]) / 2
     positions[-5:, 0] += np.arange(5)[:, None] * [3.0, -2.0]
-    np.testing.assert_array_equal(reassign(frames_of(positions), truth), truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions), truth).labels, truth)
 
 
 def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
@@ -53,7 +54,7 @@ def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
     visible = np.ones(positions.shape[:2], bool)
     visible[16:, 40:43] = False
     truth[40:43] = 1
-    np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken), truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken).labels, truth)
 
 
 def test_the_living_and_half_as_many_of_the_dead_are_compared():
@@ -87,3 +88,23 @@ def test_the_young_go_with_neighbours_that_move_as_they_do():
     # By place alone it would be the other way round.
     found, _ = adopt(window, slots[12:], slots[:12], labels, nobody, 0.0)
     assert found.tolist() == [8, 7]
+
+
+def test_the_uninformed_stay_while_the_motion_of_their_hypothesis_explains_them():
+    own_evidence = np.array([0.9, 0.9, 0.9, 0.9, 0.01, 0.01, 0.01, 0.9])
+    labels = np.array([0, 0, 1, 1, 1, 1, 1, 1])
+    before = np.array([5, 5, 8, 8, 5, 5, -1, 5])
+    explained = np.ones((2, 8), bool)
+    explained[0, 5] = False
+    # The first of the uninformed goes back; then one that hypothesis 5 no longer explains, one that
+    # is new, and one whose motion has been seen.
+    assert hold(own_evidence, explained, labels, before).tolist() == [0, 0, 1, 1, 0, 1, 1, 1]
+
+
+def test_what_rests_is_explained_by_everything_that_rests():
+    positions, truth = drawer_scene()
+    positions[:, 80:, 0] += 5.0 * np.arange(24)[:, None]
+    labels = np.where(np.arange(86) < 80, truth, 0)
+    found = reassign(frames_of(positions[:16]), labels)
+    assert found.explained[:, :40].all()
+    assert not found.explained[:, 80:].any()

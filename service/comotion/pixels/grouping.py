@@ -13,7 +13,7 @@ from .misfits import reassign
 from .parameters import PixelParameters
 from .pieces import link, pool
 from .similarity import Similarity, compare
-from .uninformed import ask_neighbours
+from .uninformed import ask_neighbours, hold
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,13 @@ def group(
     pieces = link(similarity, parameters.piece_similarity)
     merged = merge(pieces, Continuity(frames, similarity.value), EpipolarTest(frames), parameters, before)
     _, labels = np.unique(merged[pieces.of], return_inverse=True)
-    _, labels = np.unique(reassign(frames, labels), return_inverse=True)
+    labels, explained = reassign(frames, labels)
     weighted, evidence = pool(similarity, labels)
     mean = (weighted / evidence).T
-    labels = ask_neighbours(frames, np.diagonal(similarity.evidence), mean, labels)
+    own_evidence = np.diagonal(similarity.evidence)
+    labels = ask_neighbours(frames, own_evidence, mean, labels)
+    if before is not None:
+        labels = hold(own_evidence, explained, labels, before)
     return Grouping(labels, _confidence(mean, labels, parameters.merge_similarity), similarity)
 
 

@@ -5,6 +5,8 @@ both sides. What lies at the border of one body but far from the rest of its own
 other. The motion of whole groups tells.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,8 +30,24 @@ Labels = NDArray[np.intp]
 Floats = NDArray[np.float64]
 
 
-def reassign(frames: KeyFrames, labels: Labels) -> Labels:
-    """Labels of trajectories, those of misfits changed to the group that explains them.
+class Reassigned(NamedTuple):
+    """Groups of N trajectories after misfits have gone over.
+
+    Attributes
+    ----------
+    labels
+        intp [N], 0 to K − 1.
+    explained
+        bool [K, N]; whether a trajectory deviates from a group's motion no more than members do. False
+        where no pair of key frames shows it.
+    """
+
+    labels: Labels
+    explained: NDArray[np.bool_]
+
+
+def reassign(frames: KeyFrames, labels: Labels) -> Reassigned:
+    """Change the labels of misfits to the group that explains them.
 
     A misfit deviates from its group's motion by more than four standard deviations in two pairs of
     key frames, and no more than members do, on average, from another group's. The motion of a group
@@ -43,19 +61,21 @@ def reassign(frames: KeyFrames, labels: Labels) -> Labels:
     labels
         intp [N], 0 to K − 1.
     """
-    pairs = len(frames.positions) - _STEP
-    if pairs < _LEAST_PAIRS or labels.max() < 1:
-        return labels
+    pairs, groups = len(frames.positions) - _STEP, int(labels.max()) + 1
+    if pairs < _LEAST_PAIRS or groups < 2:
+        return Reassigned(labels, np.zeros((groups, len(labels)), np.bool_))
     positions = np.ascontiguousarray(frames.positions.transpose(0, 2, 1))
-    own, every = _deviations(positions, frames.visible, labels, int(labels.max()) + 1)
+    own, every = _deviations(positions, frames.visible, labels, groups)
     known = np.isfinite(own) & np.isfinite(every)
     count = known.sum(axis=1)
+    mean = np.where(known, np.minimum(every, _CAP), 0).sum(axis=1) / np.maximum(count, 1)
+    explained = (mean < _EXPLAINED) & (count > 0)
     both = (frames.visible[_STEP:] & frames.visible[:pairs]).sum(axis=0)
     contradicted = np.partition(np.where(known, own, 0), -2, axis=1)[:, -2] > _CONTRADICTED
-    mean = np.where(known, np.minimum(every, _CAP), 0).sum(axis=1) / np.maximum(count, 1)
-    fits = contradicted & (mean < _EXPLAINED) & (count >= _LEAST_PAIRS) & (2 * count >= both)
+    fits = contradicted & explained & (count >= _LEAST_PAIRS) & (2 * count >= both)
     best = np.where(fits, mean, np.inf).argmin(axis=0)
-    return np.where(fits.any(axis=0), best, labels)
+    kept, labels = np.unique(np.where(fits.any(axis=0), best, labels), return_inverse=True)
+    return Reassigned(labels, explained[kept])
 
 
 @compiled()

@@ -1,4 +1,4 @@
-"""Trajectories that were seen while next to nothing moved: their neighbours know better."""
+"""Trajectories that were seen while next to nothing moved: their neighbours know better, or their past."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,3 +45,35 @@ def ask_neighbours(
     settled = labels.copy()
     settled[unsure] = np.where(votes.any(axis=1), votes.argmax(axis=1), labels[unsure])
     return settled
+
+
+def hold(
+    own_evidence: Floats32, explained: NDArray[np.bool_], labels: Labels, before: NDArray[np.int64]
+) -> Labels:
+    """Labels of trajectories, those of the uninformed as before while that explains them.
+
+    What rests is explained by everything that rests, and linkage puts it here now and there then.
+
+    Parameters
+    ----------
+    own_evidence, labels
+        See :func:`ask_neighbours`.
+    explained
+        bool [K, N]; whether a group's motion explains a trajectory.
+    before
+        int64 [N]; hypotheses at the previous update, negative for none. A group goes on with that
+        which most of its informed members had.
+    """
+    informed = own_evidence >= _EVIDENCE
+    was = [_usual(before[(labels == group) & informed]) for group in range(len(explained))]
+    stays = explained & (np.array(was)[:, None] == before) & ~informed & (before >= 0)
+    stays[:, stays[labels, np.arange(len(labels))]] = False
+    return np.where(stays.any(axis=0), stays.argmax(axis=0), labels)
+
+
+def _usual(values: NDArray[np.int64]) -> int:
+    """The most frequent value, -1 of none."""
+    if not len(values):
+        return -1
+    known, counts = np.unique(values, return_counts=True)
+    return int(known[counts.argmax()])
