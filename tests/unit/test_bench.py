@@ -38,6 +38,17 @@ def test_bodies_are_rigid_and_move_while_the_background_rests() -> None:
         assert np.linalg.norm(after - before, axis=1).min() > 0.01
 
 
+def test_plain_cameras_see_the_same_bodies_each_in_a_space_of_its_own() -> None:
+    scene = Scene(SceneSpec(features=60, bodies=2, sources=2, churn=0.0, pixels=True))
+    first, *_, last = islice(scene.frames(1), 90)
+    assert (first.space, first.unit, first.dim) == ("s1/pixels", "px", 2)
+    moved = np.linalg.norm(last.positions - first.positions, axis=1)
+    rests = np.array(scene.truth["s1"]) == 0
+    assert moved[rests].max() < 5 * 0.3 * np.sqrt(2)
+    assert np.median(moved[~rests]) > 10
+    assert abs(first.positions - [320, 240]).max() < 640
+
+
 def test_a_timing_covers_every_update_after_the_window_has_filled() -> None:
     spec = SceneSpec(features=20, bodies=1, rate=10)
     timing = time_scene(spec, FusionConfig(method="thesis", window=1.0), updates=6)

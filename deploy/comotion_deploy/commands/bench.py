@@ -22,6 +22,8 @@ Examples:
 
   comotion bench --features 1000 --rate 15,30,60 --recording tennis_serve.npz --json
 
+  comotion bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
+
   comotion bench --out docs   # writes performance.md and its picture
 
   comotion bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
@@ -52,12 +54,15 @@ def bench(
         float, typer.Option("--churn", min=0, max=1, help="Share of the features replaced per second.")
     ] = 0.03,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the scene.")] = 0,
+    pixels: Annotated[
+        bool, typer.Option("--pixels", help="Plain cameras: a space in px for each of the sources.")
+    ] = False,
     baseline: Annotated[
         int | None,
         typer.Option(
             "--baseline",
             min=0,
-            help="Features for the straightforward version; 0: leave it out. Default: 1000, quick 200.",
+            help="Features for the straightforward version; 0: leave it out. Default: 1000, quick 200, px 0.",
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small numbers, few updates.")] = False,
@@ -83,7 +88,7 @@ def bench(
     _check(out)
     from comotion_experiments import bench as study
 
-    spec = study.SceneSpec(bodies=bodies, sources=sources, churn=churn, seed=seed)
+    spec = study.SceneSpec(bodies=bodies, sources=sources, churn=churn, seed=seed, pixels=pixels)
     sizes = _numbers("--features", features or ("200,500" if quick else "500,1000,3000,5000"), 2, 50_000)
     status = Console(stderr=True)
     costs = study.run_bench(
@@ -91,7 +96,7 @@ def bench(
         [options.fusion_config(ctx, name, assignments) for name in method or ("comotion", "thesis")],
         updates or (20 if quick else 100),
         recordings=recording or (),
-        baseline=(200 if quick else 1000) if baseline is None else baseline,
+        baseline=_baseline(quick, pixels) if baseline is None else baseline,
         progress=lambda what: status.print(what, style="dim", highlight=False),
     )
     _report(costs, out, as_json=json_)
@@ -132,6 +137,12 @@ def _live(
             print("\n".join(live_lines(found[-1])))
     if as_json:
         print(json.dumps(found, indent=2))
+
+
+def _baseline(quick: bool, pixels: bool) -> int:
+    if pixels:
+        return 0
+    return 200 if quick else 1000
 
 
 def _check(out: Path | None) -> None:

@@ -19,6 +19,11 @@ SESSION = "b" * 16
 _EXTENT = 2.0
 _BODY_EXTENT = 0.3
 _SINES = 2
+# A plain camera at rest before the scene: its distance, focal length, principal point, and noise in px.
+_CAMERA_Z = 3.0
+_FOCAL_PX = 500.0
+_CENTRE_PX = np.array([320.0, 240.0])
+_NOISE_PX = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,8 @@ class SceneSpec:
         Standard deviation of each coordinate.
     seed
         Of everything that is drawn.
+    pixels
+        Plain cameras instead, each with a space of its own; noise is 0.3 px.
     """
 
     features: int = 1000
@@ -48,6 +55,7 @@ class SceneSpec:
     churn: float = 0.03
     noise: float = 0.002
     seed: int = 0
+    pixels: bool = False
 
 
 @dataclass
@@ -80,20 +88,28 @@ class Scene:
             ids[dead] = len(self.truth[name]) + np.arange(len(dead))
             self.truth[name] += of[dead].tolist()
             places[dead] = bodies.places(of[dead], rng)
-            positions = bodies.move(places, of, seconds) + rng.normal(0, spec.noise, places.shape)
+            positions = self._seen(bodies.move(places, of, seconds), rng)
             yield ObservationBatch(
                 source=name,
                 session=SESSION,
                 seq=seq,
-                space="world",
-                unit="m",
-                dim=3,
+                space=f"{name}/pixels" if spec.pixels else "world",
+                unit="px" if spec.pixels else "m",
+                dim=positions.shape[1],
                 stamp_ns=self.start_ns + round(seconds * 1e9),
                 ids=ids.astype(np.uint64),
                 positions=positions.astype(np.float32),
                 ended=ended.astype(np.uint64) if len(ended) else None,
             )
             seq += 1
+
+    def _seen(self, places: Floats, rng: np.random.Generator) -> Floats:
+        """Places [n, 3] as a source sees them, with noise, [n, 3] in m or [n, 2] in px."""
+        if not self.spec.pixels:
+            return places + rng.normal(0, self.spec.noise, places.shape)
+        image = _FOCAL_PX * places[:, :2] / (places[:, 2:] + _CAMERA_Z) + _CENTRE_PX
+        noisy: Floats = image + rng.normal(0, _NOISE_PX, image.shape)
+        return noisy
 
     def merged(self, seconds: float) -> Iterator[ObservationBatch]:
         """Batches of all sources by their stamps."""
