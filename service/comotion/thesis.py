@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis
 
 from .affinity import Affinity
-from .clustering import make_clustering
+from .clustering import ClusterFunction, make_clustering
 from .config import FusionConfig
 from .engine import IdAllocator, Partition, Rows, SpaceSpec
 from .labels import LabelMemory
@@ -38,9 +38,13 @@ class ThesisEngine:
         The space.
     ids
         Where new hypotheses get their ids.
+    cluster
+        In place of the configuration's clustering.
     """
 
-    def __init__(self, config: FusionConfig, spec: SpaceSpec, ids: IdAllocator) -> None:
+    def __init__(
+        self, config: FusionConfig, spec: SpaceSpec, ids: IdAllocator, cluster: ClusterFunction | None = None
+    ) -> None:
         self._spec = spec
         self._ids = ids
         self._sigma_switch = config.switch_for(spec.unit)
@@ -48,7 +52,7 @@ class ThesisEngine:
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().v_move_for(spec.unit) or math.inf
         self._pairs = Pairs(v_move)
-        self._cluster = make_clustering(config.clustering, config.stop_affinity)
+        self._cluster = cluster or make_clustering(config.clustering, config.stop_affinity)
         self._memory = LabelMemory()
         self._affinity = Affinity.of(np.zeros((0, 0)))
 

@@ -12,9 +12,11 @@ from comotion.motion.config import MotionConfig
 from .cases import Case
 from .linkage import linkage_nmi
 from .motion import MotionErrors, motion_errors
+from .reference import ReferenceFusion
 from .study import Array, Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"
+REFERENCE = "thesis, scikit-learn"
 # Where the robustness table looks: what each parameter could hurt, short enough to be run for all.
 ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
@@ -64,6 +66,9 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
         for method in (DEFAULT, THESIS):
             config = _config(method, case)
             results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
+        results.outcomes[case.name, REFERENCE] = [
+            run_case(case, config, seed, fusion=ReferenceFusion) for seed in seeds
+        ]
         if case.group == "recordings":
             results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
     progress("pose and twist")

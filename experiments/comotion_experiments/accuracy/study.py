@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from comotion import FusionConfig
+from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import Labels, Score, Truth, contingency
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
@@ -76,8 +76,14 @@ def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
     return np.array([stands_for.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
 
 
-def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
-    """Run a case through the core."""
+def run_case(
+    case: Case,
+    config: FusionConfig,
+    seed: int,
+    duration: float | None = None,
+    fusion: type[Fusion] = Fusion,
+) -> Outcome:
+    """Run a case through the core, or another `fusion`."""
     truth = Truth()
     collector = _Collector(truth)
     run = run_offline(
@@ -86,6 +92,7 @@ def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None
         truth=truth,
         period=PERIOD,
         duration=case.duration if duration is None else duration,
+        fusion=fusion(config),
         on_update=collector.add,
     )
     return Outcome(

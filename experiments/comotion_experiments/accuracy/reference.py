@@ -1,0 +1,29 @@
+"""The thesis method with 2-means as everybody has it, for what our own splits cost or gain."""
+
+from comotion import Fusion, FusionConfig
+from comotion.affinity import Affinity
+from comotion.clustering import Clusters, by_appearance
+from comotion.engine import SpaceSpec
+from comotion.space import Space
+from comotion.thesis import ThesisEngine
+
+from ..bench.straightforward import divide
+
+
+class ReferenceFusion(Fusion):
+    """Fusion of which every space is split by scikit-learn's 2-means, the best of ten random starts."""
+
+    def open_space(self, spec: SpaceSpec) -> Space:
+        """Start a coordinate space."""
+        space = super().open_space(spec)
+        space.engine = ThesisEngine(
+            self.config, spec, self.ids, lambda affinity: _split(affinity, self.config)
+        )
+        return space
+
+
+def _split(affinity: Affinity, config: FusionConfig) -> Clusters:
+    dense = affinity.dense().astype(float)
+    labels = by_appearance(divide(dense, config.stop_affinity))
+    # Confidence is no part of what is compared.
+    return Clusters(labels, dense.mean(axis=1))
