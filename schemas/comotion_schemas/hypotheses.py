@@ -175,8 +175,9 @@ class HypothesisUpdate:
         ids = [h.id for h in self.hypotheses]
         if len(set(ids)) != len(ids):
             raise reject("duplicate-id", "a hypothesis is listed twice")
-        known = np.isin(self.track_hypothesis, np.array([*ids, UNDETERMINED], np.uint32))
-        if not known.all():
+        # None is beyond the last: no number of 32 bits is larger.
+        listed = np.array([*sorted(ids), UNDETERMINED], np.uint32)
+        if (listed[np.searchsorted(listed, self.track_hypothesis)] != self.track_hypothesis).any():
             raise reject("range", "a track names a hypothesis that is not listed")
         return self
 

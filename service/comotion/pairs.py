@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from .affinity import Affinity, Matrix
 from .aligned import aligned_zeros
+from .compiled import compiled
 from .engine import Rows
 from .instants import Instants
 from .places import Places
 from .samples import EARLIEST, LATEST, MOST_INSTANTS, TILE, Changing, Samples
-from .states import Insertions, instants, locate
+from .states import Insertions, instants, locate, newest_at
 from .sums import PairSums
 from .window import Floats, Slots, Stamps, Window
 
@@ -194,13 +195,9 @@ class Pairs:
 
     def _begun(self, window: Window, slots: Slots) -> Stamps:
         """From when on (exclusive) the states of slots have not been taken in."""
-        known = self._known[slots]
-        index = locate(window, slots, known) + 1
-        begun = window.times[slots, index]
-        # The segment that ends with the first new observation is new as well.
-        follows = (index > window.start[slots]) & (known != _NEVER)
-        follows[follows] = begun[follows] - known[follows] <= window.gap_ns
-        return np.where(follows, known, begun - 1)
+        begun = np.empty(len(slots), np.int64)
+        _begun(window.times, window.start, window.stop, slots, self._known, window.gap_ns, begun)
+        return begun
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Note the samples that go with the oldest observations of each slot."""
@@ -259,3 +256,15 @@ class Pairs:
                 samples.count = 0
                 samples.add(window, who, stamps[k : k + MOST_INSTANTS], sign=1, v_move=self._v_move)
                 self._sums.add_to(tile, samples)
+
+
+@compiled()
+def _begun(
+    times: Stamps, start: Slots, stop: Slots, slots: Slots, known: Stamps, gap_ns: int, begun: Stamps
+) -> None:
+    for n in range(len(slots)):
+        s, past = slots[n], known[slots[n]]
+        first = newest_at(times[s], start[s], stop[s], past) + 1
+        # The segment that ends with the first new observation is new as well.
+        follows = first > start[s] and past != _NEVER and times[s, first] - past <= gap_ns
+        begun[n] = past if follows else times[s, first] - 1

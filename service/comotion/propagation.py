@@ -59,7 +59,9 @@ def follow(before: Labels, now: Labels, dormant: Labels) -> Labels:
         int64 [m], of the outdated ones.
     """
     followed = dormant.copy()
-    for label in np.setdiff1d(dormant, now):
+    for label in np.unique(dormant):
+        if (now == label).any():
+            continue
         went, votes = np.unique(now[before == label], return_counts=True)
         waiting = dormant == label
         if label != NO_HYPOTHESIS and votes.max(initial=0) > waiting.sum():
