@@ -108,3 +108,19 @@ def test_what_rests_is_explained_by_everything_that_rests():
     found = reassign(frames_of(positions[:16]), labels)
     assert found.explained[:, :40].all()
     assert not found.explained[:, 80:].any()
+
+
+def test_a_near_neighbour_counts_more_than_far_ones():
+    start = np.array(
+        [[0.0, 0.0], [90.0, 0.0], [91.0, 9.0], [92.0, 4.0], [10.0, 0.0], [12.0, 0.0], [5.0, 0.0]]
+    )
+    window = Window(2, 10**10, 10**9)
+    slots = window.open(7, 0)
+    for k in range(3):
+        window.insert(slots, (1 + k) * 10**8, start, np.full(7, np.nan), None)
+    labels = np.array([7, 8, 8, 8, 7, 8])
+    found, share = adopt(window, slots[6:], slots[:6], labels, np.array([-1]), 10.0)
+    assert found.tolist() == [7]
+    assert 0.5 < share[0] < 1
+    # What it was is worth one vote of five.
+    assert adopt(window, slots[6:], slots[:6], labels, np.array([8]), 10.0)[0].tolist() == [7]

@@ -13,6 +13,8 @@ from .keyframes import spread
 _VOTERS = 5
 _INSTANTS = 4
 _HELD_VOTES = 1.0
+# px; added to distances, so that one that is next to nothing does not outweigh all others.
+_NEAR_PX = 1.0
 
 Labels = NDArray[np.int64]
 
@@ -44,15 +46,20 @@ def adopt(
 
 @compiled()
 def _votes(distance: Floats, labels: Labels, held: Labels) -> tuple[Labels, Floats]:
-    """Label with most votes of the nearest, the smaller of equals, and its share of votes."""
+    """Label with most votes of the nearest, the smaller of equals, and its share of votes.
+
+    The nearer, the more a vote counts (Dudani 1976): of five some may be far away on another body.
+    """
     found = np.full(len(distance), NO_HYPOTHESIS)
     share = np.zeros(len(distance))
     for k in range(len(distance)):
         near = smallest(distance[k], _VOTERS)
         near = near[np.isfinite(distance[k][near])]
+        worth = 1 / (distance[k][near] + _NEAR_PX)
+        worth *= len(near) / worth.sum()
         most = 0.0
         for label in np.sort(labels[near]):
-            votes = (labels[near] == label).sum()
+            votes = worth[labels[near] == label].sum()
             weight = votes + _HELD_VOTES * (held[k] == label)
             if weight > most:
                 most, found[k], share[k] = weight, label, votes / len(near)
