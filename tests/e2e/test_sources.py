@@ -174,10 +174,11 @@ def test_a_source_that_is_stopped_for_a_while_goes_on_with_fresh_data(start, end
     observations.drain()
     time.sleep(1.0)
     process.signal(signal.SIGCONT)
-    status = statuses.until(lambda one: one.counters["overruns"] > 0)
+    # Starting on a busy machine may have cost some already.
+    status = statuses.until(lambda one: one.counters["overruns"] > 20)
     fresh = observations.until(lambda batch: batch.stamp_ns > paused + 900_000_000)
     assert fresh.session == before.session
-    assert 20 < status.counters["overruns"] < 5000
+    assert status.counters["overruns"] < 5000
 
 
 def test_status_tells_rate_and_counters(start, endpoint, session, listen):
