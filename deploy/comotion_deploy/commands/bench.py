@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -110,7 +111,7 @@ def _report(costs: "Costs", out: Path | None, *, as_json: bool) -> None:
     if out is not None:
         (out / "images").mkdir(parents=True, exist_ok=True)
         report.save_picture(out / "images" / "performance.png", costs)
-        text = report.markdown(costs, "images/performance.png", "comotion bench --out docs")
+        text = report.markdown(costs, "images/performance.png", _command())
         report.write_page(out / "performance.md", "core", text)
     if as_json:
         print(json.dumps(costs.as_json(), indent=2))
@@ -121,6 +122,13 @@ def _report(costs: "Costs", out: Path | None, *, as_json: bool) -> None:
         console.print(line, highlight=False)
     if out is not None:
         console.print(f"written: {out / 'performance.md'}", highlight=False)
+
+
+def _command() -> str:
+    """What the user typed; files by their names alone, for a page tells others nothing by where they lay."""
+    return " ".join(
+        ["comotion", *(Path(word).name if Path(word).is_file() else word for word in sys.argv[1:])]
+    )
 
 
 def _live(

@@ -5,6 +5,7 @@ import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -129,7 +130,7 @@ def run_bench(
             rows[-1] = replace(rows[-1], features=spec.features)
         for item in inputs:
             progress(f"{config.method}, {item.name}")
-            rows.append(_row(item.name, math.nan, machine, alone(_time_named, item.name, config)))
+            rows.append(_row(Path(item.name).name, math.nan, machine, alone(_time_named, item.name, config)))
     found = None
     if baseline:
         progress(f"straightforward version, {baseline} features")
