@@ -33,9 +33,15 @@ _REST = 1e-3
 
 def velocity_weight(speed: Floats, v_move: float | None) -> Floats:
     """Weight of (3.2), w = 1 − exp(−λ(v² + ε)) with λ = −ln(1 − 0.9)/v_move²; 1 where `v_move` is None."""
+    rate, rest = _exponent(v_move)
+    return -np.expm1(rate * speed**2 + rest)
+
+
+def _exponent(v_move: float | None) -> tuple[float, float]:
+    """−λ and −λε of (3.2): what v² is multiplied by, and what is added."""
     if v_move is None:
-        return np.ones_like(speed)
-    return -np.expm1(math.log(0.1) * ((speed / v_move) ** 2 + _REST))
+        return 0.0, -math.inf
+    return math.log(0.1) / v_move**2, math.log(0.1) * _REST
 
 
 @dataclass(frozen=True)
@@ -144,8 +150,7 @@ class Samples:
         late
             Count with the states as they were before these observations came.
         """
-        rate = 0.0 if v_move is None else math.log(0.1) / v_move**2
-        rest = -math.inf if v_move is None else math.log(0.1) * _REST
+        rate, rest = _exponent(v_move)
         out = self.values, self.kind, self.some
         store = window.times, window.positions, window.speed, window.start, window.stop
         those = who.slots, who.places, who.after, who.until, who.known
@@ -205,9 +210,15 @@ def _take(
             for c in range(positions.shape[2]):
                 left = positions[s, k, c]
                 values[p // TILE, begin + t, c, p % TILE] = left + share * (positions[s, right, c] - left)
-            weight = 1.0 - np.exp(rate * speeds[s, right] ** 2 + rest)
+            weight = _weight(speeds[s, right], rate, rest)
             changing = after[n] < stamp <= until[n]
             _hold(values, kind, some, p, begin + t, weight, observed, changing, sign)
+
+
+@compiled()
+def _weight(speed: float, rate: float, rest: float) -> float:
+    # It is stored in single precision, of which a difference to 1 leaves enough: none is below 0.002.
+    return float(1.0 - np.exp(rate * speed * speed + rest))
 
 
 @compiled()
@@ -264,5 +275,5 @@ def _put_back(
             share = (stamps[t] - t_left[n]) / (t_right[n] - t_left[n])
             for c in range(x_left.shape[1]):
                 values[block, begin + t, c, inside] = x_left[n, c] + share * (x_right[n, c] - x_left[n, c])
-            weight = 1.0 - np.exp(rate * speed[n] ** 2 + rest)
+            weight = _weight(speed[n], rate, rest)
             _hold(values, kind, some, places[n], begin + t, weight, observed, True, sign)
