@@ -67,8 +67,7 @@ class Changing:
     @classmethod
     def of(cls, slots: Slots, places: Slots) -> Self:
         """Trajectories of which nothing is changing yet."""
-        n = len(slots)
-        return cls(slots, places, np.full(n, LATEST), np.full(n, LATEST), np.full(n, LATEST))
+        return cls(slots, places, *np.full((3, len(slots)), LATEST))
 
 
 class Samples:

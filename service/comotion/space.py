@@ -56,10 +56,11 @@ class Space:
             How many new trajectories may be opened; the rows of others are refused.
         """
         batch, rows = instant.batch, instant.rows
-        slots = self._find_or_open(batch.ids[rows], source, room)
+        slots = self._find_or_open(_those(batch.ids, rows), source, room)
         known = slots >= 0
-        ended = np.zeros(len(slots), np.bool_)
-        ended[known] = self.window.ended[slots[known]]
+        if not known.any():
+            return
+        ended = known & self.window.ended[slots]
         if ended.any():
             # An id that its source has declared lost for good must not come back.
             self._stats.reject("duplicate-id")
@@ -74,11 +75,11 @@ class Space:
             return
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
-            sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            sigma[:] = _those(batch.sigma, rows) if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Noise beyond what coordinates can express says no more than at these ends, and squares badly.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
-        turns = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
-        positions = batch.positions[rows].astype(np.float64)
+        turns = None if batch.quaternions is None else _those(batch.quaternions, rows).astype(np.float64)
+        positions = _those(batch.positions, rows).astype(np.float64)
         stored = self.window.insert(slots, instant.stamp_ns, positions, sigma, turns)
         self._stats.observations += int(stored.sum())
         self._stats.duplicates += not stored.all()
@@ -106,18 +107,16 @@ class Space:
     def _found_again(self, ids: Ids, source: int) -> Slots:
         """Slots of the ids that the source sent last, -1 for the others."""
         sent, slots = self._last_sent.get(source, (ids[:0], np.zeros(0, np.intp)))
-        if not len(sent):
+        if not len(sent) or not self.window.capacity:
             return np.full(len(ids), -1)
         # Most sources send the same again, but for a few that are replaced in their place.
         if len(sent) != len(ids) or np.count_nonzero(sent != ids) > len(ids) // _FEW:
             order = np.argsort(sent, kind="stable")
             at = order[np.minimum(np.searchsorted(sent, ids, sorter=order), len(sent) - 1)]
-            sent, slots = sent[at], slots[at]
+            slots = slots[at]
         # A slot may have been given to another since.
         window = self.window
-        same = (
-            (sent == ids) & window.used[slots] & (window.source[slots] == source) & (self.ids[slots] == ids)
-        )
+        same = window.used[slots] & (window.source[slots] == source) & (self.ids[slots] == ids)
         return np.where(same & (slots >= 0), slots, -1)
 
     def _open(self, ids: Ids, source: int) -> Slots:
@@ -214,3 +213,8 @@ class Space:
             (s, i): int(slot) for s, i, slot in zip(sources, state["ids"].tolist(), slots, strict=True)
         }
         self.engine.load(state["engine"] if keep_engine else {}, self.window)
+
+
+def _those(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Some rows of a column, ascending; mostly they are all of them."""
+    return column if len(rows) == len(column) else column[rows]

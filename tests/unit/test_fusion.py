@@ -182,6 +182,18 @@ def test_two_batches_that_fight_over_a_new_space_leave_one_winner():
     assert fusion.stats.rejected == {"space-mismatch": 1}
 
 
+def test_a_space_for_which_there_is_no_room_is_refused_again_and_again():
+    fusion = Fusion(THESIS.model_copy(update={"max_tracks": 7}))
+    run(fusion, 0, 1)
+    for seq in range(3):
+        begin = 1 + seq / 5
+        fusion.ingest(batch("late", seq, T0 + round(begin * S), two_bodies(begin), space="other"))
+        update = run(fusion, begin, begin + 0.2, first_seq=50 + 10 * seq)[-1]
+    assert fusion.stats.rejected["limit"] == 3
+    assert len(update.track_id) == 7
+    assert {source for source, _ in tracks_of(update)} == {"cam"}
+
+
 def test_tracks_beyond_the_limit_are_refused_and_the_others_go_on():
     fusion = Fusion(THESIS.model_copy(update={"max_tracks": 5}))
     update = run(fusion, 0, 1)[-1]
