@@ -141,9 +141,7 @@ class Pairs:
             int64 [n, n]: common samples of each pair.
         """
         self._take_in(window)
-        rounded = self._sums.add(self._waiting)
-        self._waiting.count = 0
-        self._recount(window, rounded)
+        self._recount(window, self._add())
         n, placed = len(slots), np.flatnonzero(self._places.of[slots] >= 0)
         variance, samples = np.zeros((n, n)), np.zeros((n, n), np.int64)
         places = self._places.of[slots[placed]]
@@ -232,10 +230,15 @@ class Pairs:
         """Have samples wait for the next pass over the sums; many go there at once."""
         while len(stamps):
             if not self._waiting.room:
-                self._sums.add(self._waiting)
-                self._waiting.count = 0
+                self._add()
             part, stamps = stamps[: self._waiting.room], stamps[self._waiting.room :]
             self._waiting.add(window, who, part, sign=sign, v_move=self._v_move, late=late)
+
+    def _add(self) -> Slots:
+        """Take the waiting samples into the sums; answers which tiles are mostly rounding now."""
+        rounded = self._sums.add(self._waiting)
+        self._waiting.count = 0
+        return rounded
 
     def _recount(self, window: Window, tiles: Slots) -> None:
         """Sum tiles anew from the window, of which everything has been taken in."""
