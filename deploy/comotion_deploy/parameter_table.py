@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.motion.config import MotionConfig
+from comotion.rigid.config import MotionConfig
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {

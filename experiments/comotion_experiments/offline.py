@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
-from comotion.stats import Stats
+from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch

@@ -5,8 +5,8 @@ the process that puts it on the wire.
 """
 
 from .config import FusionConfig
+from .event_time.health import SourceHealth
+from .event_time.stats import Stats
 from .fusion import AffinitySnapshot, Fusion
-from .health import SourceHealth
-from .stats import Stats
 
 __all__ = ["AffinitySnapshot", "Fusion", "FusionConfig", "SourceHealth", "Stats"]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from .linking.camera import Camera
-from .motion.config import MotionConfig
+from .rigid.config import MotionConfig
 
 Method = Literal["comotion", "thesis"]
 Clustering = Literal["divisive-kmeans", "gmm-bic", "eigengap", "eigengap-normalized"]

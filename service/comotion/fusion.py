@@ -18,13 +18,13 @@ from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, Keys, Observ
 
 from . import snapshot
 from .config import FusionConfig, to_ns
-from .engine import IdAllocator, Partition, SpaceSpec
-from .health import SourceHealth, source_health
+from .event_time.health import SourceHealth, source_health
+from .event_time.stats import Stats
+from .event_time.timeline import Instant, Timeline
 from .linking.linker import Linker
 from .methods import make_engine
+from .partition import IdAllocator, Partition, SpaceSpec
 from .space import MAX_COORDINATE, Space
-from .stats import Stats
-from .timeline import Instant, Timeline
 
 EVENT_MEMORY_NS = 2_000_000_000
 MAX_SPACES = 256

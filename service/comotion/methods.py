@@ -1,10 +1,10 @@
 """Which engine serves which method and kind of space."""
 
 from .config import FusionConfig
-from .engine import Engine, IdAllocator, SpaceSpec
-from .motion.engine import MotionEngine
-from .pixels.engine import PixelEngine
-from .thesis import ThesisEngine
+from .partition import Engine, IdAllocator, SpaceSpec
+from .pixels.method import PixelEngine
+from .rigid.method import MotionEngine
+from .thesis.method import ThesisEngine
 
 
 def make_engine(config: FusionConfig, spec: SpaceSpec, ids: IdAllocator) -> Engine:

@@ -6,7 +6,7 @@ from comotion_schemas import Event
 
 from .archive import pack, unpack
 from .config import FusionConfig
-from .engine import SpaceSpec
+from .partition import SpaceSpec
 
 if TYPE_CHECKING:
     from .fusion import Fusion

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Bools, Slots
 from .config import FusionConfig, to_ns
-from .engine import Engine, EngineFactory, IdAllocator, Partition, Rows, SpaceSpec
-from .stats import Stats
-from .timeline import Instant
-from .window import Bools, Slots, Window
+from .event_time.stats import Stats
+from .event_time.timeline import Instant
+from .partition import Engine, EngineFactory, IdAllocator, Partition, Rows, SpaceSpec
+from .trajectories.window import Window
 
 _MIN_OBSERVATIONS = 2
 # A part of the ids that may differ from those sent before without all being looked for.

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import zenoh
 
+from comotion.event_time.stats import Stats
 from comotion.runtime import intake as module
 from comotion.runtime.intake import IDLE_NS, Intake
-from comotion.stats import Stats
 from comotion_schemas import Keys, ObservationBatch, encode
 from comotion_schemas.transport import SessionSettings, open_session, stream_publisher
 

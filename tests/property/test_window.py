@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion.window import Window
+from comotion.trajectories.window import Window
 
 SPAN = 100
 

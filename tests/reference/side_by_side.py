@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from comotion.engine import Rows
-from comotion.pairs import Pairs
-from comotion.window import Window
+from comotion.partition import Rows
+from comotion.thesis.pairs import Pairs
+from comotion.trajectories.window import Window
 
 from . import thesis as literal
 

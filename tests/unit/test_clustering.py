@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import KMeans
 
-from comotion.affinity import Affinity
-from comotion.clustering import by_appearance, make_clustering
-from comotion.clustering.block import Block
-from comotion.clustering.divisive_kmeans import halve
+from comotion.thesis.affinity import Affinity
+from comotion.thesis.clustering import by_appearance, make_clustering
+from comotion.thesis.clustering.block import Block
+from comotion.thesis.clustering.divisive_kmeans import halve
 
 DIVISIVE = "divisive-kmeans"
 ALL = [DIVISIVE, "gmm-bic", "eigengap", "eigengap-normalized"]

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.events import Membership, changes
+from comotion.hypotheses.events import Membership, changes
 
 
 def membership(labels):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.linking.camera import Camera
 from comotion.linking.links import MARGIN, decide, evidence, joined, speakers
-from comotion.motion.poses import pose_variances
+from comotion.rigid.poses import pose_variances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 
@@ -238,7 +238,7 @@ def test_the_longest_observed_members_speak() -> None:
 
 
 def test_pose_variances_are_those_of_fitted_poses() -> None:
-    from comotion.motion.kinematics import align
+    from comotion.rigid.kinematics import align
 
     rng = np.random.default_rng(2)
     template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003

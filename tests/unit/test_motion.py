@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.motion.bodies import Costs, fit
-from comotion.motion.config import MotionConfig
-from comotion.motion.frames import Frames
-from comotion.motion.identity import match
-from comotion.motion.kinematics import align
-from comotion.motion.noise import READ, Differences, noise_variance
-from comotion.motion.rotation import planar_rotation, spatial_rotation
-from comotion.motion.sampling import difference_noise, distance_deviation, resample
-from comotion.motion.selection import select
-from comotion.motion.tracks import gather
-from comotion.window import Window
+from comotion.rigid.bodies import Costs, fit
+from comotion.rigid.config import MotionConfig
+from comotion.rigid.frames import Frames
+from comotion.rigid.identity import match
+from comotion.rigid.kinematics import align
+from comotion.rigid.noise import READ, Differences, noise_variance
+from comotion.rigid.rotation import planar_rotation, spatial_rotation
+from comotion.rigid.sampling import difference_noise, distance_deviation, resample
+from comotion.rigid.selection import select
+from comotion.rigid.tracks import gather
+from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline

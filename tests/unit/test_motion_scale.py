@@ -8,11 +8,11 @@ from numba.core.dispatcher import Dispatcher
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.motion import panel as panels
-from comotion.motion import search as searching
-from comotion.motion.bodies import costs, static_body
-from comotion.motion.config import MotionConfig
-from comotion.motion.frames import Frames
+from comotion.rigid import panel as panels
+from comotion.rigid import search as searching
+from comotion.rigid.bodies import costs, static_body
+from comotion.rigid.config import MotionConfig
+from comotion.rigid.frames import Frames
 from comotion.runtime.rehearsal import rehearse
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline

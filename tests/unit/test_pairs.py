@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from comotion.samples import velocity_weight
+from comotion.thesis.samples import velocity_weight
 
 from ..reference import thesis as literal
 from ..reference.side_by_side import MS, T0, SideBySide

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from comotion.pixels.engine import choose
 from comotion.pixels.keyframes import KeyFrames
+from comotion.pixels.method import choose
 from comotion.pixels.misfits import reassign
 from comotion.pixels.parameters import PixelParameters
 from comotion.pixels.uninformed import hold
 from comotion.pixels.young import adopt
-from comotion.window import Window
+from comotion.trajectories.window import Window
 
 
 def drawer_scene(frames=24):

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.engine import NO_HYPOTHESIS
-from comotion.propagation import follow, propagate
+from comotion.hypotheses.propagation import follow, propagate
+from comotion.partition import NO_HYPOTHESIS
 
 
 def match(before, clusters, first=100):

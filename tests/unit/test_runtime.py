@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from comotion import Fusion, FusionConfig, SourceHealth
+from comotion.event_time.stats import Stats
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Health
 from comotion.runtime.intake import Rejection
 from comotion.runtime.rehearsal import rehearse
 from comotion.runtime.state_file import StateSchedule, StateWriter, load_fusion, write_atomically
 from comotion.runtime.ticker import HeadStart, Ticker
-from comotion.stats import Stats
 from comotion_schemas import DecodeError
 
 SECOND = 10**9

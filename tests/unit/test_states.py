@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion.aligned import aligned_zeros
-from comotion.states import locate, recent_steps
-from comotion.window import Window
+from comotion.trajectories.states import locate, recent_steps
+from comotion.trajectories.window import Window
 
 NEVER = np.iinfo(np.int64).min
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
-from comotion.stats import Stats
-from comotion.timeline import Timeline
+from comotion.event_time.stats import Stats
+from comotion.event_time.timeline import Timeline
 from comotion_schemas import ObservationBatch
 
 MS = 1_000_000

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.motion.config import MotionConfig
+from comotion.rigid.config import MotionConfig
 
 from .cases import Case
 from .linkage import linkage_nmi

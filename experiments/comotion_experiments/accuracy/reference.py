@@ -1,11 +1,11 @@
 """The thesis method with 2-means as everybody has it, for what our own splits cost or gain."""
 
 from comotion import Fusion, FusionConfig
-from comotion.affinity import Affinity
-from comotion.clustering import Clusters, by_appearance
-from comotion.engine import SpaceSpec
+from comotion.partition import SpaceSpec
 from comotion.space import Space
-from comotion.thesis import ThesisEngine
+from comotion.thesis.affinity import Affinity
+from comotion.thesis.clustering import Clusters, by_appearance
+from comotion.thesis.method import ThesisEngine
 
 from ..bench.straightforward import divide
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from comotion.compiled import compiled, numba_range
-from comotion.samples import Array
+from comotion.thesis.samples import Array
 
 _ELEMENTS = 32_000_000
 _TURNS = 7

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
-from comotion.engine import IdAllocator, Rows, SpaceSpec
-from comotion.pixels.engine import PixelEngine
+from comotion.partition import IdAllocator, Rows, SpaceSpec
 from comotion.pixels.interaction import subspace
 from comotion.pixels.keyframes import KeyFrames, spread
+from comotion.pixels.method import PixelEngine
 from comotion.pixels.parameters import PixelParameters
-from comotion.window import Window
+from comotion.trajectories.window import Window
 
 from .sequences import Sequence
 

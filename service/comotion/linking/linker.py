@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from comotion_schemas import HypothesisUpdate
 
-from ..engine import Partition
-from ..motion.engine import MotionEngine
-from ..motion.poses import Poses
+from ..partition import Partition
+from ..rigid.method import MotionEngine
+from ..rigid.poses import Poses
 from ..space import Space
 from .camera import Camera
 from .links import decide, evidence, joined, speakers

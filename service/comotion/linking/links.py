@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..window import Floats
+from ..arrays import Floats
 
 # Share of a hypothesis' members that may be anything: strays must not decide.
 STRAYS = 0.2

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..motion.poses import Poses
-from ..window import Bools, Floats
+from ..arrays import Bools, Floats
+from ..rigid.poses import Poses
 from .camera import Camera
 from .sightings import Sightings
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..window import Bools, Floats, Slots, Stamps, Window
+from ..arrays import Bools, Floats, Slots, Stamps
+from ..trajectories.window import Window
 from .camera import Camera
 
 # A trajectory says how it moves by so many states, spread over its life.

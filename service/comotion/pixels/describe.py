@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis, Twist
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..states import recent_steps
-from ..window import Floats, Slots, Window
+from ..arrays import Floats, Slots
+from ..trajectories.states import recent_steps
+from ..trajectories.window import Window
 
 _VELOCITY_NS = 500_000_000
 _LEAST_HISTORY_NS = 200_000_000

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Slots
 from ..compiled import compiled
-from ..states import states_at
-from ..window import Slots, Window
+from ..trajectories.states import states_at
+from ..trajectories.window import Window
 
 Floats32 = NDArray[np.float32]
 

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Bools, Floats, Slots
 from ..compiled import compiled
-from ..engine import NO_HYPOTHESIS
-from ..states import states_at
-from ..window import Bools, Floats, Slots, Window
+from ..partition import NO_HYPOTHESIS
+from ..trajectories.states import states_at
+from ..trajectories.window import Window
 from .continuity import smallest
 from .keyframes import spread
 

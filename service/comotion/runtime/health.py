@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason, StatusState
 
-from ..health import SourceHealth
-from ..stats import Stats
+from ..event_time.health import SourceHealth
+from ..event_time.stats import Stats
 from .intake import Rejection
 
 _RATE_SPAN_NS = 2_000_000_000

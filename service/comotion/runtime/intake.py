@@ -18,7 +18,7 @@ from comotion_schemas.keys import last_chunk
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
-from ..stats import Stats
+from ..event_time.stats import Stats
 
 MAX_SOURCES = 1024
 IDLE_NS = 60_000_000_000

@@ -1,0 +1,1 @@
+"""Hypotheses: partitions in, identities over time and events out."""

@@ -1,0 +1,110 @@
+"""Compiled: normal equations of the rotation, shift and delay that make rows constant in a body's frame."""
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints
+from ..compiled import compiled
+
+COLUMNS = 7
+"""Rotation vector, shift and delay."""
+
+
+@compiled()
+def equations(
+    y: Floats,
+    w: Floats,
+    seconds: Floats,
+    tolerance: Floats,
+    rows: Ints,
+    R: Floats,
+    t: Floats,
+    posed: Bools,
+    pivot: Floats,
+    least: int,
+    left: Floats,
+    right: Floats,
+) -> tuple[float, int]:
+    """Sum over rows of their normal equations against one body; squared residual and number of frames.
+
+    z = R^T (y - t) has the derivative R^T [omega x (y - pivot) + shift + velocity delay]. A row's place in
+    the body is free, so only departures from the mean count.
+
+    Parameters
+    ----------
+    y, w, seconds, tolerance
+        float64 [P, F, 3], [P, F], [F] and [P].
+    least
+        Rows with fewer frames do not count.
+    left, right
+        In and out: float64 [7, 7] and [7], to which is added.
+    """
+    squared, frames = 0.0, 0
+    seen = np.empty(len(seconds), np.intp)
+    design, z = np.empty((len(seconds), 3, COLUMNS)), np.empty((len(seconds), 3))
+    for n in range(len(rows)):
+        i, count = rows[n], 0
+        for f in range(len(seconds)):
+            if w[i, f] > 0 and posed[f]:
+                seen[count] = f
+                count += 1
+        if count < least:
+            continue
+        for j in range(count):
+            f = seen[j]
+            _columns(y[i], seconds, seen[:count], j, R[f], pivot, design[j])
+            for c in range(3):
+                z[j, c] = 0.0
+                for d in range(3):
+                    z[j, c] += R[f, d, c] * (y[i, f, d] - t[f, d])
+        squared += _add(design[:count], z[:count], 1.0 / tolerance[i], left, right)
+        frames += count
+    return squared, frames
+
+
+@compiled()
+def _columns(y: Floats, seconds: Floats, seen: Ints, j: int, R: Floats, pivot: Floats, found: Floats) -> None:
+    """Derivative of R^T y at the j-th frame that is seen, [3, 7]."""
+    f = seen[j]
+    r0, r1, r2 = y[f, 0] - pivot[0], y[f, 1] - pivot[1], y[f, 2] - pivot[2]
+    for c in range(3):
+        a, b, e = R[0, c], R[1, c], R[2, c]
+        found[c, 0], found[c, 1], found[c, 2] = e * r1 - b * r2, a * r2 - e * r0, b * r0 - a * r1
+        found[c, 3], found[c, 4], found[c, 5] = a, b, e
+        found[c, 6] = 0.0
+        for d in range(3):
+            found[c, 6] += R[d, c] * _slope(y, seconds, seen, j, d)
+
+
+@compiled()
+def _slope(y: Floats, seconds: Floats, seen: Ints, j: int, c: int) -> float:
+    """Second-order difference where there are frames on both sides, else of the first order."""
+    low, high = seen[max(j - 1, 0)], seen[min(j + 1, len(seen) - 1)]
+    f = seen[j]
+    if f in (low, high):
+        return float((y[high, c] - y[low, c]) / (seconds[high] - seconds[low]))
+    before, after = seconds[f] - seconds[low], seconds[high] - seconds[f]
+    rise = before * before * (y[high, c] - y[f, c]) + after * after * (y[f, c] - y[low, c])
+    return float(rise / (before * after * (before + after)))
+
+
+@compiled()
+def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats) -> float:
+    """Add a row's centred normal equations, in units of its variance; its centred squared residual."""
+    count = len(z)
+    squared = 0.0
+    mean, middle = np.zeros((3, COLUMNS)), np.zeros(3)
+    for k in range(count):
+        for c in range(3):
+            middle[c] += z[k, c] / count
+            for p in range(COLUMNS):
+                mean[c, p] += design[k, c, p] / count
+    for k in range(count):
+        for c in range(3):
+            r = z[k, c] - middle[c]
+            squared += r * r
+            for p in range(COLUMNS):
+                a = (design[k, c, p] - mean[c, p]) * inverse
+                right[p] -= a * r
+                for q in range(COLUMNS):
+                    left[p, q] += a * (design[k, c, q] - mean[c, q])
+    return squared * inverse

@@ -1,0 +1,196 @@
+"""Compiled: what rows cost under motions that were fitted to some of them."""
+
+import numpy as np
+
+from ..arrays import Floats, Slots
+from ..compiled import compiled
+from .procrustes import SOFT
+
+# A first look at a few frames must leave so many to a row; a second one goes to motions whose cost is
+# below so many times the least and so many nats.
+_WORTH_A_LOOK = 6
+_NEAR, _CLOSE = 3.0, 100.0
+
+
+@compiled()
+def body_costs(
+    y: Floats,
+    w: Floats,
+    tolerance: Floats,
+    rows: Slots,
+    wider: Floats,
+    dim: int,
+    cap: float,
+    R: Floats,
+    t: Floats,
+    posed: Floats,
+    unposed: Floats,
+    stride: int,
+    cost: Floats,
+    squared: Floats,
+) -> None:
+    """Cost of rows under each motion, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
+
+    x is the row in the body's frame, b its robust mean there; a frame without pose costs
+    `unposed` / 2. `squared` is the mean of w |x - b|^2 over posed frames.
+
+    Parameters
+    ----------
+    y, w, tolerance
+        float64 [P, F, 3], [P, F] and [P].
+    rows
+        intp [n], rows that are asked for.
+    wider
+        float64 [K], by how much a body's tolerance exceeds its rows': v = tolerance + wider.
+    R, t, posed, unposed
+        float64 [K, 9, F], [K, 3, F], [K, F] (1 or 0) and [K].
+    stride
+        Above 1: look at every stride-th frame first, and only where that leaves a motion near the best
+        one at all of them.
+    cost, squared
+        Out: float64 [n, K].
+    """
+    count, bodies = w.shape[1], len(R)
+    row, x = np.empty((4, count)), np.empty((4, count))
+    first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
+    first_posed = np.ascontiguousarray(posed[:, ::stride])
+    for n in range(len(rows)):
+        i = rows[n]
+        first, stop, reach = 0, count, np.inf
+        while first < stop and w[i, first] <= 0:
+            first += 1
+        while stop > first and w[i, stop - 1] <= 0:
+            stop -= 1
+        if stride > 1 and stop - first >= _WORTH_A_LOOK * stride:
+            seen = _take(y[i], w[i], stride, row)
+            for k in range(bodies):
+                cost[n, k], squared[n, k] = _body_cost(
+                    row,
+                    first_R[k],
+                    first_t[k],
+                    first_posed[k],
+                    0,
+                    first_posed.shape[1],
+                    1.0 / (tolerance[i] + wider[k]),
+                    dim,
+                    cap,
+                    unposed[k],
+                    x,
+                )
+            cost[n] *= _take(y[i], w[i], 1, row) / max(seen, 1)
+            reach = _NEAR * cost[n].min() + _CLOSE if seen > 0 else np.inf
+        else:
+            _take(y[i], w[i], 1, row)
+        for k in range(bodies):
+            if reach == np.inf or cost[n, k] < reach:
+                v = tolerance[i] + wider[k]
+                cost[n, k], squared[n, k] = _body_cost(
+                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed[k], x
+                )
+
+
+@compiled()
+def own_residuals(
+    y: Floats,
+    w: Floats,
+    tolerance: Floats,
+    rows: Slots,
+    first: Slots,
+    dim: int,
+    loosest: float,
+    R: Floats,
+    t: Floats,
+    posed: Floats,
+    excess: Floats,
+    covered: Floats,
+) -> None:
+    """How each motion fits its own rows, in place.
+
+    Parameters
+    ----------
+    rows, first
+        intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of motion k.
+    excess, covered
+        Out: float64 [K], mean squared residual in tolerances and dimensions, each row's at most `loosest`;
+        share of their frames that have a pose.
+    """
+    count = w.shape[1]
+    row, x = np.empty((4, count)), np.empty((4, count))
+    for k in range(len(R)):
+        seen, held = 0, 0
+        for n in range(first[k], first[k + 1]):
+            i = rows[n]
+            seen += _take(y[i], w[i], 1, row)
+            for f in range(count):
+                held += w[i, f] > 0 and posed[k, f] > 0
+            inverse = 1.0 / tolerance[i]
+            _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
+            excess[k] += min(squared * inverse / dim, loosest) / (first[k + 1] - first[k])
+        covered[k] = held / max(seen, 1)
+
+
+@compiled()
+def _take(y: Floats, w: Floats, stride: int, row: Floats) -> int:
+    """Every stride-th frame of a row to [4, F]; in how many it is observed."""
+    seen = 0
+    for f in range(0, len(w), stride):
+        k = f // stride
+        row[0, k], row[1, k], row[2, k], row[3, k] = y[f, 0], y[f, 1], y[f, 2], w[f]
+        seen += w[f] > 0
+    return seen
+
+
+@compiled()
+def _body_cost(
+    row: Floats,
+    R: Floats,
+    t: Floats,
+    posed: Floats,
+    first: int,
+    stop: int,
+    inverse: float,
+    dim: int,
+    cap: float,
+    unposed: float,
+    x: Floats,
+) -> tuple[float, float]:
+    y0, y1, y2, w = row[0, first:stop], row[1, first:stop], row[2, first:stop], row[3, first:stop]
+    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
+    r0, r1, r2 = R[0, first:stop], R[1, first:stop], R[2, first:stop]
+    r3, r4, r5 = R[3, first:stop], R[4, first:stop], R[5, first:stop]
+    r6, r7, r8 = R[6, first:stop], R[7, first:stop], R[8, first:stop]
+    t0, t1, t2, p = t[0, first:stop], t[1, first:stop], t[2, first:stop], posed[first:stop]
+    seen, total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    held = 0.0
+    for f in range(len(w)):
+        z0, z1, z2 = y0[f] - t0[f], y1[f] - t1[f], y2[f] - t2[f]
+        x0[f] = r0[f] * z0 + r3[f] * z1 + r6[f] * z2
+        x1[f] = r1[f] * z0 + r4[f] * z1 + r7[f] * z2
+        x2[f] = r2[f] * z0 + r5[f] * z1 + r8[f] * z2
+        a[f] = w[f] * p[f]
+        seen += 1.0 if w[f] > 0 else 0.0
+        held += 1.0 if a[f] > 0 else 0.0
+        total += a[f]
+        m0 += a[f] * x0[f]
+        m1 += a[f] * x1[f]
+        m2 += a[f] * x2[f]
+    missing = 0.5 * unposed * (seen - held)
+    if held == 0.0:
+        return missing, 0.0
+    m0, m1, m2 = m0 / total, m1 / total, m2 / total
+    soft = inverse / (SOFT * dim)
+    total, b0, b1, b2 = 0.0, 0.0, 0.0, 0.0
+    for f in range(len(w)):
+        d2 = (x0[f] - m0) ** 2 + (x1[f] - m1) ** 2 + (x2[f] - m2) ** 2
+        g = a[f] / (1.0 + soft * a[f] * d2)
+        total += g
+        b0 += g * x0[f]
+        b1 += g * x1[f]
+        b2 += g * x2[f]
+    b0, b1, b2 = b0 / total, b1 / total, b2 / total
+    paid, squared, most = 0.0, 0.0, cap * dim
+    for f in range(len(w)):
+        d2 = a[f] * ((x0[f] - b0) ** 2 + (x1[f] - b1) ** 2 + (x2[f] - b2) ** 2)
+        squared += d2
+        paid += min(d2 * inverse, most)
+    return missing + 0.5 * paid, squared / held

@@ -1,0 +1,226 @@
+"""Compiled: rotations, and the one that best turns one set of points to another."""
+
+import numpy as np
+
+from ..arrays import Floats
+from ..compiled import compiled
+
+_SWEEPS = 12
+_CONVERGED = 1e-22
+# Newton's method doubles the digits at each step: after one shorter than this nothing is left to gain.
+_STEPS = 8
+_SETTLED = 1e-16
+# Below this share of the diagonal a pivot is rounding.
+_PIVOT = 1e-9
+# rad; below it the sine of an angle is the angle.
+_TINY = 1e-9
+
+
+@compiled()
+def planar_rotation(H: Floats, R: Floats) -> None:
+    """R about z that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3]."""
+    c, s = H[0, 0] + H[1, 1], H[1, 0] - H[0, 1]
+    length = np.sqrt(c * c + s * s)
+    c, s = (c / length, s / length) if length > 0 else (1.0, 0.0)
+    R[:] = 0.0
+    R[0, 0] = R[1, 1] = c
+    R[1, 0], R[0, 1] = s, -s
+    R[2, 2] = 1.0
+
+
+@compiled()
+def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Floats) -> None:
+    """R that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3].
+
+    Newton's method from `near` where `started`, else and where that fails the closed form.
+
+    Parameters
+    ----------
+    work
+        float64 [2, 4, 4], room for intermediate results.
+    """
+    if not (started and _newton(H, near, R)):
+        _closed_form(H, R, work[0], work[1])
+
+
+@compiled()
+def _newton(H: Floats, near: Floats, R: Floats) -> bool:
+    """Whether Newton's method has found the maximum of tr(R^T H) on the rotations.
+
+    With M = R^T H and R <- R exp([s]x), s solves (tr(S) 1 - S) s = axial(M), S the symmetric part. A
+    stationary point with a positive definite matrix is the maximum: the others are saddles and the minimum.
+    """
+    for p in range(3):
+        for q in range(3):
+            R[p, q] = near[p, q]
+    for _ in range(_STEPS):
+        m00 = R[0, 0] * H[0, 0] + R[1, 0] * H[1, 0] + R[2, 0] * H[2, 0]
+        m01 = R[0, 0] * H[0, 1] + R[1, 0] * H[1, 1] + R[2, 0] * H[2, 1]
+        m02 = R[0, 0] * H[0, 2] + R[1, 0] * H[1, 2] + R[2, 0] * H[2, 2]
+        m10 = R[0, 1] * H[0, 0] + R[1, 1] * H[1, 0] + R[2, 1] * H[2, 0]
+        m11 = R[0, 1] * H[0, 1] + R[1, 1] * H[1, 1] + R[2, 1] * H[2, 1]
+        m12 = R[0, 1] * H[0, 2] + R[1, 1] * H[1, 2] + R[2, 1] * H[2, 2]
+        m20 = R[0, 2] * H[0, 0] + R[1, 2] * H[1, 0] + R[2, 2] * H[2, 0]
+        m21 = R[0, 2] * H[0, 1] + R[1, 2] * H[1, 1] + R[2, 2] * H[2, 1]
+        m22 = R[0, 2] * H[0, 2] + R[1, 2] * H[1, 2] + R[2, 2] * H[2, 2]
+        a, d, f = m11 + m22, m00 + m22, m00 + m11
+        b, c, e = -0.5 * (m01 + m10), -0.5 * (m02 + m20), -0.5 * (m12 + m21)
+        # L D L^T of the matrix; every pivot positive: positive definite.
+        if a <= 0:
+            return False
+        l1, l2 = b / a, c / a
+        d2 = d - l1 * b
+        if d2 <= _PIVOT * d:
+            return False
+        k = e - l1 * c
+        l3 = k / d2
+        d3 = f - l2 * c - l3 * k
+        if d3 <= _PIVOT * f:
+            return False
+        u0, u1, u2 = m21 - m12, m02 - m20, m10 - m01
+        u1 -= l1 * u0
+        u2 -= l2 * u0 + l3 * u1
+        s2 = u2 / d3
+        s1 = u1 / d2 - l3 * s2
+        s0 = u0 / a - l1 * s1 - l2 * s2
+        size = s0 * s0 + s1 * s1 + s2 * s2
+        if size > 1.0:
+            return False
+        _turn(R, 0.5 * s0, 0.5 * s1, 0.5 * s2)
+        if size < _SETTLED:
+            return True
+    return False
+
+
+@compiled()
+def _turn(R: Floats, x: float, y: float, z: float) -> None:
+    """R times the rotation of the quaternion (1, x, y, z), normalised."""
+    n = 2.0 / (1.0 + x * x + y * y + z * z)
+    a, b, c = 1 - n * (y * y + z * z), n * (x * y - z), n * (x * z + y)
+    d, e, f = n * (x * y + z), 1 - n * (x * x + z * z), n * (y * z - x)
+    g, h, i = n * (x * z - y), n * (y * z + x), 1 - n * (x * x + y * y)
+    for p in range(3):
+        r0, r1, r2 = R[p, 0], R[p, 1], R[p, 2]
+        R[p, 0] = r0 * a + r1 * d + r2 * g
+        R[p, 1] = r0 * b + r1 * e + r2 * h
+        R[p, 2] = r0 * c + r1 * f + r2 * i
+
+
+@compiled()
+def _closed_form(H: Floats, R: Floats, A: Floats, V: Floats) -> None:
+    """The maximum whatever the rank of H (Horn 1987, eq. 37 ff.).
+
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form, found by Jacobi
+    rotations.
+    """
+    _horn_form(H, A)
+    V[:] = 0.0
+    for k in range(4):
+        V[k, k] = 1.0
+    scale = (A * A).sum()
+    for _ in range(_SWEEPS):
+        if _off_diagonal(A) <= _CONVERGED * scale:
+            break
+        for p in range(3):
+            for q in range(p + 1, 4):
+                if A[p, q] != 0.0:
+                    _annihilate(A, V, p, q)
+    best = 0
+    for k in range(1, 4):
+        if A[k, k] > A[best, best]:
+            best = k
+    _from_quaternion(V[0, best], V[1, best], V[2, best], V[3, best], R)
+
+
+@compiled()
+def _horn_form(H: Floats, A: Floats) -> None:
+    A[0, 0] = H[0, 0] + H[1, 1] + H[2, 2]
+    A[1, 1] = H[0, 0] - H[1, 1] - H[2, 2]
+    A[2, 2] = -H[0, 0] + H[1, 1] - H[2, 2]
+    A[3, 3] = -H[0, 0] - H[1, 1] + H[2, 2]
+    A[0, 1] = A[1, 0] = H[2, 1] - H[1, 2]
+    A[0, 2] = A[2, 0] = H[0, 2] - H[2, 0]
+    A[0, 3] = A[3, 0] = H[1, 0] - H[0, 1]
+    A[1, 2] = A[2, 1] = H[0, 1] + H[1, 0]
+    A[1, 3] = A[3, 1] = H[0, 2] + H[2, 0]
+    A[2, 3] = A[3, 2] = H[1, 2] + H[2, 1]
+
+
+@compiled()
+def _off_diagonal(A: Floats) -> float:
+    total = 0.0
+    for p in range(3):
+        for q in range(p + 1, 4):
+            total += A[p, q] * A[p, q]
+    return total
+
+
+@compiled()
+def _annihilate(A: Floats, V: Floats, p: int, q: int) -> None:
+    """One Jacobi rotation that makes A[p, q] vanish, collected in V."""
+    theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
+    t = (1.0 if theta >= 0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1))
+    c = 1.0 / np.sqrt(t * t + 1)
+    s = t * c
+    for k in range(4):
+        A[k, p], A[k, q] = c * A[k, p] - s * A[k, q], s * A[k, p] + c * A[k, q]
+    for k in range(4):
+        A[p, k], A[q, k] = c * A[p, k] - s * A[q, k], s * A[p, k] + c * A[q, k]
+    for k in range(4):
+        V[k, p], V[k, q] = c * V[k, p] - s * V[k, q], s * V[k, p] + c * V[k, q]
+
+
+@compiled()
+def _from_quaternion(w: float, x: float, y: float, z: float, R: Floats) -> None:
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@compiled()
+def rotation_vectors(R: Floats) -> Floats:
+    """Rotation vectors of R [n, 3, 3], [n, 3]; at half a turn the axis is undetermined and may be zero."""
+    found = np.zeros((len(R), 3))
+    for n in range(len(R)):
+        x, y, z = R[n, 2, 1] - R[n, 1, 2], R[n, 0, 2] - R[n, 2, 0], R[n, 1, 0] - R[n, 0, 1]
+        sine = 0.5 * np.sqrt(x * x + y * y + z * z)
+        angle = np.arctan2(sine, 0.5 * (R[n, 0, 0] + R[n, 1, 1] + R[n, 2, 2] - 1.0))
+        scale = 0.5 * angle / sine if sine > 0 else 0.5
+        found[n, 0], found[n, 1], found[n, 2] = scale * x, scale * y, scale * z
+    return found
+
+
+@compiled()
+def rotation_matrix(v: Floats) -> Floats:
+    """Rotation by a vector [3], [3, 3]."""
+    R = np.zeros((3, 3))
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    s = 0.5 if angle < _TINY else np.sin(0.5 * angle) / angle
+    _from_quaternion(np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2], R)
+    return R
+
+
+@compiled()
+def quaternion(R: Floats) -> Floats:
+    """Unit quaternion (x, y, z, w) of R [3, 3]; the first of w, x, y, z that is not zero is positive."""
+    A = np.array(
+        [
+            1 + R[0, 0] - R[1, 1] - R[2, 2],
+            1 - R[0, 0] + R[1, 1] - R[2, 2],
+            1 - R[0, 0] - R[1, 1] + R[2, 2],
+            1 + R[0, 0] + R[1, 1] + R[2, 2],
+        ]
+    )
+    k = np.argmax(A)
+    q = np.empty(4)
+    q[k] = A[k]
+    if k == 3:
+        q[0], q[1], q[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    else:
+        i, j = (k + 1) % 3, (k + 2) % 3
+        q[i], q[j], q[3] = R[i, k] + R[k, i], R[j, k] + R[k, j], R[j, i] - R[i, j]
+    q /= np.sqrt((q * q).sum())
+    for c in (3, 0, 1, 2):
+        if q[c] != 0:
+            return q if q[c] > 0 else -q
+    return q

@@ -1,0 +1,73 @@
+"""From an affinity matrix to clusters: the thesis's choice and the alternatives it compares."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Floats
+from ...config import Clustering
+from ..affinity import INCOMPARABLE, Affinity
+from .divisive_kmeans import DivisiveKMeans
+from .eigengap import cut_spectrum
+from .gmm_bic import best_mixture
+
+Labels = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear.
+
+    `cohesion` is the mean affinity of each to the other members of its cluster, float64 [n], 0.5 for
+    one that has no company: there is nothing to tell by.
+    """
+
+    labels: Labels
+    cohesion: Floats
+
+
+ClusterFunction = Callable[[Affinity], Clusters]
+
+
+def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
+    """Clustering by its name in the configuration.
+
+    It may remember its last answer as a first guess of the next.
+    """
+    if name == "divisive-kmeans":
+        divide = DivisiveKMeans(stop_affinity)
+        return lambda affinity: _named(*divide(affinity))
+    known: dict[Clustering, Callable[[Floats], Labels]] = {
+        "gmm-bic": best_mixture,
+        "eigengap": partial(cut_spectrum, normalized=False),
+        "eigengap-normalized": partial(cut_spectrum, normalized=True),
+    }
+    choice = known[name]
+
+    def cluster(affinity: Affinity) -> Clusters:
+        dense = affinity.dense().astype(np.float64)
+        labels = choice(dense)
+        return _named(labels, _sums_inside(dense, labels))
+
+    return cluster
+
+
+def _sums_inside(affinity: Floats, labels: Labels) -> Floats:
+    """Sum of the affinities of each trajectory to all members of its cluster, itself included."""
+    sums: Floats = np.where(labels[:, None] == labels, affinity, 0.0).sum(axis=1)
+    return sums
+
+
+def _named(labels: Labels, sums: Floats) -> Clusters:
+    others = np.bincount(labels)[labels] - 1 if len(labels) else labels
+    cohesion = np.where(others > 0, (sums - 1) / np.maximum(others, 1), INCOMPARABLE)
+    return Clusters(by_appearance(labels), cohesion)
+
+
+def by_appearance(labels: Labels) -> Labels:
+    """Rename labels to 0, 1, 2... in the order in which they first appear."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse]

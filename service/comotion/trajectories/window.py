@@ -1,0 +1,289 @@
+"""The observations of every trajectory of one space that lie inside the window.
+
+A trajectory lives in a slot. Its observations are contiguous and ordered by time, so that whoever
+reads a trajectory gets plain array views. Slots are reused after a trajectory is forgotten; `key`,
+its birth number, never is.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Bools, Floats, Slots, Stamps
+from .kernels import append, compact, crowded, older, transfer
+
+_COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
+_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_whole")
+_FIRST_SLOTS = 64
+# Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
+_FIRST_ROWS = 60
+
+
+@dataclass(frozen=True)
+class Series:
+    """Views of one trajectory: times int64 [M] ns, positions float64 [M, dim], speed, sigma [M].
+
+    `quaternions` is float64 [M, 4] (x, y, z, w; NaN where the feature is a point) or None where no
+    trajectory of the space has ever had an orientation.
+    """
+
+    times: Stamps
+    positions: Floats
+    speed: Floats
+    sigma: Floats
+    quaternions: Floats | None
+
+
+class Window:
+    """Store of trajectories.
+
+    Parameters
+    ----------
+    dim
+        2 or 3.
+    span_ns
+        Length of the window.
+    gap_ns
+        Longest time between two observations across which a trajectory may be interpolated.
+    """
+
+    def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
+        self.dim = dim
+        self.span_ns = span_ns
+        self.gap_ns = gap_ns
+        self.capacity = 0
+        self._rows = _FIRST_ROWS
+        self._free: list[int] = []
+        self._next_key = 0
+        self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
+        self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
+        self.speed: Floats = np.zeros((0, _FIRST_ROWS))
+        self.sigma: Floats = np.zeros((0, _FIRST_ROWS))
+        self.quaternions: Floats | None = None
+        self.start: Slots = np.zeros(0, np.intp)
+        self.stop: Slots = np.zeros(0, np.intp)
+        self.used: Bools = np.zeros(0, np.bool_)
+        self.ended: Bools = np.zeros(0, np.bool_)
+        self.source: Slots = np.zeros(0, np.intp)
+        self.key: Stamps = np.zeros(0, np.int64)
+        self.last_ns: Stamps = np.zeros(0, np.int64)
+        # Whether the first observation in the window is the first ever: its speed is the second's.
+        self._whole: Bools = np.zeros(0, np.bool_)
+
+    def series(self, slot: int) -> Series:
+        """Views of the observations in a slot."""
+        span = slice(self.start[slot], self.stop[slot])
+        turns = None if self.quaternions is None else self.quaternions[slot, span]
+        return Series(
+            self.times[slot, span],
+            self.positions[slot, span],
+            self.speed[slot, span],
+            self.sigma[slot, span],
+            turns,
+        )
+
+    def slots(self) -> Slots:
+        """Slots in use, oldest trajectory first, intp [n]."""
+        used = np.flatnonzero(self.used)
+        return used[np.argsort(self.key[used], kind="stable")]
+
+    def counts(self, slots: Slots) -> Slots:
+        """How many observations each slot holds."""
+        return self.stop[slots] - self.start[slots]
+
+    def open(self, count: int, source: int) -> Slots:
+        """Slots for `count` new trajectories of a source."""
+        while len(self._free) < count:
+            self._grow_slots()
+        slots = np.array([self._free.pop() for _ in range(count)], np.intp)
+        self.used[slots] = True
+        self.ended[slots] = False
+        self.source[slots] = source
+        self.key[slots] = np.arange(self._next_key, self._next_key + count)
+        self._next_key += count
+        self.start[slots] = self.stop[slots] = 0
+        self.last_ns[slots] = np.iinfo(np.int64).min
+        self._whole[slots] = True
+        return slots
+
+    def close(self, slots: Slots) -> None:
+        """Free slots whose trajectories are forgotten."""
+        self.used[slots] = False
+        self._free.extend(sorted((int(s) for s in slots), reverse=True))
+
+    def insert(
+        self, slots: Slots, stamp_ns: int, positions: Floats, sigma: Floats, quaternions: Floats | None
+    ) -> Bools:
+        """Store one observation per slot, in its place in time.
+
+        Parameters
+        ----------
+        slots
+            intp [n], distinct.
+        stamp_ns
+            Acquisition time of all n.
+        positions, sigma
+            float64 [n, dim] and [n] (NaN: unknown), in the space's unit.
+        quaternions
+            float64 [n, 4] or None.
+
+        Returns
+        -------
+        NDArray[bool]
+            [n]; False where the slot already has an observation at this time: it is left alone.
+        """
+        self._make_room(slots)
+        if quaternions is not None and self.quaternions is None:
+            self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
+        stored: Bools = self.last_ns[slots] < stamp_ns
+        if stored.all():
+            self._append(slots, stamp_ns, positions, sigma, quaternions)
+            return stored
+        late = np.flatnonzero(~stored)
+        turns = None if quaternions is None else quaternions[stored]
+        self._append(slots[stored], stamp_ns, positions[stored], sigma[stored], turns)
+        for k in late.tolist():
+            turn = None if quaternions is None else quaternions[k]
+            stored[k] = self._insert_between(int(slots[k]), stamp_ns, positions[k], float(sigma[k]), turn)
+        return stored
+
+    def _append(
+        self, slots: Slots, stamp_ns: int, positions: Floats, sigma: Floats, quaternions: Floats | None
+    ) -> None:
+        if self.quaternions is not None:
+            self.quaternions[slots, self.stop[slots]] = np.nan if quaternions is None else quaternions
+        columns = self.times, self.positions, self.speed, self.sigma
+        append(slots, stamp_ns, positions, sigma, *columns, self.start, self.stop, self._whole)
+        self.last_ns[slots] = stamp_ns
+
+    def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
+        """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
+        slots = self.slots()
+        counts = older(slots, before_ns, self.times, self.start, self.stop)
+        some = counts > 0
+        return slots[some], counts[some]
+
+    def evict(self, slots: Slots, counts: Slots) -> None:
+        """Drop the oldest observations of slots."""
+        self.start[slots] += counts
+        self._whole[slots] = False
+
+    def _set_speed(self, slots: Slots, at: Slots) -> None:
+        """Backward difference; the first observation of a trajectory takes the second's."""
+        self.speed[slots, at] = 0.0
+        has_before = at > self.start[slots]
+        slots, at = slots[has_before], at[has_before]
+        step = np.linalg.norm(self.positions[slots, at] - self.positions[slots, at - 1], axis=1)
+        seconds = (self.times[slots, at] - self.times[slots, at - 1]) * 1e-9
+        self.speed[slots, at] = step / seconds
+        second = (at - 1 == self.start[slots]) & self._whole[slots]
+        self.speed[slots[second], at[second] - 1] = self.speed[slots[second], at[second]]
+
+    def _insert_between(
+        self, slot: int, stamp_ns: int, position: Floats, sigma: float, quaternion: Floats | None
+    ) -> bool:
+        start, stop = int(self.start[slot]), int(self.stop[slot])
+        at = start + int(np.searchsorted(self.times[slot, start:stop], stamp_ns))
+        if at < stop and self.times[slot, at] == stamp_ns:
+            return False
+        for column in self._columns():
+            column[slot, at + 1 : stop + 1] = column[slot, at:stop]
+        self.times[slot, at] = stamp_ns
+        self.positions[slot, at] = position
+        self.sigma[slot, at] = sigma
+        if self.quaternions is not None:
+            self.quaternions[slot, at] = np.nan if quaternion is None else quaternion
+        self.stop[slot] += 1
+        # The neighbours' speeds become what they would have been had it come in time.
+        one = np.array([slot])
+        self._set_speed(one, np.array([at]))
+        self._set_speed(one, np.array([at + 1]))
+        return True
+
+    def _columns(self) -> list[NDArray[Any]]:
+        columns: list[NDArray[Any]] = [self.times, self.positions, self.speed, self.sigma]
+        return columns if self.quaternions is None else [*columns, self.quaternions]
+
+    def _make_room(self, slots: Slots) -> None:
+        """Make sure that every slot can take one more observation."""
+        due = crowded(slots, self.start, self.stop, self._rows)
+        if not len(due):
+            return
+        full = due[self.stop[due] == self._rows]
+        if int(self.counts(full).max(initial=0)) > 3 * self._rows // 4:
+            self._grow_rows()
+            due = crowded(slots, self.start, self.stop, self._rows)
+        if self.quaternions is not None:
+            for slot in due:
+                span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
+                self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
+        columns = self.times, self.positions, self.speed, self.sigma
+        compact(due, *columns, self.start, self.stop)
+        self.stop[due] -= self.start[due]
+        self.start[due] = 0
+
+    def _grow_rows(self) -> None:
+        self._grow_columns(self.capacity, 2 * self._rows)
+        self._rows *= 2
+
+    def _grow_slots(self) -> None:
+        extra = max(_FIRST_SLOTS, self.capacity)
+        self._grow_columns(self.capacity + extra, self._rows)
+        for name in _PER_SLOT:
+            column = getattr(self, name)
+            setattr(self, name, np.concatenate([column, np.zeros(extra, column.dtype)]))
+        self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
+        self.capacity += extra
+
+    def _grow_columns(self, slots: int, rows: int) -> None:
+        """Most slots of short-lived features are nearly empty: memory that nobody writes to costs nothing."""
+        used = np.flatnonzero(self.used)
+        for name in _COLUMNS:
+            column = getattr(self, name)
+            if column is not None:
+                grown = np.zeros((slots, rows, *column.shape[2:]), column.dtype)
+                transfer(used, np.atleast_3d(column), np.atleast_3d(grown), self.start, self.stop)
+                setattr(self, name, grown)
+
+    def state(self) -> dict[str, Any]:
+        """Everything the window holds, as plain arrays."""
+        slots = self.slots()
+        counts = self.counts(slots)
+        state: dict[str, Any] = {
+            "next_key": self._next_key,
+            "counts": counts,
+            "ended": self.ended[slots],
+            "whole": self._whole[slots],
+            "source": self.source[slots],
+            "key": self.key[slots],
+            "last_ns": self.last_ns[slots],
+        }
+        inside = np.arange(self._rows)
+        mask = (inside >= self.start[slots, None]) & (inside < self.stop[slots, None])
+        for name in _COLUMNS:
+            column = getattr(self, name)
+            if column is not None:
+                state[name] = column[slots][mask]
+        return state
+
+    def load(self, state: dict[str, Any]) -> Slots:
+        """Fill an empty window from :meth:`state`; returns the slots in the order of the state."""
+        counts = state["counts"]
+        slots = self.open(len(counts), 0)
+        while counts.size and self._rows < counts.max():
+            self._grow_rows()
+        if "quaternions" in state:
+            self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
+        ends = np.cumsum(counts)
+        for slot, count, end in zip(slots, counts, ends, strict=True):
+            for name in _COLUMNS:
+                if name in state:
+                    getattr(self, name)[slot, :count] = state[name][end - count : end]
+        self.start[slots], self.stop[slots] = 0, counts
+        self._whole[slots], self.ended[slots] = state["whole"], state["ended"]
+        self.source[slots], self.key[slots] = state["source"], state["key"]
+        self.last_ns[slots] = state["last_ns"]
+        self._next_key = state["next_key"]
+        return slots
