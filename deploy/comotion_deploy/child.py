@@ -1,4 +1,4 @@
-"""One child process of the launcher: started tethered, read line by line, restarted with back-off."""
+"""One child process of the launcher: started with parent watch, read by line, restarted with back-off."""
 
 import contextlib
 import os
@@ -46,7 +46,7 @@ class Child:
         spec = self.spec
         self._ready_file.unlink(missing_ok=True)
         self._popen = subprocess.Popen(
-            [sys.executable, "-m", "comotion_deploy.tether", str(os.getpid()), *spec.command],
+            [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
             stdin=None if spec.foreground else subprocess.DEVNULL,
             stdout=None if spec.foreground else subprocess.PIPE,
             stderr=None if spec.foreground else subprocess.STDOUT,

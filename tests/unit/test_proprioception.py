@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
 from comotion_sources.errors import SceneError
-from comotion_sources.proprioception.readers import read_csv
+from comotion_sources.proprioception.joint_logs import read_csv
 from comotion_sources.proprioception.samples import JointSample, SampleError, joint_sample
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")

@@ -17,7 +17,7 @@ from comotion_sources.proprioception.cdr import (  # noqa: E402
     ros_key,
     ros_types,
 )
-from comotion_sources.proprioception.readers import read_bag  # noqa: E402
+from comotion_sources.proprioception.joint_logs import read_bag  # noqa: E402
 from comotion_sources.proprioception.samples import JointSample, SampleError  # noqa: E402
 
 NAMES = st.lists(

@@ -23,7 +23,7 @@ from comotion_schemas.recording import (
 )
 
 from .disk import ChunkStream
-from .seal import seal
+from .index import write_index
 
 CHUNK_BYTES = 1024 * 1024
 
@@ -159,9 +159,9 @@ class RecordingFile:
         except OSError as error:
             self._release()
             indexed = False
-            # The writer's own index speaks of a chunk that is not there.
+            # The writer's own index would list the chunk that could not be written.
             with contextlib.suppress(OSError):
-                seal(self.path)
+                write_index(self.path)
                 indexed = True
             advice = "" if indexed else f"; it has no index: comotion record --repair {self.path}"
             raise StorageError(

@@ -10,7 +10,7 @@ from ..errors import UserError
 
 if TYPE_CHECKING:
     from comotion_sources.calibration.model import Extrinsics
-    from comotion_sources.proprioception.inlets import Inlet
+    from comotion_sources.proprioception.joint_readers import JointReader
 
 EPILOG = """
 Examples:
@@ -117,10 +117,10 @@ def proprioception(
     loaded, links, truth, default_joints = _load(model, link)
     kinematics = Kinematics(loaded, links, _base(base), Encoders(angular=resolution, linear=linear))
     given = {"--joints": joints, "--csv": csv, "--bag": bag, "--ros": ros}
-    inlet = _inlet(given, default_joints, topic, domain, ros_connect, speed, original_stamps)
+    reader = _joint_reader(given, default_joints, topic, domain, ros_connect, speed, original_stamps)
     process.run(
         kinematics,
-        inlet,
+        reader,
         packing=Packing(rate=rate, span=batch),
         truth=truth,
         name=name,
@@ -160,7 +160,7 @@ def _base(text: str) -> "Extrinsics":
     return Extrinsics.from_quaternion(values[3:] or (0, 0, 0, 1), values[:3])
 
 
-def _inlet(
+def _joint_reader(
     given: dict[str, Any],
     default_joints: str | None,
     topic: str | None,
@@ -168,10 +168,10 @@ def _inlet(
     ros_connect: str | None,
     speed: float,
     original_stamps: bool,
-) -> "Inlet":
+) -> "JointReader":
     from comotion_schemas.transport import SessionSettings
-    from comotion_sources.proprioception.inlets import Playback, RosTopic, SceneJoints
-    from comotion_sources.proprioception.readers import read_bag, read_csv
+    from comotion_sources.proprioception.joint_readers import LogPlayback, RosTopic, SceneJoints
+    from comotion_sources.proprioception.joint_logs import read_bag, read_csv
 
     chosen = {flag: value for flag, value in given.items() if value is not None}
     if not chosen and default_joints is not None:
@@ -187,4 +187,4 @@ def _inlet(
     if not value.exists():
         raise UserError(f"{value}: no such file")
     samples = read_csv(value) if flag == "--csv" else read_bag(value, topic)
-    return Playback(samples, speed, original_stamps)
+    return LogPlayback(samples, speed, original_stamps)

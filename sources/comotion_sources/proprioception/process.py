@@ -1,4 +1,4 @@
-"""Proprioception as a process: joint readings in, 6-DoF poses of links out."""
+"""Runs the proprioception source: joint samples -> observations of the 6-DoF poses of links."""
 
 import logging
 from collections.abc import Mapping
@@ -10,18 +10,19 @@ from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.transport import SessionSettings
 
 from ..runtime import SourcePublisher
-from .inlets import Inlet
+from .joint_readers import JointReader
 from .kinematics import Kinematics
 from .packer import Pack, Packer, Packing
 from .samples import JointSample, SampleError
 
 _SET_BACK_NS = 1_000_000_000
+"""Stamps that go back by more than this mean that the clock was reset, not that samples are late."""
 _log = logging.getLogger(__name__)
 
 
 def run(
     kinematics: Kinematics,
-    inlet: Inlet,
+    reader: JointReader,
     *,
     packing: Packing | None = None,
     truth: Mapping[str, tuple[int, str]] | None = None,
@@ -31,27 +32,27 @@ def run(
     settings: SessionSettings | None = None,
     ready_file: Path | None = None,
 ) -> None:
-    """Publish the poses of links until the readings end or a signal stops it.
+    """Publish the poses of links until the samples end or a signal arrives.
 
     Parameters
     ----------
     kinematics
         Robot and links.
-    inlet
-        Where the readings come from.
+    reader
+        Where the joint samples come from.
     packing
-        Rate and batches.
+        Rate and batch length.
     truth
-        Object number and name of each link, where known (the workcell).
+        Link -> (object number, name), where known (the workcell).
     name, space
-        Of the source, and the coordinate space of its poses.
+        Name of the source; coordinate space of its poses.
     scene, settings, ready_file
         As in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key, or a log turns out malformed.
+        If the name of the scene or source is not valid, or the log is malformed.
     """
     packing = packing or Packing()
     source = SourcePublisher(
@@ -68,50 +69,50 @@ def run(
     with source:
         relay = _Relay(source, Packer(kinematics, packing))
         if truth is not None:
-            _tell(source, kinematics, truth)
+            _publish_truth(source, kinematics, truth)
         source.ready()
-        for sample in inlet.readings(source):
+        for sample in reader.readings(source):
             relay.pass_on(sample)
         relay.pass_on(None)
 
 
 class _Relay:
-    """Moves readings through the packer to the wire, and counts what is refused."""
+    """Passes samples through the packer to the publisher and counts the rejected ones."""
 
     def __init__(self, source: SourcePublisher, packer: Packer) -> None:
         self._source, self._packer = source, packer
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._newest = 0
 
     def pass_on(self, sample: JointSample | None) -> None:
-        """Handle a reading, or None: nothing comes, send what waits."""
+        """Handle a sample; None: no sample arrived, publish the pending instants."""
         if sample is None:
             self._publish(self._packer.flush())
             return
         if sample.stamp_ns < self._newest - _SET_BACK_NS:
-            self._start_anew()
+            self._restart()
         self._newest = sample.stamp_ns
         stale = self._packer.stale
         try:
             pack = self._packer.add(sample)
         except SampleError as error:
-            self._refuse(error)
+            self._reject(error)
             return
         if self._packer.stale > stale:
             self._source.count("late")
         self._publish(pack)
 
-    def _start_anew(self) -> None:
-        """The clock of the readings was set back (a simulation or log restarted)."""
+    def _restart(self) -> None:
+        """Begin a new session: the clock of the samples was set back (simulation or log restarted)."""
         _log.warning("the stamps went back by more than a second: a new session begins")
         self._packer.restart()
         self._source.new_session()
 
-    def _refuse(self, error: SampleError) -> None:
+    def _reject(self, error: SampleError) -> None:
         self._source.reject("schema")
-        if str(error) not in self._told:
-            self._told.add(str(error))
-            _log.warning("%s: such readings are left out", error)
+        if str(error) not in self._reported:
+            self._reported.add(str(error))
+            _log.warning("%s: such samples are left out", error)
 
     def _publish(self, pack: Pack | None) -> None:
         if pack is not None:
@@ -125,7 +126,9 @@ class _Relay:
             )
 
 
-def _tell(source: SourcePublisher, kinematics: Kinematics, truth: Mapping[str, tuple[int, str]]) -> None:
+def _publish_truth(
+    source: SourcePublisher, kinematics: Kinematics, truth: Mapping[str, tuple[int, str]]
+) -> None:
     known = [(index, *truth[link]) for index, link in enumerate(kinematics.links) if link in truth]
     source.tell_truth(
         ids=np.array([index for index, _, _ in known], np.uint64),

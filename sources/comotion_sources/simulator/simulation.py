@@ -1,4 +1,4 @@
-"""The simulation of one scene as one source sees it: lazily, frame by frame."""
+"""Simulates one source of a scene: specification and seed -> frames, one at a time."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -9,20 +9,21 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import SceneError
 from ..frames import Frame
-from .cast import NOISE, Cast, draw_cast, stream
+from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec, frame_count
 
 Split = Literal["features", "objects"]
-# Real sources do not sample in step. Fraction of a period that each is behind the one before.
+# Real sources do not sample at the same instants. Each source is this fraction of a period behind the
+# one before: up to eight sources stay at least a tenth of a period apart.
 _PHASE_STEP = 0.37
 
 
 class Simulation:
-    """One source's view of a simulated scene.
+    """The frames that one source observes of a simulated scene.
 
-    The same spec and seed give the same world to every source. A source samples it at its own
-    rate and phase, sees its own part of the features, and adds noise of its own.
+    The same specification and seed give every source the same world. Each source samples it at its
+    own rate and phase, observes its own part of the features, and adds its own noise.
 
     Parameters
     ----------
@@ -31,15 +32,15 @@ class Simulation:
     seed
         Seed of everything random, >= 0.
     rate
-        Hz; the scene's own by default.
+        Frames per second, above 0 and at most 1000; None: the rate of the scene.
     noise
-        Factor on the noise of every feature, >= 0.
+        Factor on the noise of every feature, finite and at least 0.
     time_scale
-        Scene seconds per second: 2 plays twice as fast.
+        Scene seconds per second, above 0 and at most 1000: 2 plays twice as fast.
     part, parts
-        This source is number `part` (from 0) of `parts`; each feature is seen by exactly one.
+        This source has number `part` (from 0) of `parts`; each feature belongs to exactly one.
     split
-        Divide ``features`` evenly, so that every source sees every body, or whole ``objects``.
+        Divide single ``features``, so that every source observes every body, or whole ``objects``.
 
     Raises
     ------
@@ -67,20 +68,20 @@ class Simulation:
         self.part, self.parts = part, parts
         self._check()
         self._phase = (_PHASE_STEP * part) % 1.0
-        self._cast = draw_cast(spec, seed)
-        divided = self._cast.slot if split == "features" else self._cast.object
+        self._actors = draw_actors(spec, seed)
+        divided = self._actors.slot if split == "features" else self._actors.object
         self._mine = np.flatnonzero(divided % parts == part)
-        self._has_poses = bool(np.isfinite(self._cast.pose_sigma[self._mine]).any())
+        self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._mine]).any())
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last instant, as the source counts them."""
+        """Length of the recording in seconds of the source's clock."""
         return self.spec.duration / self.time_scale
 
     @property
     def object_names(self) -> dict[int, str]:
         """Name of each object by its number."""
-        return dict(self._cast.names)
+        return dict(self._actors.names)
 
     def __len__(self) -> int:
         return frame_count(self.duration, self.rate, self._phase)
@@ -93,18 +94,22 @@ class Simulation:
             before = alive
 
     def poses(self, body: int, times: Array) -> Poses:
-        """True poses of a body at the source's times [T], in the frame that is observed in.
+        """True poses of a body in the observing frame.
 
         Parameters
         ----------
         body
             Index into the scene's bodies.
         times
-            float64 [T], seconds since the source's start.
+            float64 [T], seconds since the start of the source.
+
+            rns
+            ---
+            tions float64 [T, dim, dim] and translations float64 [T, dim].
         """
         scene_times = np.atleast_1d(np.asarray(times, np.float64)) * self.time_scale
-        pose = self._cast.paths[body].at(scene_times)
-        camera = self._cast.camera
+        pose = self._actors.paths[body].at(scene_times)
+        camera = self._actors.camera
         return pose if camera is None else seen_from(pose, camera.at(scene_times))
 
     def _check(self) -> None:
@@ -123,45 +128,45 @@ class Simulation:
         return (number + self._phase) / self.rate
 
     def _alive(self, t: float) -> NDArray[np.bool_]:
-        """Which of this source's features live at its time t, occluded ones included."""
+        """Mask [n] of this source's features that exist at its time t, including occluded ones."""
         at = t * self.time_scale + 1e-9
-        cast, mine = self._cast, self._mine
-        return (cast.birth[mine] <= at) & (at < cast.death[mine])
+        actors, mine = self._actors, self._mine
+        return (actors.birth[mine] <= at) & (at < actors.death[mine])
 
     def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
         t = self._time(number)
         rows = self._mine[alive]
-        gap = self._cast.gap[rows]
+        gap = self._actors.gap[rows]
         at = t * self.time_scale
         rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
         rng = stream(self.seed, NOISE, self.part, number)
         rotations, exact = self._exact(rows, t)
-        sigma = self._cast.sigma[rows] * self.noise
+        sigma = self._actors.sigma[rows] * self.noise
         return Frame(
             t=t,
             ids=rows.astype(np.uint64),
             positions=exact + rng.normal(size=exact.shape) * sigma[:, None],
-            objects=self._cast.object[rows],
+            objects=self._actors.object[rows],
             ended=self._mine[ended].astype(np.uint64),
             sigma=sigma,
             quaternions=self._quaternions(rows, rotations, rng) if self._has_poses else None,
         )
 
     def _exact(self, rows: NDArray[np.intp], t: float) -> tuple[Array, Array]:
-        """Rotations [n, dim, dim] and positions [n, dim] of features, without noise."""
-        cast: Cast = self._cast
-        bodies, of_body = np.unique(cast.body[rows], return_inverse=True)
+        """Rotations [n, dim, dim] of the bodies and positions [n, dim] of features, without noise."""
+        actors: Actors = self._actors
+        bodies, of_body = np.unique(actors.body[rows], return_inverse=True)
         dim = self.spec.dim
         if not bodies.size:
             return np.empty((0, dim, dim)), np.empty((0, dim))
         poses = [self.poses(body, np.array([t])) for body in bodies.tolist()]
         rotations = np.concatenate([pose.rotations for pose in poses])[of_body]
         translations = np.concatenate([pose.translations for pose in poses])[of_body]
-        return rotations, np.einsum("nij,nj->ni", rotations, cast.local[rows]) + translations
+        return rotations, np.einsum("nij,nj->ni", rotations, actors.local[rows]) + translations
 
     def _quaternions(self, rows: NDArray[np.intp], rotations: Array, rng: np.random.Generator) -> Array:
         result = np.full((len(rows), 4), np.nan)
-        sigma = self._cast.pose_sigma[rows]
+        sigma = self._actors.pose_sigma[rows]
         posed = np.isfinite(sigma)
         if posed.any():
             jitter = rng.normal(size=(int(posed.sum()), 3)) * sigma[posed, None] * self.noise
@@ -179,7 +184,20 @@ def simulate(
     time_scale: float = 1.0,
     split: Split = "features",
 ) -> list[Simulation]:
-    """Build the sources that together observe a scene, one per rate (Hz); the scene's by default."""
+    """Build the sources that together observe a scene.
+
+    Parameters
+    ----------
+    spec, seed, noise, time_scale, split
+        As in :class:`Simulation`.
+    rates
+        Frames per second, one per source; None: those of the scene.
+
+    Raises
+    ------
+    SceneError
+        If an argument is out of range.
+    """
     chosen = spec.rates if rates is None else rates
     return [
         Simulation(

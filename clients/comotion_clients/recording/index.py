@@ -1,4 +1,4 @@
-"""An index for a file that ends with a whole chunk but without one, written in place."""
+"""Writes the missing index of an MCAP file in place; the file must end after a complete chunk."""
 
 import os
 from collections import defaultdict
@@ -29,15 +29,20 @@ from mcap.writer import MCAP0_MAGIC
 from .disk import write_all
 
 
-def seal(path: Path) -> None:
-    """Append the index to a file whose records are all whole.
+def write_index(path: Path) -> None:
+    """Append the summary section (MCAP's index) to a file whose records are all complete.
+
+    Parameters
+    ----------
+    path
+        A recording that ends after a complete chunk; it is changed in place.
 
     Raises
     ------
     OSError
-        If it cannot be read or there is no room; the file ends where it ended before.
+        If the file cannot be read or the disk is full; the file is then unchanged.
     ValueError
-        If a record is damaged: that is a case for repair.
+        If a record is damaged; use :func:`comotion_clients.recording.repair.repair` instead.
     """
     summary = _Summary()
     with path.open("rb") as file:
@@ -58,7 +63,7 @@ def seal(path: Path) -> None:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, int, McapRecord]]:
-    """Every record with its place; ends with the file."""
+    """Yield (offset, length, record) for every record up to the end of the file."""
     start = len(MCAP0_MAGIC)
     try:
         for record in StreamReader(file, emit_chunks=True).records:
@@ -84,7 +89,7 @@ def _no_statistics() -> Statistics:
 
 @dataclass
 class _Summary:
-    """What the end of an MCAP file tells of the rest."""
+    """The summary section of an MCAP file."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -93,7 +98,7 @@ class _Summary:
     statistics: Statistics = field(default_factory=_no_statistics)
 
     def add(self, start: int, length: int, record: McapRecord) -> None:
-        """Take note of a record of the data section."""
+        """Add a record of the data section."""
         if isinstance(record, Chunk):
             self._add_chunk(start, length, record)
         elif isinstance(record, MessageIndex):
@@ -135,7 +140,7 @@ class _Summary:
         s.channel_message_counts[message.channel_id] += 1
 
     def tail(self, offset: int) -> bytes:
-        """End of the data section, summary, footer and magic of a file that is `offset` long."""
+        """Bytes that complete a file of `offset` bytes: data end, summary, footer and magic."""
         builder = RecordBuilder()
         DataEnd(0).write(builder)
         start = offset + builder.count

@@ -1,7 +1,7 @@
-"""Joint readings from files: CSV logs and ROS 2 bags.
+"""Joint logs: CSV file or ROS 2 bag -> joint samples.
 
-A CSV log has a header: the time first, as ``stamp_ns`` (integer nanoseconds) or ``time`` / ``t`` /
-``stamp`` (seconds), then one column per joint, named like the joint (rad or m).
+The header of a CSV log names the time first, as ``stamp_ns`` (integer nanoseconds) or as ``time``,
+``t``, ``stamp`` or ``timestamp`` (seconds), then one column per joint with the joint's name (rad or m).
 """
 
 import csv
@@ -15,12 +15,12 @@ _SECONDS = ("time", "t", "stamp", "timestamp")
 
 
 def read_csv(path: Path) -> Iterator[JointSample]:
-    """Yield the readings of a CSV log, in the order of its lines.
+    """Yield the samples of a CSV log in the order of its lines.
 
     Raises
     ------
     SampleError
-        If it is no such log; the message names the line.
+        If the file is not such a log; the message names the line.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -33,7 +33,7 @@ def read_csv(path: Path) -> Iterator[JointSample]:
     except OSError as error:
         raise SampleError(f"{path}: {error.strerror}") from None
     except (csv.Error, UnicodeDecodeError) as error:
-        raise SampleError(f"{path}: no CSV: {error}") from None
+        raise SampleError(f"{path}: not a CSV file: {error}") from None
 
 
 def _check_header(path: Path, header: list[str]) -> None:
@@ -56,19 +56,19 @@ def _csv_sample(path: Path, line: int, header: list[str], row: list[str]) -> Joi
 def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
     """Yield the joint states of a ROS 2 bag: an MCAP or SQLite file, or a bag folder.
 
-    A message without a stamp of its own has the time at which it was recorded.
+    A message without a stamp gets the time at which it was recorded.
 
     Parameters
     ----------
     path
-        The bag.
+        The bag file or folder.
     topic
-        Topic of type ``sensor_msgs/msg/JointState``; the only one of that type when None.
+        Topic of type ``sensor_msgs/msg/JointState``; None: the only topic of that type.
 
     Raises
     ------
     SampleError
-        If it is no bag, there is no such topic or several, or a message is malformed.
+        If the file is not a bag, if there is no such topic or several, or if a message is malformed.
     """
     ros_types()  # says how to get rosbags when it is missing
     from rosbags.highlevel import AnyReader, AnyReaderError

@@ -1,7 +1,7 @@
-"""Where joint readings come from: a scene on the wire, a ROS 2 network on Zenoh, or a log played back.
+"""Joint readers: a stream of the scene, a ROS 2 topic over Zenoh, or a log -> joint samples.
 
-An inlet is entered with the source that publishes, and yields readings as they come; None now and
-then while nothing comes, so that what waits can be sent. What is malformed is counted and left out.
+A reader yields samples as they arrive. While none arrives it yields None every 0.1 s, so that the
+caller can send samples that it holds back. Malformed samples are counted and left out.
 """
 
 import queue
@@ -21,21 +21,23 @@ from ..runtime import SourcePublisher
 from .cdr import decode_message, from_message, ros_key
 from .samples import JointSample, SampleError, joint_sample
 
-_WAITING = 2000
+_QUEUE_CAPACITY = 2000
+"""Samples: 4 s of a robot that reports at 500 Hz."""
 _IDLE_S = 0.1
+"""Interval between two None while no sample arrives, s."""
 
 
-class Inlet(Protocol):
-    """A stream of readings."""
+class JointReader(Protocol):
+    """A source of joint samples."""
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Yield readings until the stream ends or the source is asked to stop."""
+        """Yield samples, or None while none arrives, until the stream ends or the source stops."""
         ...
 
 
 @dataclass(frozen=True)
 class SceneJoints:
-    """Joint states of the same scene: ``joints/<name>``, whoever publishes them.
+    """Reads the joint states of the scene from the key ``joints/<name>``.
 
     Attributes
     ----------
@@ -46,27 +48,27 @@ class SceneJoints:
     name: str
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Follow the stream until the source stops."""
+        """Yield samples of the stream until the source stops."""
         component = source.component
-        inbox = _Inbox(source, _from_wire(self.name))
+        received = _Queue(source, _from_wire(self.name))
         key = component.keys.stream("joints", self.name)
-        subscriber = declare_subscriber(component.session, key, "joints", inbox.receive)
+        subscriber = declare_subscriber(component.session, key, "joints", received.receive)
         try:
-            yield from inbox.samples()
+            yield from received.samples()
         finally:
             subscriber.undeclare()
 
 
 @dataclass(frozen=True)
 class RosTopic:
-    """``sensor_msgs/msg/JointState`` live from a Zenoh network of rmw_zenoh.
+    """Reads ``sensor_msgs/msg/JointState`` live from a ROS 2 network that uses rmw_zenoh.
 
     Attributes
     ----------
     topic, domain
         ROS topic and domain id.
     settings
-        Where that network's router is; None: the session of the source.
+        How to connect to the router of that network; None: use the session of the source.
     """
 
     topic: str
@@ -74,29 +76,29 @@ class RosTopic:
     settings: SessionSettings | None = None
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Follow the topic until the source stops."""
-        inbox = _Inbox(source, _from_ros)
+        """Yield samples of the topic until the source stops."""
+        received = _Queue(source, _from_ros)
         with ExitStack() as stack:
             session = source.component.session
             if self.settings is not None:
                 session = stack.enter_context(open_session(self.settings))
-            subscriber = session.declare_subscriber(ros_key(self.topic, self.domain), inbox.receive)
+            subscriber = session.declare_subscriber(ros_key(self.topic, self.domain), received.receive)
             stack.callback(subscriber.undeclare)
-            yield from inbox.samples()
+            yield from received.samples()
 
 
 @dataclass(frozen=True)
-class Playback:
-    """A log played at its own pace.
+class LogPlayback:
+    """Plays the samples of a log at the times they were recorded.
 
     Attributes
     ----------
     samples
-        The readings of the log.
+        The samples of the log, in order.
     speed
-        Recorded seconds per second.
+        Recorded seconds per second of playback, above 0.
     original_stamps
-        Keep the log's own stamps; else they are those of the wall clock when a reading is due.
+        Keep the stamps of the log; else a sample gets the wall clock time at which it is played.
     """
 
     samples: Iterable[JointSample]
@@ -104,7 +106,7 @@ class Playback:
     original_stamps: bool = False
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Play until the log ends or the source stops."""
+        """Yield samples when they are due until the log ends or the source stops."""
         begin_wall, begin = time.time_ns(), time.monotonic()
         first: int | None = None
         for sample in self.samples:
@@ -116,15 +118,15 @@ class Playback:
             yield JointSample(stamp, sample.names, sample.positions)
 
 
-class _Inbox:
-    """Takes payloads from Zenoh's thread, never blocking it; what does not fit is counted as lost."""
+class _Queue:
+    """Takes payloads from Zenoh's thread without blocking it; drops new ones when full, as ``lost``."""
 
     def __init__(self, source: SourcePublisher, read: Callable[[bytes, int], JointSample]) -> None:
         self._source, self._read = source, read
         self._queue: queue.SimpleQueue[tuple[bytes, int]] = queue.SimpleQueue()
 
     def receive(self, sample: zenoh.Sample) -> None:
-        if self._queue.qsize() >= _WAITING:
+        if self._queue.qsize() >= _QUEUE_CAPACITY:
             self._source.count("lost")
             return
         self._queue.put((bytes(sample.payload), time.time_ns()))
@@ -151,7 +153,7 @@ def _from_wire(name: str) -> Callable[[bytes, int], JointSample]:
     def read(payload: bytes, _received_ns: int) -> JointSample:
         message = decode(payload)
         if not isinstance(message, JointStates):
-            raise DecodeError("schema", f"{type(message).__name__} where JointStates belong")
+            raise DecodeError("schema", f"expected JointStates, got {type(message).__name__}")
         if message.source != name:
             raise DecodeError("source-mismatch", f"source {message.source!r} on the key of {name!r}")
         return joint_sample(message.stamp_ns, message.names, message.positions)

@@ -1,0 +1,176 @@
+"""Draws the features of a scene: seed and specification -> body, position, birth and death of each.
+
+The draw depends on the seed alone. Sources that observe parts of one scene in separate processes
+therefore simulate the same world, including replaced features.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .motion import Array, Path
+from .spec import Body, Gaps, Range, Respawn, SceneSpec
+
+# One stream of random numbers per purpose: a change of one draw does not change the others.
+_PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
+
+
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the generator of one stream of random numbers.
+
+    Parameters
+    ----------
+    seed
+        Seed of the scene.
+    key
+        Purpose and, where there are several, index.
+    """
+    return np.random.default_rng([seed, *key])
+
+
+@dataclass(frozen=True, eq=False)
+class Actors:
+    """All features of a scene, one row each; the id of a feature is its row.
+
+    Attributes
+    ----------
+    paths
+        The motion of each body; outliers are bodies of one feature.
+    camera
+        The motion of the observing frame, or None.
+    body, object
+        intp [N] index into `paths`; int32 [N] number of the true object.
+    slot
+        intp [N]: a feature has the slot of the one it replaces, so the same source observes it.
+    local
+        float64 [N, dim], position in the frame of the body.
+    birth, death
+        float64 [N], seconds; observed while birth <= t < death.
+    gap
+        float64 [N, 2], seconds: begin and end of the occlusion (equal: none).
+    sigma, pose_sigma
+        float64 [N], one-sigma noise of the position (unit of the space) and of the orientation
+        (rad; NaN: a point without orientation).
+    names
+        Object number -> name.
+    """
+
+    paths: list[Path]
+    camera: Path | None
+    body: NDArray[np.intp]
+    object: NDArray[np.int32]
+    slot: NDArray[np.intp]
+    local: Array
+    birth: Array
+    death: Array
+    gap: Array
+    sigma: Array
+    pose_sigma: Array
+    names: dict[int, str]
+
+
+@dataclass(frozen=True)
+class _Actor:
+    """One feature, before the rows are put into columns."""
+
+    body: int
+    object: int
+    slot: int
+    local: Array
+    birth: float
+    death: float
+    sigma: float
+    pose_sigma: float = float("nan")
+
+
+def draw_actors(spec: SceneSpec, seed: int) -> Actors:
+    """Draw the features of a scene; the same seed gives the same features."""
+    names = dict(enumerate(spec.object_names))
+    numbers = {name: number for number, name in names.items()}
+    paths: list[Path] = []
+    drawn: list[_Actor] = []
+    slots = 0
+    for index, body in enumerate(spec.bodies):
+        paths.append(Path(body.motion, spec.dim, stream(seed, _PATH, index)))
+        number = numbers[body.object or body.name]
+        drawn += _body_actors(spec, body, index, number, slots, stream(seed, _FEATURES, index))
+        slots += body.features + body.poses
+    _add_outliers(spec, seed, slots, paths, drawn, names)
+    drawn.sort(key=lambda actor: actor.birth)
+    camera = Path(spec.camera, spec.dim, stream(seed, _CAMERA)) if spec.camera else None
+    return _assemble(paths, camera, drawn, _gaps(spec.gaps, drawn, spec.duration, stream(seed, _GAPS)), names)
+
+
+def _body_actors(
+    spec: SceneSpec, body: Body, index: int, number: int, slot: int, rng: np.random.Generator
+) -> list[_Actor]:
+    size = rng.uniform(body.size.min, body.size.max, spec.dim) if isinstance(body.size, Range) else body.size
+    half = np.asarray(size, np.float64) / 2.0
+
+    def actor(place: int, birth: float, death: float, pose_sigma: float = float("nan")) -> _Actor:
+        local = rng.uniform(-half, half)
+        return _Actor(index, number, slot + place, local, birth, death, body.sigma, pose_sigma)
+
+    births = np.zeros(body.features)
+    drawn = []
+    for at in _respawn_times(spec.respawn, spec.duration):
+        replaced = rng.choice(body.features, round(spec.respawn.share * body.features), replace=False)  # type: ignore[union-attr]
+        drawn += [actor(place, births[place], at) for place in replaced.tolist()]
+        births[replaced] = at
+    drawn += [actor(place, birth, np.inf) for place, birth in enumerate(births.tolist())]
+    drawn += [actor(body.features + k, 0.0, np.inf, body.pose_sigma) for k in range(body.poses)]
+    return drawn
+
+
+def _respawn_times(respawn: Respawn | None, duration: float) -> list[float]:
+    """Return the multiples of the interval (s), without the last instant."""
+    if respawn is None:
+        return []
+    count = int(np.ceil(duration / respawn.every - 1e-9)) - 1
+    return [respawn.every * (k + 1) for k in range(count)]
+
+
+def _add_outliers(
+    spec: SceneSpec, seed: int, slots: int, paths: list[Path], drawn: list[_Actor], names: dict[int, str]
+) -> None:
+    if spec.outliers is None:
+        return
+    for k in range(round(spec.outliers.share * slots)):
+        paths.append(Path(spec.outliers.motion, spec.dim, stream(seed, _OUTLIERS, k)))
+        number = len(names)
+        names[number] = f"outlier {k + 1}"
+        local = np.zeros(spec.dim)
+        drawn.append(_Actor(len(paths) - 1, number, slots + k, local, 0.0, np.inf, spec.outliers.sigma))
+
+
+def _gaps(gaps: Gaps | None, drawn: list[_Actor], duration: float, rng: np.random.Generator) -> Array:
+    windows = np.zeros((len(drawn), 2))
+    if gaps is None:
+        return windows
+    birth = np.array([actor.birth for actor in drawn])
+    last = np.minimum([actor.death for actor in drawn], duration)
+    begin = rng.uniform(birth, last)
+    length = rng.uniform(gaps.shortest, gaps.longest, len(drawn))
+    hidden = (rng.uniform(size=len(drawn)) < gaps.share) & (last - birth > 1.0)
+    windows[hidden] = np.stack([begin, begin + length], axis=1)[hidden]
+    return windows
+
+
+def _assemble(
+    paths: list[Path], camera: Path | None, drawn: list[_Actor], gap: Array, names: dict[int, str]
+) -> Actors:
+    return Actors(
+        paths=paths,
+        camera=camera,
+        body=np.array([actor.body for actor in drawn], np.intp),
+        object=np.array([actor.object for actor in drawn], np.int32),
+        slot=np.array([actor.slot for actor in drawn], np.intp),
+        local=np.array([actor.local for actor in drawn], np.float64),
+        birth=np.array([actor.birth for actor in drawn], np.float64),
+        death=np.array([actor.death for actor in drawn], np.float64),
+        gap=gap,
+        sigma=np.array([actor.sigma for actor in drawn], np.float64),
+        pose_sigma=np.array([actor.pose_sigma for actor in drawn], np.float64),
+        names=names,
+    )
