@@ -170,8 +170,8 @@ def _joint_reader(
     original_stamps: bool,
 ) -> "JointReader":
     from comotion_schemas.transport import SessionSettings
-    from comotion_sources.proprioception.joint_readers import LogPlayback, RosTopic, SceneJoints
     from comotion_sources.proprioception.joint_logs import read_bag, read_csv
+    from comotion_sources.proprioception.joint_readers import LogPlayback, RosTopic, SceneJoints
 
     chosen = {flag: value for flag, value in given.items() if value is not None}
     if not chosen and default_joints is not None:
