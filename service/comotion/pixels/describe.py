@@ -7,7 +7,7 @@ from comotion_schemas import Hypothesis, Twist
 from comotion_schemas.hypotheses import HypothesisState
 
 from ..arrays import Floats, Slots
-from ..trajectories.states import recent_steps
+from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 
 _VELOCITY_NS = 500_000_000

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Slots
 from ..compiled import compiled
-from ..trajectories.states import states_at
+from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 
 Floats32 = NDArray[np.float32]

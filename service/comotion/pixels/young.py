@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ..arrays import Bools, Floats, Slots
 from ..compiled import compiled
 from ..partition import NO_HYPOTHESIS
-from ..trajectories.states import states_at
+from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .continuity import smallest
 from .keyframes import spread

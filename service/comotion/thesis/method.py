@@ -18,7 +18,7 @@ from ..config import FusionConfig
 from ..hypotheses.labels import LabelMemory
 from ..hypotheses.propagation import propagate
 from ..partition import IdAllocator, Partition, Rows, SpaceSpec
-from ..trajectories.states import recent_steps
+from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .affinity import Affinity
 from .clustering import ClusterFunction, make_clustering

@@ -15,11 +15,12 @@ from ..arrays import Floats, Slots, Stamps
 from ..compiled import compiled
 from ..partition import Rows
 from ..trajectories.instants import Instants
-from ..trajectories.states import Insertions, instants, locate, newest_at
+from ..trajectories.interpolation import locate
+from ..trajectories.kernels import newest_at
 from ..trajectories.window import Window
 from .affinity import Affinity, Matrix
 from .places import Places
-from .samples import EARLIEST, LATEST, MOST_INSTANTS, TILE, Changing, Samples
+from .samples import EARLIEST, LATEST, MOST_INSTANTS, TILE, Changing, Insertions, Samples
 from .sums import PairSums
 
 _MIN_OBSERVATIONS = 2
@@ -95,7 +96,7 @@ class Pairs:
     def rebuild(self, window: Window, slots: Slots) -> None:
         """Compute all samples of trajectories anew from the window."""
         self._fit(window)
-        self._instants.learn(instants(window, slots, EARLIEST, LATEST - 1))
+        self._instants.learn(_instants(window, slots))
         self._restart(slots)
 
     def affinity(self, window: Window, slots: Slots, sigma_switch: float) -> Affinity:
@@ -220,8 +221,8 @@ class Pairs:
         who = Changing.of(slots, self._places.of[slots])
         who.known[:] = self._known[slots]
         rows = np.searchsorted(slots, late.slots)
-        who.after[rows], who.until[rows] = late.t_left, late.t_right
-        stamps = self._instants.between(int(late.t_left.min()), int(late.t_right.max()))
+        who.after[rows], who.until[rows] = late.times[:, 0], late.times[:, 1]
+        stamps = self._instants.between(int(late.times[:, 0].min()), int(late.times[:, 1].max()))
         self._wait(window, who, stamps, -1, late)
         self._wait(window, who, stamps, 1)
 
@@ -272,3 +273,10 @@ def _begun(
         # The segment that ends with the first new observation is new as well.
         follows = first > start[s] and past != _NEVER and times[s, first] - past <= gap_ns
         begun[n] = past if follows else times[s, first] - 1
+
+
+def _instants(window: Window, slots: Slots) -> Stamps:
+    """Distinct times at which any of the slots was observed, ascending, int64 [k]."""
+    index = np.arange(window.times.shape[1])
+    held = (index >= window.start[slots, None]) & (index < window.stop[slots, None])
+    return np.unique(window.times[slots][held])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..aligned import aligned_zeros
 from ..arrays import Floats, Slots, Stamps
 from ..compiled import compiled
-from ..trajectories.states import Insertions, newest_at
+from ..trajectories.kernels import newest_from, segment_at
 from ..trajectories.window import Window
 
 Array = NDArray[Any]
@@ -69,6 +69,28 @@ class Changing:
     def of(cls, slots: Slots, places: Slots) -> Self:
         """Trajectories of which nothing is changing yet."""
         return cls(slots, places, *np.full((3, len(slots)), LATEST))
+
+
+@dataclass(frozen=True)
+class Insertions:
+    """Observations that came late, each between two others of its trajectory: what was there before.
+
+    `slots` intp [n]; times int64 [n, 2] ns and positions float64 [n, 2, dim] of the two neighbours; the
+    `speed` of the segment between them, float64 [n].
+    """
+
+    slots: Slots
+    times: Stamps
+    positions: Floats
+    speed: Floats
+
+    @classmethod
+    def at(cls, window: Window, slots: Slots, index: Slots) -> Self:
+        """Of the observations that now are at `index` (not the first nor the last of its slot)."""
+        both = slots[:, None], index[:, None] + np.array([-1, 1])
+        times, positions = window.times[both], window.positions[both]
+        step = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=1)
+        return cls(slots, times, positions, step / ((times[:, 1] - times[:, 0]) * 1e-9))
 
 
 class Samples:
@@ -157,7 +179,7 @@ class Samples:
         _take(*store, *those, stamps, window.gap_ns, sign, rate, rest, self.count, *out)
         if late is not None:
             places = who.places[np.searchsorted(who.slots, late.slots)]
-            before = late.t_left, late.t_right, late.x_left, late.x_right, late.speed
+            before = late.times, late.positions, late.speed
             _put_back(*before, places, stamps, window.gap_ns, sign, rate, rest, self.count, *out)
         self.count += len(stamps)
 
@@ -193,23 +215,17 @@ def _take(
         s, p, first, end = slots[n], places[n], start[slots[n]], stop[slots[n]]
         while end > first and times[s, end - 1] > known[n]:
             end -= 1
-        k = newest_at(times[s], first, end, stamps[0])
+        k = first - 1
         for t in range(count):
             stamp = stamps[t]
-            while k + 1 < end and times[s, k + 1] <= stamp:
-                k += 1
-            if k < first:
+            k = newest_from(times[s], k, end, stamp)
+            left, right, share = segment_at(times[s], first, end, k, stamp, gap_ns, 0)
+            if left < 0:
                 continue
-            observed, right = times[s, k] == stamp, k + 1
-            if observed:
-                right = k
-            elif right >= end or times[s, right] - times[s, k] > gap_ns:
-                continue
-            # Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
-            share = 0.0 if observed else (stamp - times[s, k]) / (times[s, right] - times[s, k])
+            observed = left == right
             for c in range(positions.shape[2]):
-                left = positions[s, k, c]
-                values[p // TILE, begin + t, c, p % TILE] = left + share * (positions[s, right, c] - left)
+                before = positions[s, left, c]
+                values[p // TILE, begin + t, c, p % TILE] = before + share * (positions[s, right, c] - before)
             weight = _weight(speeds[s, right], rate, rest)
             changing = after[n] < stamp <= until[n]
             _hold(values, kind, some, p, begin + t, weight, observed, changing, sign)
@@ -245,10 +261,8 @@ def _hold(
 
 @compiled()
 def _put_back(
-    t_left: Stamps,
-    t_right: Stamps,
-    x_left: Floats,
-    x_right: Floats,
+    times: Stamps,
+    positions: Floats,
     speed: Floats,
     places: Slots,
     stamps: Stamps,
@@ -265,15 +279,16 @@ def _put_back(
     for n in range(len(places)):
         block, inside = places[n] // TILE, places[n] % TILE
         for t in range(len(stamps)):
-            if not t_left[n] < stamps[t] <= t_right[n]:
+            if not times[n, 0] < stamps[t] <= times[n, 1]:
                 continue
             kind[block, begin + t, inside] = -1
             values[block, begin + t, MASK:, inside] = 0
-            observed = stamps[t] == t_right[n]
-            if not observed and t_right[n] - t_left[n] > gap_ns:
+            newest = 1 if stamps[t] == times[n, 1] else 0
+            left, right, share = segment_at(times[n], 0, 2, newest, stamps[t], gap_ns, 0)
+            if left < 0:
                 continue
-            share = (stamps[t] - t_left[n]) / (t_right[n] - t_left[n])
-            for c in range(x_left.shape[1]):
-                values[block, begin + t, c, inside] = x_left[n, c] + share * (x_right[n, c] - x_left[n, c])
+            for c in range(positions.shape[2]):
+                before = positions[n, left, c]
+                values[block, begin + t, c, inside] = before + share * (positions[n, right, c] - before)
             weight = _weight(speed[n], rate, rest)
-            _hold(values, kind, some, places[n], begin + t, weight, observed, True, sign)
+            _hold(values, kind, some, places[n], begin + t, weight, left == right, True, sign)

@@ -1,12 +1,21 @@
-"""Compiled: observations into the columns of a window, for many slots at once."""
+"""Compiled loops over the observations of a window: storing, searching, interpolating.
+
+Every function works on the columns of :class:`~comotion.trajectories.window.Window`: `times` int64 [S, M] ns,
+`positions` float64 [S, M, dim], `speed` and `sigma` float64 [S, M], for S slots with room for M observations
+each, of which ``start[s]:stop[s]`` (intp [S]) are in use.
+"""
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..compiled import compiled
 
-# Slots make room in so many turns.
-_TURNS = 16
+# Full rows are compacted at one of so many moments, spread over the slots: 16 keep the work of one instant
+# below a tenth of what it is if slots that were opened together are compacted together.
+_COMPACTION_PHASES = 16
+# Most searches are for the newest or the oldest observations: so many steps from there before a bisection.
+_LINEAR_STEPS = 4
+_SECONDS_PER_NS = 1e-9
 
 
 @compiled()
@@ -21,11 +30,12 @@ def append(
     sigma: Floats,
     start: Slots,
     stop: Slots,
-    whole: Bools,
+    complete: Bools,
 ) -> None:
-    """One observation per slot behind its newest, in place; `stop` moves on.
+    """Store one observation per slot behind its newest, in place; `stop` moves on.
 
-    Speed is the backward difference; the first observation of a whole trajectory takes the second's.
+    Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
+    still in the window (`complete`, bool [S]).
     """
     for n in range(len(slots)):
         s = slots[n]
@@ -37,15 +47,15 @@ def append(
             if at > start[s]:
                 squared += (positions[s, at, c] - positions[s, at - 1, c]) ** 2
         if at > start[s]:
-            speed[s, at] = np.sqrt(squared) / ((stamp_ns - times[s, at - 1]) * 1e-9)
-            if at - 1 == start[s] and whole[s]:
+            speed[s, at] = np.sqrt(squared) / ((stamp_ns - times[s, at - 1]) * _SECONDS_PER_NS)
+            if at - 1 == start[s] and complete[s]:
                 speed[s, at - 1] = speed[s, at]
         stop[s] = at + 1
 
 
 @compiled()
-def older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop: Slots) -> Slots:
-    """How many observations of each slot are older than a time, intp [n]."""
+def count_older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop: Slots) -> Slots:
+    """How many observations of each of n slots are older than a time, intp [n]."""
     counts = np.zeros(len(slots), np.intp)
     for n in range(len(slots)):
         s = slots[n]
@@ -55,15 +65,15 @@ def older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop: Slots
 
 
 @compiled()
-def crowded(slots: Slots, start: Slots, stop: Slots, rows: int) -> Slots:
-    """Those slots that should make room: at the end of their rows, or near it and worth it.
+def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int) -> Slots:
+    """Those of `slots` whose observations should move to the beginning of their rows.
 
-    Slots that were opened together would run out of room together: some make room ahead of time.
+    They are at the end of their `rows`, or near it with a quarter to win.
     """
     due = np.empty(len(slots), np.intp)
     count = 0
     for s in slots:
-        ahead = s % _TURNS * (rows // (4 * _TURNS))
+        ahead = s % _COMPACTION_PHASES * (rows // (4 * _COMPACTION_PHASES))
         if stop[s] == rows or (start[s] >= rows // 4 and stop[s] >= rows - ahead):
             due[count] = s
             count += 1
@@ -98,9 +108,155 @@ def compact(
 def transfer(
     slots: Slots, column: Floats | Stamps, grown: Floats | Stamps, start: Slots, stop: Slots
 ) -> None:
-    """Copy the observations of slots from one column [S, M, d] to the same places in another, larger one."""
+    """Copy the observations of slots from one column [S, M, d] to the same indices of another, larger one."""
     for n in range(len(slots)):
         s = slots[n]
         for k in range(start[s], stop[s]):
             for c in range(column.shape[2]):
                 grown[s, k, c] = column[s, k, c]
+
+
+@compiled()
+def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
+    """Index of the newest time at or before `stamp` among ``times[start:stop]``; ``start - 1`` for none."""
+    for _ in range(_LINEAR_STEPS):
+        if stop <= start or times[stop - 1] <= stamp:
+            return stop - 1
+        stop -= 1
+    for _ in range(_LINEAR_STEPS):
+        if stop <= start or times[start] > stamp:
+            return start - 1
+        start += 1
+    # Backwards by twice as much each time, then bisection.
+    reach = _LINEAR_STEPS
+    while stop - reach > start and times[stop - reach] > stamp:
+        stop -= reach
+        reach *= 2
+    start = max(start, stop - reach)
+    while start < stop:
+        middle = (start + stop) // 2
+        if times[middle] <= stamp:
+            start = middle + 1
+        else:
+            stop = middle
+    return start - 1
+
+
+@compiled()
+def newest_from(times: Stamps, index: int, stop: int, stamp: int) -> int:
+    """As :func:`newest_at`, when `index` is the answer for an earlier stamp: the walk of ascending stamps."""
+    for _ in range(_LINEAR_STEPS):
+        if index + 1 >= stop or times[index + 1] > stamp:
+            return index
+        index += 1
+    return newest_at(times, index + 1, stop, stamp)
+
+
+@compiled()
+def segment_at(
+    times: Stamps, start: int, stop: int, newest: int, stamp: int, max_gap: int, max_ahead: int
+) -> tuple[int, int, float]:
+    """Between which observations a trajectory is at a time, and where between: (left, right, share).
+
+    The state is ``x[left] + share * (x[right] - x[left])``; the segment that holds it ends at `right`.
+    This is f_i(t) of the thesis with the interpolation of (3.5). All that interpolates trajectories calls it.
+
+    Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
+
+    Parameters
+    ----------
+    times
+        int64 [M] ns, ascending in ``start:stop``.
+    start, stop
+        The observations of the trajectory.
+    newest
+        Index of the newest observation at or before `stamp` in ``start:stop``, from :func:`newest_at` or, for
+        ascending stamps, from :func:`newest_from`.
+    stamp
+        Time of the state, ns, on the clock of `times`. If the observations belong to ``times + delay`` on
+        another clock, pass ``stamp - delay`` here and to the search for `newest`.
+    max_gap
+        Longest segment to interpolate, ns.
+    max_ahead
+        How far past the newest observation the last segment is extended, ns; 0 for not at all. A last segment
+        longer than `max_gap`, or a single observation, is extended by a constant.
+
+    Returns
+    -------
+    left, right, share
+        ``left == right`` and share 0 at an observation (then ``times[left] == stamp``, even beside a gap) and
+        where the newest is extended by a constant. `share` exceeds 1 past the newest observation. `left` is
+        -1 where there is no state: before the first observation, in a gap, or too far ahead.
+    """
+    if newest < start:
+        return -1, -1, 0.0
+    if times[newest] == stamp:
+        return newest, newest, 0.0
+    left, right = newest, newest + 1
+    if right >= stop:
+        if stamp - times[newest] > max_ahead:
+            return -1, -1, 0.0
+        left, right = newest - 1, newest
+        if left < start or times[right] - times[left] > max_gap:
+            return newest, newest, 0.0
+    span = times[right] - times[left]
+    if span > max_gap:
+        return -1, -1, 0.0
+    return left, right, (stamp - times[left]) / span
+
+
+@compiled()
+def locate_newest(
+    times: Stamps, start: Slots, stop: Slots, slots: Slots, stamps: Stamps, index: Slots
+) -> None:
+    """Fill index [n]: :func:`newest_at` of each slot at a time of its own, stamps [n]."""
+    for n in range(len(slots)):
+        index[n] = newest_at(times[slots[n]], start[slots[n]], stop[slots[n]], stamps[n])
+
+
+@compiled()
+def fill_recent_steps(
+    times: Stamps,
+    positions: Floats,
+    start: Slots,
+    stop: Slots,
+    slots: Slots,
+    span_ns: int,
+    step: Floats,
+    elapsed: Stamps,
+) -> None:
+    """Fill step [n, dim] and elapsed [n]: since the newest observation `span_ns` before the last."""
+    for n in range(len(slots)):
+        s, last = slots[n], stop[slots[n]] - 1
+        first = max(newest_at(times[s], start[s], stop[s], times[s, last] - span_ns), start[s])
+        elapsed[n] = times[s, last] - times[s, first]
+        for c in range(positions.shape[2]):
+            step[n, c] = positions[s, last, c] - positions[s, first, c]
+
+
+@compiled()
+def fill_states(
+    times: Stamps,
+    positions: Floats,
+    start: Slots,
+    stop: Slots,
+    gap_ns: int,
+    slots: Slots,
+    stamps: Stamps,
+    position: Floats,
+    observed: Bools,
+    held: Bools,
+) -> None:
+    """Fill position [T, n, dim], observed and held [T, n] at ascending stamps [T], zero and False before."""
+    for n in range(len(slots)):
+        s = slots[n]
+        newest = start[s] - 1
+        for t in range(len(stamps)):
+            newest = newest_from(times[s], newest, stop[s], stamps[t])
+            left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
+            if left < 0:
+                continue
+            observed[t, n], held[t, n] = left == right, True
+            for c in range(positions.shape[2]):
+                before = positions[s, left, c]
+                position[t, n, c] = before + share * (positions[s, right, c] - before)

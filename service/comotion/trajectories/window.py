@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Slots, Stamps
-from .kernels import append, compact, crowded, older, transfer
+from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_whole")
+_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_complete")
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -70,7 +70,7 @@ class Window:
         self.key: Stamps = np.zeros(0, np.int64)
         self.last_ns: Stamps = np.zeros(0, np.int64)
         # Whether the first observation in the window is the first ever: its speed is the second's.
-        self._whole: Bools = np.zeros(0, np.bool_)
+        self._complete: Bools = np.zeros(0, np.bool_)
 
     def series(self, slot: int) -> Series:
         """Views of the observations in a slot."""
@@ -105,7 +105,7 @@ class Window:
         self._next_key += count
         self.start[slots] = self.stop[slots] = 0
         self.last_ns[slots] = np.iinfo(np.int64).min
-        self._whole[slots] = True
+        self._complete[slots] = True
         return slots
 
     def close(self, slots: Slots) -> None:
@@ -155,31 +155,20 @@ class Window:
         if self.quaternions is not None:
             self.quaternions[slots, self.stop[slots]] = np.nan if quaternions is None else quaternions
         columns = self.times, self.positions, self.speed, self.sigma
-        append(slots, stamp_ns, positions, sigma, *columns, self.start, self.stop, self._whole)
+        append(slots, stamp_ns, positions, sigma, *columns, self.start, self.stop, self._complete)
         self.last_ns[slots] = stamp_ns
 
     def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
         slots = self.slots()
-        counts = older(slots, before_ns, self.times, self.start, self.stop)
+        counts = count_older(slots, before_ns, self.times, self.start, self.stop)
         some = counts > 0
         return slots[some], counts[some]
 
     def evict(self, slots: Slots, counts: Slots) -> None:
         """Drop the oldest observations of slots."""
         self.start[slots] += counts
-        self._whole[slots] = False
-
-    def _set_speed(self, slots: Slots, at: Slots) -> None:
-        """Backward difference; the first observation of a trajectory takes the second's."""
-        self.speed[slots, at] = 0.0
-        has_before = at > self.start[slots]
-        slots, at = slots[has_before], at[has_before]
-        step = np.linalg.norm(self.positions[slots, at] - self.positions[slots, at - 1], axis=1)
-        seconds = (self.times[slots, at] - self.times[slots, at - 1]) * 1e-9
-        self.speed[slots, at] = step / seconds
-        second = (at - 1 == self.start[slots]) & self._whole[slots]
-        self.speed[slots[second], at[second] - 1] = self.speed[slots[second], at[second]]
+        self._complete[slots] = False
 
     def _insert_between(
         self, slot: int, stamp_ns: int, position: Floats, sigma: float, quaternion: Floats | None
@@ -196,11 +185,22 @@ class Window:
         if self.quaternions is not None:
             self.quaternions[slot, at] = np.nan if quaternion is None else quaternion
         self.stop[slot] += 1
-        # The neighbours' speeds become what they would have been had it come in time.
-        one = np.array([slot])
-        self._set_speed(one, np.array([at]))
-        self._set_speed(one, np.array([at + 1]))
+        # Both speeds become what they would have been had the observation come in time.
+        self._set_speed(slot, at)
+        self._set_speed(slot, at + 1)
         return True
+
+    def _set_speed(self, slot: int, at: int) -> None:
+        """Backward difference; the first observation of a trajectory takes the second's."""
+        if at == self.start[slot]:
+            self.speed[slot, at] = 0.0
+            return
+        step = self.positions[slot, at] - self.positions[slot, at - 1]
+        self.speed[slot, at] = np.sqrt((step * step).sum()) / (
+            (self.times[slot, at] - self.times[slot, at - 1]) * 1e-9
+        )
+        if at - 1 == self.start[slot] and self._complete[slot]:
+            self.speed[slot, at - 1] = self.speed[slot, at]
 
     def _columns(self) -> list[NDArray[Any]]:
         columns: list[NDArray[Any]] = [self.times, self.positions, self.speed, self.sigma]
@@ -208,13 +208,13 @@ class Window:
 
     def _make_room(self, slots: Slots) -> None:
         """Make sure that every slot can take one more observation."""
-        due = crowded(slots, self.start, self.stop, self._rows)
+        due = due_for_compaction(slots, self.start, self.stop, self._rows)
         if not len(due):
             return
         full = due[self.stop[due] == self._rows]
         if int(self.counts(full).max(initial=0)) > 3 * self._rows // 4:
             self._grow_rows()
-            due = crowded(slots, self.start, self.stop, self._rows)
+            due = due_for_compaction(slots, self.start, self.stop, self._rows)
         if self.quaternions is not None:
             for slot in due:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
@@ -255,7 +255,7 @@ class Window:
             "next_key": self._next_key,
             "counts": counts,
             "ended": self.ended[slots],
-            "whole": self._whole[slots],
+            "whole": self._complete[slots],
             "source": self.source[slots],
             "key": self.key[slots],
             "last_ns": self.last_ns[slots],
@@ -282,7 +282,7 @@ class Window:
                 if name in state:
                     getattr(self, name)[slot, :count] = state[name][end - count : end]
         self.start[slots], self.stop[slots] = 0, counts
-        self._whole[slots], self.ended[slots] = state["whole"], state["ended"]
+        self._complete[slots], self.ended[slots] = state["whole"], state["ended"]
         self.source[slots], self.key[slots] = state["source"], state["key"]
         self.last_ns[slots] = state["last_ns"]
         self._next_key = state["next_key"]

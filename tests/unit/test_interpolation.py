@@ -1,11 +1,11 @@
 """Where trajectories were: the search among their times, and how far they have come."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion.aligned import aligned_zeros
-from comotion.trajectories.states import locate, recent_steps
+from comotion.trajectories.interpolation import locate, recent_steps
 from comotion.trajectories.window import Window
 
 NEVER = np.iinfo(np.int64).min
@@ -26,6 +26,7 @@ def filled(series, dropped=0):
 times = st.lists(st.integers(0, 400), min_size=1, max_size=150, unique=True).map(sorted)
 
 
+@settings(deadline=None)
 @given(series=times, stamp=st.integers(-2, 402), dropped=st.integers(0, 40))
 def test_the_newest_observation_at_a_time_is_found_wherever_it_is(series, stamp, dropped):
     window, slots = filled([series], dropped)
@@ -34,6 +35,7 @@ def test_the_newest_observation_at_a_time_is_found_wherever_it_is(series, stamp,
     assert locate(window, slots, stamp).tolist() == [want]
 
 
+@settings(deadline=None)
 @given(series=times, before=st.integers(-2, 402))
 def test_evictable_is_what_is_older(series, before):
     window, slots = filled([series])

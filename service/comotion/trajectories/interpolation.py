@@ -1,0 +1,103 @@
+"""Window and times in, states of trajectories out: f_i(t) of the thesis, at observations and between them.
+
+Compiled code that needs states one by one calls :func:`~comotion.trajectories.kernels.segment_at` itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Slots, Stamps
+from .kernels import fill_recent_steps, fill_states, locate_newest
+from .window import Window
+
+
+@dataclass(frozen=True)
+class States:
+    """States of n trajectories at T instants.
+
+    Attributes
+    ----------
+    position
+        float64 [T, n, dim], in the space's unit; 0 where not `held`.
+    observed
+        bool [T, n]; an observation was made at this very instant.
+    held
+        bool [T, n]; observed, or inside a segment short enough to interpolate.
+    """
+
+    position: Floats
+    observed: Bools
+    held: Bools
+
+
+def states_at(window: Window, slots: Slots, stamps: Stamps) -> States:
+    """States at some instants, linear between observations (3.5).
+
+    Nothing is interpolated across a gap longer than ``window.gap_ns``, nor beyond either end.
+
+    Parameters
+    ----------
+    window
+        Store of the trajectories.
+    slots
+        intp [n].
+    stamps
+        int64 [T] ns, ascending.
+    """
+    shape = len(stamps), len(slots)
+    states = States(np.zeros((*shape, window.dim)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
+    columns = window.times, window.positions, window.start, window.stop, window.gap_ns
+    fill_states(*columns, slots, stamps, states.position, states.observed, states.held)
+    return states
+
+
+def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
+    """Index of the newest observation at or before a time in each slot; ``start - 1`` where there is none.
+
+    Parameters
+    ----------
+    window
+        Store of the trajectories.
+    slots
+        intp [n].
+    stamp_ns
+        One time for all, or int64 [n].
+
+    Returns
+    -------
+    NDArray[intp]
+        [n], into the rows of the window.
+    """
+    stamps = np.broadcast_to(np.asarray(stamp_ns, np.int64), slots.shape)
+    index = np.empty(len(slots), np.intp)
+    locate_newest(window.times, window.start, window.stop, slots, stamps, index)
+    return index
+
+
+def recent_steps(window: Window, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
+    """How far each trajectory has moved lately.
+
+    A step goes to the newest observation from the newest one that is at least `span_ns` older, or from the
+    first.
+
+    Parameters
+    ----------
+    window
+        Store of the trajectories.
+    slots
+        intp [n], each with an observation.
+    span_ns
+        Time to look back.
+
+    Returns
+    -------
+    step
+        float64 [n, dim], in the space's unit.
+    elapsed
+        int64 [n] ns: the time between the two observations; 0 where there is one only.
+    """
+    step, elapsed = np.zeros((len(slots), window.dim)), np.zeros(len(slots), np.int64)
+    columns = window.times, window.positions, window.start, window.stop
+    fill_recent_steps(*columns, slots, span_ns, step, elapsed)
+    return step, elapsed
