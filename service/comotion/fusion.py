@@ -1,6 +1,6 @@
 """The face of the core: batches in, hypothesis updates out. No clock, no I/O, deterministic.
 
-    batch -> timeline (event-time merge, watermark) -> window -> engine -> HypothesisUpdate
+    batch -> timeline (event-time merge, watermark) -> window -> method -> hypotheses -> HypothesisUpdate
 
 The caller owns the period and the clock: it hands in batches as they come, and asks for an update
 with the time it holds to be now.
@@ -9,6 +9,7 @@ with the time it holds to be now.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -21,10 +22,12 @@ from .config import FusionConfig, to_ns
 from .event_time.health import SourceHealth, source_health
 from .event_time.stats import Stats
 from .event_time.timeline import Instant, Timeline
-from .linking.linker import Linker
-from .methods import make_engine
-from .partition import IdAllocator, Partition, SpaceSpec
-from .space import MAX_COORDINATE, Space
+from .hypotheses.identity import IdAllocator
+from .linking.linker import Linker, SpaceView
+from .methods import make_method
+from .partition import SpaceSpec
+from .rigid.method import RigidMethod
+from .space import MAX_COORDINATE, Space, SpaceUpdate
 
 EVENT_MEMORY_NS = 2_000_000_000
 MAX_SPACES = 256
@@ -108,14 +111,11 @@ class Fusion:
         watermark = self.timeline.watermark_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        partitions = [
-            (space, space.update(stamp, self._track_timeout_ns)) for _, space in sorted(self.spaces.items())
-        ]
-        self._remember(stamp, [event for _, partition in partitions for event in partition.events])
+        updates = [space.update(stamp, self._track_timeout_ns) for _, space in sorted(self.spaces.items())]
+        self._remember(stamp, [event for update in updates for event in update.events])
         self._drop_idle_sessions()
         self.stats.updates += 1
-        update = self._assemble(now_ns, stamp, partitions)
-        return self.linker.linked(update, partitions)
+        return self.linker.linked(self._assemble(now_ns, stamp, updates), [_view(one) for one in updates])
 
     def affinity(self, space: str) -> AffinitySnapshot:
         """Affinities of a space as of the last update.
@@ -130,7 +130,7 @@ class Fusion:
         owners = found.window.source[found.current].tolist()
         ids = found.ids[found.current].tolist()
         tracks = [(*names[owner], track) for owner, track in zip(owners, ids, strict=True)]
-        return AffinitySnapshot(tracks, found.engine.affinity())
+        return AffinitySnapshot(tracks, found.method.affinity())
 
     def sources(self, now_ns: int) -> list[SourceHealth]:
         """Health of every source: its session, age and whether it holds the watermark."""
@@ -168,7 +168,7 @@ class Fusion:
 
     def open_space(self, spec: SpaceSpec) -> Space:
         """Start a coordinate space."""
-        space = Space(self.config, spec, make_engine, self.ids, self.stats)
+        space = Space(self.config, spec, make_method, self.ids, self.stats)
         self.spaces[spec.name] = space
         return space
 
@@ -209,15 +209,14 @@ class Fusion:
         while self.events and self.events[0].stamp_ns < stamp_ns - EVENT_MEMORY_NS:
             self.events.popleft()
 
-    def _assemble(
-        self, now_ns: int, stamp_ns: int, partitions: list[tuple[Space, Partition]]
-    ) -> HypothesisUpdate:
-        owners = np.concatenate([s.window.source[s.current] for s, _ in partitions] or [np.zeros(0, np.intp)])
+    def _assemble(self, now_ns: int, stamp_ns: int, updates: list[SpaceUpdate]) -> HypothesisUpdate:
+        spaces = [one.space for one in updates]
+        owners = np.concatenate([s.window.source[s.current] for s in spaces] or [np.zeros(0, np.intp)])
         used, track_source = np.unique(owners, return_inverse=True)
         names = {index: key for key, index in self.sessions.items()}
-        labels = np.concatenate([p.labels for _, p in partitions] or [np.zeros(0, np.int64)])
-        ids = [s.ids[s.current] for s, _ in partitions]
-        confidence = np.concatenate([p.confidence for _, p in partitions] or [np.zeros(0)])
+        labels = np.concatenate([one.labels for one in updates] or [np.zeros(0, np.int64)])
+        ids = [s.ids[s.current] for s in spaces]
+        confidence = np.concatenate([one.confidence for one in updates] or [np.zeros(0)])
         self._seq += 1
         return HypothesisUpdate(
             scene=self.scene,
@@ -231,10 +230,10 @@ class Fusion:
             track_id=np.concatenate(ids or [np.zeros(0, np.uint64)]),
             track_hypothesis=np.where(labels < 0, UNDETERMINED, labels).astype(np.uint32),
             track_confidence=np.clip(confidence, 0.0, 1.0).astype(np.float32),
-            track_position=np.concatenate([_newest(s) for s, _ in partitions] or [np.zeros((0, 3))]).astype(
+            track_position=np.concatenate([_newest(s) for s in spaces] or [np.zeros((0, 3))]).astype(
                 np.float32
             ),
-            hypotheses=[h for _, p in partitions for h in p.hypotheses],
+            hypotheses=[h for one in updates for h in one.hypotheses],
             events=list(self.events),
         )
 
@@ -246,3 +245,12 @@ def _newest(space: Space) -> NDArray[np.float64]:
     if len(slots):
         positions[:, : window.dim] = window.positions[slots, window.stop[slots] - 1]
     return positions
+
+
+def _view(update: SpaceUpdate) -> SpaceView:
+    """What the linker sees of a space."""
+    space = update.space
+    poses = None
+    if isinstance(space.method, RigidMethod):
+        poses = partial(space.method.poses, space.memory.ids)
+    return SpaceView(space.spec, space.window, space.current, update.labels, update.hypotheses, poses)

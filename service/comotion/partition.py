@@ -1,14 +1,16 @@
-"""What a method of inferring hypotheses must offer; the rest of the core knows no more of it."""
+"""What a method takes and what it answers: the words that methods and the rest of the core share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, ObservationBatch
+from comotion_schemas import ObservationBatch, Pose, Twist
+from comotion_schemas.hypotheses import HypothesisState
 
-from .arrays import Floats, Slots
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from .config import FusionConfig, Unit
 from .trajectories.window import Window
 
@@ -29,40 +31,6 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Partition:
-    """The current trajectories of a space and what they belong to.
-
-    `labels` int64 [n] hypothesis id or :data:`NO_HYPOTHESIS`, `confidence` float64 [n] in 0..1, in
-    the order of the slots that were asked for; `events` are those of this update only.
-    """
-
-    labels: NDArray[np.int64]
-    confidence: Floats
-    hypotheses: list[Hypothesis] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-
-
-class IdAllocator:
-    """Hands out hypothesis ids, never the same twice within a scene."""
-
-    def __init__(self, first: int = 1) -> None:
-        self.following = first
-
-    def next(self) -> int:
-        """A fresh id.
-
-        Raises
-        ------
-        OverflowError
-            After 2**32 - 2 hypotheses.
-        """
-        if self.following >= UNDETERMINED:
-            raise OverflowError("out of hypothesis ids")
-        self.following += 1
-        return self.following - 1
-
-
-@dataclass(frozen=True)
 class SpaceSpec:
     """Name, unit and dimension of a coordinate space."""
 
@@ -75,8 +43,111 @@ class SpaceSpec:
         return (batch.unit, batch.dim) == (self.unit, self.dim)
 
 
-class Engine(Protocol):
+@dataclass(frozen=True)
+class Previous:
+    """What the last update has left.
+
+    Attributes
+    ----------
+    labels
+        int64 [capacity]: hypothesis of each slot, or :data:`NO_HYPOTHESIS`.
+    ids
+        int64 [K]: hypothesis of each group of the last partition, :data:`NO_HYPOTHESIS` for one without
+        members.
+    """
+
+    labels: Labels
+    ids: Labels
+
+
+@dataclass
+class PoseReference:
+    """What ties the pose of a hypothesis to its birth: rows seen since and where they were at birth.
+
+    Attributes
+    ----------
+    born_ns
+        Event time of the birth.
+    rows, points
+        int64 [m], stable names of rows, and float64 [m, 3], their positions in the axes of the space at
+        birth.
+    R, t, stamp_ns
+        float64 [3, 3] and [3], the last pose since birth, and its time.
+    """
+
+    born_ns: int
+    rows: Stamps
+    points: Floats
+    R: Floats
+    t: Floats
+    stamp_ns: int
+
+    @classmethod
+    def new(cls, stamp_ns: int) -> Self:
+        """Build the reference of a hypothesis that is born now."""
+        return cls(stamp_ns, np.zeros(0, np.int64), np.zeros((0, 3)), np.eye(3), np.zeros(3), stamp_ns)
+
+
+@dataclass(frozen=True)
+class Group:
+    """One group of a partition, as far as its method can tell.
+
+    Attributes
+    ----------
+    state
+        Whether it moves.
+    twist
+        Velocities at the watermark, None where unknown.
+    noise
+        One-sigma residual of the members, in the space's unit, None where unknown.
+    pose_since
+        Gives the pose since birth and brings the reference up to date; None where the method knows no poses.
+    """
+
+    state: HypothesisState = "undetermined"
+    twist: Twist | None = None
+    noise: float | None = None
+    pose_since: Callable[[PoseReference], Pose | None] | None = None
+
+
+@dataclass(frozen=True)
+class Partition:
+    """Trajectories of a space in groups 0 to K - 1.
+
+    Attributes
+    ----------
+    slots
+        intp [N]: the current trajectories, and ended or outdated ones that the method has grouped too.
+    groups
+        intp [N]: group of each, or :data:`NO_HYPOTHESIS`.
+    deciding
+        bool [N]: whose membership tells which hypothesis a group continues.
+    confidence
+        float64 [n] in 0..1, of the current trajectories in their own order.
+    position
+        float64 [n, dim]: newest positions of the current trajectories, as the method sees them.
+    described
+        The groups, K or more.
+    """
+
+    slots: Slots
+    groups: Ints
+    deciding: Bools
+    confidence: Floats
+    position: Floats
+    described: list[Group] = field(default_factory=list)
+
+
+Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
+"""From counts [old, new] of shared trajectories to pairs (old, new), each row and column once at most."""
+
+
+class Method(Protocol):
     """A method, for one space. Told of every change of the window, asked once per update."""
+
+    @property
+    def matching(self) -> Matching:
+        """How its groups continue hypotheses; see :mod:`comotion.matching`."""
 
     def observed(self, window: Window, rows: Rows) -> None:
         """One instant of one source has been stored."""
@@ -87,14 +158,14 @@ class Engine(Protocol):
     def forgetting(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
 
-    def update(self, window: Window, current: Slots, stamp_ns: int) -> Partition:
-        """Partition the current trajectories (slots by age, intp [n]) at the watermark."""
+    def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
+        """Group the current trajectories (slots by age, intp [n]) at the watermark."""
 
     def affinity(self) -> NDArray[np.float32]:
-        """Affinity [n, n] of the last update's trajectories."""
+        """Affinity [n, n] of the last update's current trajectories."""
 
-    def state(self, window: Window) -> dict[str, Any]:
-        """What must survive a restart, as plain values and arrays; slots as keys of the window."""
+    def state(self) -> dict[str, Any]:
+        """What must survive a restart, as plain values and arrays."""
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state` over a window that has been filled again.
@@ -103,8 +174,8 @@ class Engine(Protocol):
         """
 
 
-class EngineFactory(Protocol):
-    """Builds the engine of a space."""
+class MethodFactory(Protocol):
+    """Builds the method of a space."""
 
-    def __call__(self, config: FusionConfig, spec: SpaceSpec, ids: IdAllocator) -> Engine:
-        """Engine for one space."""
+    def __call__(self, config: FusionConfig, spec: SpaceSpec) -> Method:
+        """Build the method for one space."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     F = TypeVar("F", bound=Fusion)
 
-FORMAT = "comotion.Snapshot/1"
+FORMAT = "comotion.Snapshot/2"
 # A crash may come after ids were handed out that no snapshot has seen; ids are never reused.
 _ID_GAP = 1000
 
@@ -68,6 +68,6 @@ def _build(kind: "type[F]", config: FusionConfig, state: dict[str, Any], session
     fusion.linker.load(state.get("links", []))
     for part in state["spaces"]:
         space = fusion.open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
-        # The trajectories serve every method; what an engine knows is its own.
-        space.load(part, keep_engine=state["method"] == config.method)
+        # The trajectories serve every method; what a method knows is its own.
+        space.load(part, keep_method=state["method"] == config.method)
     return fusion

@@ -1,16 +1,21 @@
 """One coordinate space: its trajectories, which of them are current, and the method over them."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Bools, Slots
+from comotion_schemas import Event, Hypothesis
+
+from .arrays import Bools, Floats, Labels, Slots
 from .config import FusionConfig, to_ns
 from .event_time.stats import Stats
 from .event_time.timeline import Instant
-from .partition import Engine, EngineFactory, IdAllocator, Partition, Rows, SpaceSpec
+from .hypotheses.description import describe
+from .hypotheses.identity import IdAllocator, LabelMemory
+from .partition import Method, MethodFactory, Rows, SpaceSpec
 from .trajectories.window import Window
 
 _MIN_OBSERVATIONS = 2
@@ -22,20 +27,36 @@ MAX_COORDINATE = 1e9
 Ids = NDArray[np.uint64]
 
 
+@dataclass(frozen=True)
+class SpaceUpdate:
+    """What one update says of a space.
+
+    `labels` int64 [n] hypothesis id or negative, `confidence` float64 [n] in 0..1, in the order of
+    `space.current`; `events` are those of this update only.
+    """
+
+    space: "Space"
+    labels: Labels
+    confidence: Floats
+    hypotheses: list[Hypothesis]
+    events: list[Event]
+
+
 class Space:
-    """Trajectories of one space and the engine that partitions them.
+    """Trajectories of one space and the method that groups them.
 
     States in different spaces are not comparable, so spaces share nothing but the id allocator.
     """
 
     def __init__(
-        self, config: FusionConfig, spec: SpaceSpec, make: EngineFactory, ids: IdAllocator, stats: Stats
+        self, config: FusionConfig, spec: SpaceSpec, make: MethodFactory, ids: IdAllocator, stats: Stats
     ) -> None:
         self.spec = spec
         self._config = config
         self._stats = stats
         self.window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
-        self.engine: Engine = make(config, spec, ids)
+        self.method: Method = make(config, spec)
+        self.memory = LabelMemory(ids)
         # (source index, id) of every slot in use, and back.
         self._slot_of: dict[tuple[int, int], int] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
@@ -45,7 +66,7 @@ class Space:
         self._opened = 0
 
     def store(self, instant: Instant, source: int, room: int) -> None:
-        """Put one instant of one source into the window and tell the engine.
+        """Put one instant of one source into the window and tell the method.
 
         Parameters
         ----------
@@ -85,7 +106,7 @@ class Space:
         self._stats.observations += int(stored.sum())
         self._stats.duplicates += not stored.all()
         if stored.any():
-            self.engine.observed(self.window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
+            self.method.observed(self.window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
 
     def _find_or_open(self, ids: Ids, source: int, room: int) -> Slots:
         slots = self._find(ids, source)
@@ -149,7 +170,7 @@ class Space:
         used = int(self.window.used.sum())
         return max(len(self.current) + self._opened, used // 4)
 
-    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Partition:
+    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> SpaceUpdate:
         """Let the window follow the watermark and partition what is current.
 
         `timeout_ns` gives the time without observation after which a trajectory of a source index
@@ -158,14 +179,18 @@ class Space:
         window = self.window
         slots, counts = window.evictable(stamp_ns - window.span_ns)
         if len(slots):
-            self.engine.evicting(window, slots, counts)
+            self.method.evicting(window, slots, counts)
             window.evict(slots, counts)
         fresh = self._fresh(stamp_ns, timeout_ns)
         self._forget(fresh)
         self.current = window.slots()
         self.current = self.current[fresh[self.current] & ~window.ended[self.current]]
         self._opened = 0
-        return self.engine.update(window, self.current, stamp_ns)
+        partition = self.method.partition(window, self.current, stamp_ns, self.memory.previous(window))
+        labels = self.memory.name(window, partition, self.current, self.method.matching)
+        events = self.memory.note(window, stamp_ns)
+        hypotheses = describe(self.spec.name, partition, self.memory.ids, labels, self.memory.references)
+        return SpaceUpdate(self, labels, partition.confidence, hypotheses, events)
 
     def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
         limits = np.zeros(self.window.capacity, np.int64)
@@ -183,7 +208,8 @@ class Space:
         if not len(gone):
             return
         gone = gone[np.argsort(window.key[gone])]
-        self.engine.forgetting(self.window, gone)
+        self.method.forgetting(window, gone)
+        self.memory.forget(window, gone)
         for slot in gone.tolist():
             del self._slot_of[int(self.window.source[slot]), int(self.ids[slot])]
         self.window.close(gone)
@@ -193,7 +219,7 @@ class Space:
         return set(np.flatnonzero(np.bincount(self.window.source[self.window.used])).tolist())
 
     def state(self) -> dict[str, Any]:
-        """The window and the engine, as plain values and arrays."""
+        """The window, the method and the labels, as plain values and arrays."""
         slots = self.window.slots()
         return {
             "name": self.spec.name,
@@ -201,11 +227,12 @@ class Space:
             "dim": self.spec.dim,
             "ids": self.ids[slots],
             "window": self.window.state(),
-            "engine": self.engine.state(self.window),
+            "method": self.method.state(),
+            "memory": self.memory.state(self.window),
         }
 
-    def load(self, state: dict[str, Any], *, keep_engine: bool) -> None:
-        """Take up :meth:`state`; without `keep_engine` the trajectories alone."""
+    def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
+        """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         slots = self.window.load(state["window"])
         self.ids = np.zeros(self.window.capacity, np.uint64)
         self.ids[slots] = state["ids"]
@@ -213,7 +240,8 @@ class Space:
         self._slot_of = {
             (s, i): int(slot) for s, i, slot in zip(sources, state["ids"].tolist(), slots, strict=True)
         }
-        self.engine.load(state["engine"] if keep_engine else {}, self.window)
+        self.method.load(state["method"] if keep_method else {}, self.window)
+        self.memory.load(state["memory"] if keep_method else {}, self.window)
 
 
 def _those(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
+from comotion.matching import continued, largest_total
 from comotion.rigid.bodies import Costs, fit
 from comotion.rigid.config import MotionConfig
 from comotion.rigid.frames import Frames
-from comotion.rigid.identity import match
 from comotion.rigid.kinematics import align
 from comotion.rigid.noise import READ, Differences, noise_variance
 from comotion.rigid.rotation import planar_rotation, spatial_rotation
@@ -189,7 +189,7 @@ def test_selection_is_no_worse_than_any_single_body(seed):
 def test_identity_follows_the_most_shared_trajectories():
     labels = np.array([0, 0, 0, 1, 1, -1])
     before = np.array([7, 7, 9, 9, 9, 4])
-    assert match(labels, before, 2) == {0: 7, 1: 9}
+    assert continued(before, labels, 2, largest_total) == {0: 7, 1: 9}
 
 
 def test_alignment_recovers_a_rigid_transform():

@@ -5,7 +5,7 @@ from comotion.partition import SpaceSpec
 from comotion.space import Space
 from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import Clusters, by_appearance
-from comotion.thesis.method import ThesisEngine
+from comotion.thesis.method import ThesisMethod
 
 from ..bench.straightforward import divide
 
@@ -16,9 +16,7 @@ class ReferenceFusion(Fusion):
     def open_space(self, spec: SpaceSpec) -> Space:
         """Start a coordinate space."""
         space = super().open_space(spec)
-        space.engine = ThesisEngine(
-            self.config, spec, self.ids, lambda affinity: _split(affinity, self.config)
-        )
+        space.method = ThesisMethod(self.config, spec, lambda affinity: _split(affinity, self.config))
         return space
 
 

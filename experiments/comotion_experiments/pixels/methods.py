@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
-from comotion.partition import IdAllocator, Rows, SpaceSpec
+from comotion.partition import Previous, Rows, SpaceSpec
 from comotion.pixels.interaction import subspace
 from comotion.pixels.keyframes import KeyFrames, spread
-from comotion.pixels.method import PixelEngine
+from comotion.pixels.method import PixelMethod
 from comotion.pixels.parameters import PixelParameters
 from comotion.trajectories.window import Window
 
@@ -32,9 +32,7 @@ def engine(sequence: Sequence, parameters: PixelParameters) -> tuple[Labels, flo
     """
     stamps = np.round((sequence.times - sequence.times[0]) * 1e9).astype(np.int64)
     window = Window(2, int(stamps[-1]) + 1, _GAP_NS)
-    core = PixelEngine(
-        FusionConfig(), SpaceSpec("camera/pixels", "px", 2), IdAllocator(), parameters=parameters
-    )
+    core = PixelMethod(FusionConfig(), SpaceSpec("camera/pixels", "px", 2), parameters=parameters)
     slots = window.open(sequence.positions.shape[1], 0)
     for stamp, x in zip(stamps.tolist(), sequence.positions, strict=True):
         seen = np.flatnonzero(np.isfinite(x).all(axis=1))
@@ -42,8 +40,11 @@ def engine(sequence: Sequence, parameters: PixelParameters) -> tuple[Labels, flo
             window.insert(slots[seen], stamp, x[seen], np.full(len(seen), np.nan), None)
             core.observed(window, Rows(stamp, slots[seen], in_order=True))
     begin = time.perf_counter()
-    partition = core.update(window, slots, int(stamps[-1]))
-    return partition.labels, time.perf_counter() - begin
+    nothing = Previous(np.full(window.capacity, -1), np.zeros(0, np.int64))
+    partition = core.partition(window, slots, int(stamps[-1]), nothing)
+    group_of = np.full(window.capacity, -1)
+    group_of[partition.slots] = partition.groups
+    return group_of[slots], time.perf_counter() - begin
 
 
 def one_object(sequence: Sequence) -> Labels:

@@ -1,17 +1,17 @@
 """Fills `linked` of an update: the hypotheses of calibrated cameras that are bodies of a metric space."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import HypothesisUpdate
+from comotion_schemas import Hypothesis, HypothesisUpdate
 
-from ..partition import Partition
-from ..rigid.method import MotionEngine
+from ..arrays import Labels, Slots
+from ..partition import SpaceSpec
 from ..rigid.poses import Poses
-from ..space import Space
+from ..trajectories.window import Window
 from .camera import Camera
 from .links import decide, evidence, joined, speakers
 from .reprojection import log_likelihoods
@@ -22,7 +22,21 @@ PERIOD_NS = 500_000_000
 # Members per hypothesis that are asked.
 _ASKED = 12
 
-Partitions = Sequence[tuple[Space, Partition]]
+
+@dataclass(frozen=True)
+class SpaceView:
+    """A space as of this update.
+
+    `labels` int64 [n] are the hypotheses of the `current` slots; `poses` gives the bodies' poses where
+    the space has any.
+    """
+
+    spec: SpaceSpec
+    window: Window
+    current: Slots
+    labels: Labels
+    hypotheses: list[Hypothesis]
+    poses: Callable[[], Poses | None] | None
 
 
 class Linker:
@@ -39,7 +53,7 @@ class Linker:
         self._links: dict[int, int] = {}
         self._due_ns: int | None = None
 
-    def linked(self, update: HypothesisUpdate, partitions: Partitions) -> HypothesisUpdate:
+    def linked(self, update: HypothesisUpdate, views: Sequence[SpaceView]) -> HypothesisUpdate:
         """Return the update with `linked` filled in, where there is something to say."""
         if not self._cameras:
             return update
@@ -47,7 +61,7 @@ class Linker:
         self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
         if self._due_ns is None or update.stamp_ns >= self._due_ns:
             self._due_ns = update.stamp_ns + PERIOD_NS
-            self._look(partitions)
+            self._look(views)
         groups = joined(self._links, space)
         found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
@@ -65,23 +79,23 @@ class Linker:
         camera = self._cameras.get(image) if image is not None else None
         return camera is not None and camera.frame == body
 
-    def _look(self, partitions: Partitions) -> None:
+    def _look(self, views: Sequence[SpaceView]) -> None:
         bodies: dict[str, Poses | None] = {}
-        for space, partition in partitions:
+        for space in views:
             camera = self._cameras.get(space.spec.name)
             if camera is None or space.spec.unit != "px" or space.spec.dim != 2:
                 continue
             if camera.frame not in bodies:
-                bodies[camera.frame] = _bodies(camera.frame, partitions)
+                bodies[camera.frame] = _bodies(camera.frame, views)
             poses = bodies[camera.frame]
             if poses is not None:
-                self._link(space, partition, poses, camera)
+                self._link(space, poses, camera)
 
-    def _link(self, space: Space, partition: Partition, poses: Poses, camera: Camera) -> None:
+    def _link(self, space: SpaceView, poses: Poses, camera: Camera) -> None:
         """Decide anew for every hypothesis of one camera."""
-        who = speakers(partition.labels, space.window.counts(space.current), _ASKED)
+        who = speakers(space.labels, space.window.counts(space.current), _ASKED)
         sightings = sight(space.window, space.current[who], poses.stamps, camera)
-        told, labels = log_likelihoods(sightings, poses, camera), partition.labels[who]
+        told, labels = log_likelihoods(sightings, poses, camera), space.labels[who]
         clear = sightings.enough()
         for image in np.unique(labels).tolist():
             before = self._links.pop(image, None)
@@ -91,14 +105,14 @@ class Linker:
                 self._links[image] = int(poses.ids[best])
 
 
-def _bodies(name: str, partitions: Partitions) -> Poses | None:
+def _bodies(name: str, views: Sequence[SpaceView]) -> Poses | None:
     """Poses of the hypotheses that a metric space lists, and of the static body in any case."""
-    for space, partition in partitions:
-        if space.spec.name == name and isinstance(space.engine, MotionEngine) and space.spec.dim == 3:
-            poses = space.engine.poses()
+    for space in views:
+        if space.spec.name == name and space.poses is not None and space.spec.dim == 3:
+            poses = space.poses()
             if poses is None:
                 return None
-            listed = np.isin(poses.ids, [h.id for h in partition.hypotheses])
+            listed = np.isin(poses.ids, [h.id for h in space.hypotheses])
             listed[0] = True
             return poses.of(np.flatnonzero(listed))
     return None

@@ -1,12 +1,12 @@
 """What is said of a hypothesis beside its members: where it is, how it moves, how well it fits."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from comotion_schemas import Hypothesis, Twist
+from comotion_schemas import Twist
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats, Slots
+from ..arrays import Floats, Ints, Slots
+from ..partition import Group
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 
@@ -16,20 +16,13 @@ _LEAST_HISTORY_NS = 200_000_000
 _AT_REST_PX = 1.5
 
 
-def describe(
-    window: Window,
-    current: Slots,
-    labels: NDArray[np.int64],
-    residual: Floats,
-    space: str,
-    born_ns: dict[int, int],
-) -> list[Hypothesis]:
-    """Hypotheses of the current trajectories, by id.
+def describe(window: Window, current: Slots, groups: Ints, residual: Floats, count: int) -> list[Group]:
+    """Describe groups 0 to `count` - 1 of the current trajectories.
 
     Parameters
     ----------
-    current, labels
-        Slots intp [n] and their hypotheses int64 [n], negative where undetermined.
+    current, groups
+        Slots intp [n] and their groups intp [n], negative for none.
     residual
         float64 [n], px²; squared residual of each, NaN unknown.
     """
@@ -37,19 +30,13 @@ def describe(
     position = window.positions[current, last]
     step, span = recent_steps(window, current, _VELOCITY_NS)
     found = []
-    for label in np.unique(labels[labels >= 0]).tolist():
-        mine = np.flatnonzero(labels == label)
+    for k in range(count):
+        mine = np.flatnonzero(groups == k)
         steady = mine[span[mine] >= _LEAST_HISTORY_NS]
-        centroid = position[mine].mean(axis=0)
         known = residual[mine][np.isfinite(residual[mine])]
         found.append(
-            Hypothesis(
-                id=label,
-                space=space,
-                size=len(mine),
-                born_ns=born_ns[label],
+            Group(
                 state=_state(step[steady], len(mine)),
-                centroid=centroid.tolist(),
                 twist=_twist(position[steady], step[steady] / (span[steady, None] * 1e-9)),
                 # Two coordinates share a squared residual.
                 noise=float(np.sqrt(np.median(known) / 2)) if len(known) else None,

@@ -1,4 +1,4 @@
-"""The method of spaces in pixels as an engine: state between updates, identities, descriptions."""
+"""The method of spaces in pixels: trajectories in, a partition by image motion out."""
 
 from bisect import bisect_left, insort
 from typing import Any
@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Slots
+from ..arrays import Floats, Ints, Labels, Slots
 from ..config import FusionConfig
-from ..hypotheses.labels import LabelMemory
-from ..hypotheses.propagation import propagate
-from ..partition import NO_HYPOTHESIS, IdAllocator, Partition, Rows, SpaceSpec
+from ..matching import continued, largest_first
+from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
 from .describe import describe
 from .grouping import group
@@ -24,8 +23,8 @@ _NOBODY: Slots = np.zeros(0, np.intp)
 _NONE: Floats32 = np.zeros((0, 0), np.float32)
 
 
-class PixelEngine:
-    """Engine of one space in pixels.
+class PixelMethod:
+    """The method of one space in pixels.
 
     Parameters
     ----------
@@ -33,24 +32,20 @@ class PixelEngine:
         Only the window matters here, and that is the space's affair.
     spec
         The space.
-    ids
-        Where new hypotheses get their ids.
     parameters
         Of the method.
     """
 
+    matching = staticmethod(largest_first)
+
     def __init__(
         self,
-        config: FusionConfig,  # noqa: ARG002 - every engine is built from the same three
-        spec: SpaceSpec,
-        ids: IdAllocator,
+        config: FusionConfig,  # noqa: ARG002 - every method is built from the same two
+        spec: SpaceSpec,  # noqa: ARG002
         parameters: PixelParameters | None = None,
     ) -> None:
-        self._spec = spec
-        self._ids = ids
         self._p = parameters or PixelParameters()
         self._stamps: list[int] = []
-        self._memory = LabelMemory()
         # Of the last update: who was current, who was compared, and their similarity.
         self._compared: tuple[Slots, Slots, Floats32] = (_NOBODY, _NOBODY, _NONE)
 
@@ -64,32 +59,39 @@ class PixelEngine:
         """The oldest observations of some slots are about to go: nothing is kept of them."""
 
     def forgetting(self, window: Window, slots: Slots) -> None:
-        """Slots are about to be freed."""
-        self._memory.forget(window, slots)
+        """Slots are about to be freed: nothing is kept of them."""
 
-    def update(self, window: Window, current: Slots, stamp_ns: int) -> Partition:
-        """Partition the current trajectories.
+    def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
+        """Group the current trajectories.
 
-        The dead of the window are compared as well: they connect those that came after them.
+        Compares the ended ones of the window as well: they connect those that came after them.
         """
-        self._memory.fit(window)
-        label = self._memory.label
         del self._stamps[: bisect_left(self._stamps, stamp_ns - window.span_ns)]
-        held = label[current]
         grown, frames = self._grown(window, current)
-        found = group(frames, self._p, before=label[grown]) if len(grown) > 1 else None
+        before = previous.labels[grown]
+        found = group(frames, self._p, before=before) if len(grown) > 1 else None
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         if found is not None:
-            label[grown] = propagate(label[grown], found.labels, self._ids.next)
+            labels = found.labels
             confidence[grown], residual[grown] = found.confidence, found.similarity.residual
-        self._adopt(window, current, grown, held, confidence)
-        labels = label[current]
-        self._memory.lead(window, np.union1d(current, grown), held, labels)
+        else:
+            # Nothing to compare: they stay what they were.
+            known = np.unique(before[before >= 0])
+            labels = np.where(before >= 0, np.searchsorted(known, before), NO_HYPOTHESIS)
+        groups = np.full(window.capacity, NO_HYPOTHESIS)
+        groups[grown] = labels
+        count = int(labels.max(initial=-1)) + 1
+        self._adopt(window, current, grown, previous, groups, confidence, count)
         self._compared = (current, grown, found.similarity.value) if found else (current, _NOBODY, _NONE)
-        events = self._memory.note(window, stamp_ns)
-        births = self._memory.born_ns
-        described = describe(window, current, labels, residual[current], self._spec.name, births)
-        return Partition(labels, confidence[current], described, events)
+        slots = np.union1d(current, grown)
+        return Partition(
+            slots=slots,
+            groups=groups[slots],
+            deciding=np.isin(slots, grown),
+            confidence=confidence[current],
+            position=window.positions[current, window.stop[current] - 1],
+            described=describe(window, current, groups[current], residual[current], count),
+        )
 
     def _grown(self, window: Window, current: Slots) -> tuple[Slots, KeyFrames]:
         """Trajectories that can be compared, by key, on the key frames of the window."""
@@ -100,16 +102,27 @@ class PixelEngine:
         ready = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), self._p)
         return slots[ready], frames.of(ready)
 
-    def _adopt(self, window: Window, current: Slots, grown: Slots, held: Slots, confidence: Floats) -> None:
-        """Labels for the current trajectories that could not be compared."""
-        young, label = ~np.isin(current, grown), self._memory.label
-        if not young.any():
+    def _adopt(
+        self,
+        window: Window,
+        current: Slots,
+        grown: Slots,
+        previous: Previous,
+        groups: Ints,
+        confidence: Floats,
+        count: int,
+    ) -> None:
+        """Groups for the current trajectories that could not be compared."""
+        young = current[~np.isin(current, grown)]
+        labelled = grown[groups[grown] != NO_HYPOTHESIS]
+        if not len(young):
             return
-        labelled = grown[label[grown] != NO_HYPOTHESIS]
-        known = labelled, label[labelled], held[young]
-        labels, share = adopt(window, current[young], *known, self._p.motion_weight)
-        label[current[young]] = labels
-        confidence[current[young]] = share / 2
+        names = _provisional(previous.labels[grown], groups[grown], count)
+        known = labelled, names[groups[labelled]], previous.labels[young]
+        labels, share = adopt(window, young, *known, self._p.motion_weight)
+        group_of = {int(name): k for k, name in enumerate(names)}
+        groups[young] = [group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]
+        confidence[young] = share / 2
 
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""
@@ -121,15 +134,23 @@ class PixelEngine:
         np.fill_diagonal(affinity, 1.0)
         return affinity
 
-    def state(self, window: Window) -> dict[str, Any]:
-        """Labels of all trajectories, since when there are the hypotheses, and so the warm start."""
-        return self._memory.state(window)
+    def state(self) -> dict[str, Any]:
+        """Nothing: previous labels are the warm start."""
+        return {}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
-        """Take up :meth:`state`; the instants come from the window."""
+        """Read the instants from the window."""
+        del state
         series = [window.series(slot).times for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
-        self._memory.load(state, window)
+
+
+def _provisional(before: Labels, groups: Ints, count: int) -> Labels:
+    """Name of each group for votes, int64 [count]: the hypothesis it continues, or one above all others."""
+    names = np.arange(count) + int(before.max(initial=0)) + 1
+    for k, hypothesis in continued(before, groups, count, largest_first).items():
+        names[k] = hypothesis
+    return names
 
 
 def choose(seen: Slots, dead: NDArray[np.bool_], parameters: PixelParameters) -> Slots:

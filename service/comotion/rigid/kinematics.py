@@ -7,13 +7,13 @@ past from both sides.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from comotion_schemas import Pose, Twist
 
 from ..arrays import Floats, Ints, Stamps
+from ..partition import PoseReference
 from .bodies import Body
 from .frames import Frames
 from .panel import ENOUGH
@@ -75,33 +75,8 @@ def _polynomial(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
     return found[0], found[1] if degree else np.zeros(values.shape[1])
 
 
-@dataclass
-class Anchor:
-    """What ties a hypothesis to its birth: rows seen since and where they were at birth.
-
-    `rows` int64 [m] stable names of rows, `points` float64 [m, 3] in the axes of the space at birth,
-    `R`, `t` the last pose since birth, at `stamp_ns`.
-    """
-
-    born_ns: int
-    rows: Stamps
-    points: Floats
-    R: Floats
-    t: Floats
-    stamp_ns: int
-
-    @classmethod
-    def new(cls, stamp_ns: int) -> "Anchor":
-        """Of a hypothesis born now."""
-        return cls(stamp_ns, np.zeros(0, np.int64), np.zeros((0, 3)), np.eye(3), np.zeros(3), stamp_ns)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values and arrays."""
-        return dict(vars(self))
-
-
 def follow(
-    anchor: Anchor,
+    reference: PoseReference,
     frames: Frames,
     body: Body,
     names: Stamps,
@@ -122,34 +97,34 @@ def follow(
     local
         Motion of the body at a time.
     """
-    R, t = _from_birth(anchor, frames, body, names, local)
+    R, t = _from_birth(reference, frames, body, names, local)
     # (R, t) takes body coordinates to the axes at birth; x(now) = R_now R^T (x(born) - t) + t_now.
-    anchor.R = now.R @ R.T
-    anchor.t = now.t - anchor.R @ t
-    anchor.stamp_ns = int(frames.stamps[-1])
-    known = np.isin(names, anchor.rows)
-    if anchor.born_ns >= int(frames.stamps[0]):
-        anchor.rows, anchor.points = names, body.template @ R.T + t
+    reference.R = now.R @ R.T
+    reference.t = now.t - reference.R @ t
+    reference.stamp_ns = int(frames.stamps[-1])
+    known = np.isin(names, reference.rows)
+    if reference.born_ns >= int(frames.stamps[0]):
+        reference.rows, reference.points = names, body.template @ R.T + t
     else:
-        kept = np.isin(anchor.rows, names)
-        anchor.rows = np.concatenate([anchor.rows[kept], names[~known]])
-        anchor.points = np.concatenate([anchor.points[kept], body.template[~known] @ R.T + t])
+        kept = np.isin(reference.rows, names)
+        reference.rows = np.concatenate([reference.rows[kept], names[~known]])
+        reference.points = np.concatenate([reference.points[kept], body.template[~known] @ R.T + t])
 
 
 def _from_birth(
-    anchor: Anchor, frames: Frames, body: Body, names: Stamps, local: Callable[[int], Local | None]
+    reference: PoseReference, frames: Frames, body: Body, names: Stamps, local: Callable[[int], Local | None]
 ) -> tuple[Floats, Floats]:
     """Transform from body coordinates to the axes of the space at birth."""
-    if anchor.born_ns >= int(frames.stamps[0]) and (then := local(anchor.born_ns)) is not None:
+    if reference.born_ns >= int(frames.stamps[0]) and (then := local(reference.born_ns)) is not None:
         return then.R, then.t
-    shared, mine, theirs = np.intersect1d(names, anchor.rows, return_indices=True)
+    shared, mine, theirs = np.intersect1d(names, reference.rows, return_indices=True)
     if len(shared) >= min(frames.dim, max(len(names), 2)):
-        return align(body.template[mine], anchor.points[theirs], frames.dim)
-    last = local(anchor.stamp_ns)
+        return align(body.template[mine], reference.points[theirs], frames.dim)
+    last = local(reference.stamp_ns)
     if last is None:
         return np.eye(3), np.zeros(3)
-    # x(last) = anchor.R x(born) + anchor.t and x(last) = last.R b + last.t.
-    return anchor.R.T @ last.R, anchor.R.T @ (last.t - anchor.t)
+    # x(last) = reference.R x(born) + reference.t and x(last) = last.R b + last.t.
+    return reference.R.T @ last.R, reference.R.T @ (last.t - reference.t)
 
 
 def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:

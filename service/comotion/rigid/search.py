@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Ints
 from ..compiled import compiled
+from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
 from .assignment import DEAD_FRAMES, OUTLIER, Assignment, assign, cheapest
 from .bodies import Body, Costs, costs, fit, moving, static_body
 from .config import MotionConfig
 from .frames import Frames
-from .identity import columns_before, match
 from .panel import FEW, panel, representatives, strangeness, unexplained
 from .proposals import adopt, propose
 from .selection import select
@@ -122,7 +122,7 @@ def _settled(
     chosen = select(_of(frames, found, judged))
     bodies, evidence = [bodies[k] for k in chosen], found.of(chosen)
     rough = cheapest(evidence.body, evidence.outlier)
-    stays = columns_before(past.labels, match(rough, past.labels, len(bodies)))
+    stays = _columns_before(past.labels, _continued(rough, past.labels, len(bodies)))
     where = _carried(frames, newest, bodies, rough)
     assignment = assign(frames, evidence.body, evidence.outlier, stays, where, config)
     return Found(bodies, assignment, evidence, strangeness(evidence, assignment.labels, config))
@@ -140,14 +140,14 @@ def _by_panel(
     bodies, labels = _first(frames.of(chosen), seated, judged[chosen], open_, config)
     # Of those on the panel only the ones a hypothesis explains are a fair share of it.
     fair = (labels > 0) & ~open_ & (seated.labels != past.static)
-    continued = match(labels[fair], seated.labels[fair], len(bodies))
+    heirs = _continued(labels[fair], seated.labels[fair], len(bodies))
     column = np.full(len(judged), UNSEATED)
     column[chosen] = labels
     groups = [
-        (column == k) | ((column == UNSEATED) & (past.labels == continued.get(k, UNSEATED)))
+        (column == k) | ((column == UNSEATED) & (past.labels == heirs.get(k, UNSEATED)))
         for k in range(1, len(bodies))
     ]
-    kept = {past.static, NO_HYPOTHESIS, *continued.values()}
+    kept = {past.static, NO_HYPOTHESIS, *heirs.values()}
     groups += [past.labels == h for h in np.unique(past.labels).tolist() if h not in kept]
     rows = [representatives(frames, newest, group & judged) for group in groups]
     return [static_body(len(frames.stamps)), *(fit(frames, some) for some in rows if len(some) >= 2)]
@@ -232,3 +232,16 @@ def _carry(
                 inside += R[last, c, d] * (y[i, last, c] - t[last, c])
             for c in range(3):
                 where[tracks[n], c] += R[now, c, d] * inside
+
+
+def _continued(labels: Ints, before: NDArray[np.int64], bodies: int) -> dict[int, int]:
+    """Hypothesis that each body continues, {column: id}: most shared trajectories in all."""
+    return continued(before, labels, bodies, largest_total)
+
+
+def _columns_before(before: NDArray[np.int64], matched: dict[int, int]) -> Ints:
+    """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
+    found = np.full(len(before), -1, np.intp)
+    for k, hypothesis in matched.items():
+        found[before == hypothesis] = k
+    return found

@@ -6,8 +6,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.propagation import follow, propagate
+from comotion.hypotheses.identity import follow, name_groups
+from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS
+
+
+def propagate(before, clusters, allocate):
+    """Hypothesis of each trajectory, by the rule of the thesis."""
+    groups = int(clusters.max(initial=-1)) + 1
+    return name_groups(before, clusters, groups, largest_first, allocate)[clusters]
 
 
 def match(before, clusters, first=100):

@@ -1,0 +1,54 @@
+"""Named groups in, hypotheses as they are published out."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from comotion_schemas import Hypothesis
+
+from ..arrays import Labels
+from ..partition import NO_HYPOTHESIS, Partition, PoseReference
+
+
+def describe(
+    space: str, partition: Partition, ids: Labels, labels: Labels, references: Mapping[int, PoseReference]
+) -> list[Hypothesis]:
+    """Hypotheses that have a current member, by id.
+
+    Parameters
+    ----------
+    space
+        Name of the space.
+    partition
+        Groups 0 to K - 1.
+    ids
+        int64 [K], hypothesis of each group, negative for none.
+    labels
+        int64 [n], hypotheses of the current trajectories.
+    references
+        Of every hypothesis in `ids`; brought up to date.
+    """
+    found = []
+    for group, one in zip(partition.described, ids.tolist(), strict=True):
+        if one == NO_HYPOTHESIS:
+            continue
+        reference = references[one]
+        # A hypothesis without a current member keeps its pose up to date for their return.
+        pose = group.pose_since(reference) if group.pose_since is not None else None
+        members = np.flatnonzero(labels == one)
+        if not len(members):
+            continue
+        found.append(
+            Hypothesis(
+                id=one,
+                space=space,
+                size=len(members),
+                born_ns=reference.born_ns,
+                state=group.state,
+                centroid=partition.position[members].mean(0).tolist(),
+                pose=pose,
+                twist=group.twist,
+                noise=group.noise,
+            )
+        )
+    return sorted(found, key=lambda h: h.id)

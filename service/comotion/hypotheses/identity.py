@@ -1,0 +1,185 @@
+"""Partitions in, hypothesis ids over time out: one memory of labels for all methods."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from comotion_schemas import UNDETERMINED, Event
+
+from ..arrays import Ints, Labels, Slots
+from ..matching import continued
+from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
+from ..trajectories.window import Window
+from .events import Membership, changes
+
+
+class IdAllocator:
+    """Hands out hypothesis ids, never the same twice within a scene."""
+
+    def __init__(self, first: int = 1) -> None:
+        self.following = first
+
+    def next(self) -> int:
+        """A fresh id.
+
+        Raises
+        ------
+        OverflowError
+            After 2**32 - 2 hypotheses.
+        """
+        if self.following >= UNDETERMINED:
+            raise OverflowError("out of hypothesis ids")
+        self.following += 1
+        return self.following - 1
+
+
+class LabelMemory:
+    """Hypotheses of all slots of a window, and the birth of each hypothesis.
+
+    Parameters
+    ----------
+    ids
+        Where new hypotheses get their ids.
+
+    Attributes
+    ----------
+    labels
+        int64 [capacity]: hypothesis of each slot, or :data:`NO_HYPOTHESIS`.
+    ids
+        int64 [K]: hypothesis of each group of the last partition.
+    references
+        By hypothesis that has a trajectory in the window.
+    """
+
+    def __init__(self, ids: IdAllocator) -> None:
+        self._allocator = ids
+        self.labels: Labels = np.zeros(0, np.int64)
+        self.ids: Labels = np.zeros(0, np.int64)
+        self.references: dict[int, PoseReference] = {}
+        self._before = Membership.empty()
+
+    def previous(self, window: Window) -> Previous:
+        """What a method is told of the last update."""
+        self._fit(window)
+        return Previous(self.labels, self.ids)
+
+    def forget(self, window: Window, slots: Slots) -> None:
+        """Slots are about to be freed."""
+        self._fit(window)
+        self.labels[slots] = NO_HYPOTHESIS
+
+    def name(self, window: Window, partition: Partition, current: Slots, matching: Matching) -> Labels:
+        """Hypotheses of the current trajectories, int64 [n]; a group that continues none gets a new id."""
+        self._fit(window)
+        slots, groups, count = partition.slots, partition.groups, len(partition.described)
+        vote = partition.deciding
+        self.ids = name_groups(self.labels[slots[vote]], groups[vote], count, matching, self._allocator.next)
+        before = self.labels[current]
+        self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
+        now = self.labels[current]
+        self._lead_outdated(window, slots, before, now)
+        return now
+
+    def note(self, window: Window, stamp_ns: int) -> list[Event]:
+        """Take down the memberships; returns the events since the last time."""
+        after = self._membership(window)
+        events = changes(stamp_ns, self._before, after)
+        self._before = after
+        present = np.unique(self.labels[window.used])
+        self.references = {
+            h: self.references.get(h) or PoseReference.new(stamp_ns)
+            for h in present.tolist()
+            if h != NO_HYPOTHESIS
+        }
+        return events
+
+    def state(self, window: Window) -> dict[str, Any]:
+        """As plain values and arrays: labels by trajectory, births by hypothesis."""
+        self._fit(window)
+        slots = window.slots()
+        return {
+            "tracks": window.key[slots],
+            "labels": self.labels[slots],
+            "ids": self.ids,
+            "references": [[h, dict(vars(reference))] for h, reference in self.references.items()],
+        }
+
+    def load(self, state: dict[str, Any], window: Window) -> None:
+        """Take up :meth:`state`; an empty one says nothing."""
+        self._fit(window)
+        if not state:
+            return
+        slots = window.slots()
+        label_of = dict(zip(state["tracks"].tolist(), state["labels"].tolist(), strict=True))
+        self.labels[slots] = [label_of.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
+        self.ids = state["ids"]
+        self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
+        self._before = self._membership(window)
+
+    def _fit(self, window: Window) -> None:
+        """Make room for every slot of the window."""
+        extra = window.capacity - len(self.labels)
+        if extra:
+            self.labels = np.pad(self.labels, (0, extra), constant_values=NO_HYPOTHESIS)
+
+    def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
+        """Let outdated trajectories follow the current ones, which went from `before` to `now`."""
+        outdated = window.used & ~window.ended
+        outdated[named] = False
+        slots = np.flatnonzero(outdated)
+        self.labels[slots] = follow(before, now, self.labels[slots])
+
+    def _membership(self, window: Window) -> Membership:
+        """Of all trajectories that are current or may come back."""
+        slots = np.flatnonzero(window.used & ~window.ended & (self.labels != NO_HYPOTHESIS))
+        return Membership(window.key[slots], self.labels[slots])
+
+
+def name_groups(
+    before: Labels, groups: Ints, count: int, matching: Matching, allocate: Callable[[], int]
+) -> Labels:
+    """Hypothesis of each group, int64 [count]; :data:`NO_HYPOTHESIS` for one without members.
+
+    Parameters
+    ----------
+    before
+        int64 [N], hypothesis of each trajectory until now, negative for none.
+    groups
+        intp [N], group of each, negative for none.
+    count
+        Number of groups.
+    matching
+        Which old hypothesis continues in which group.
+    allocate
+        Gives a fresh id, for a group that continues none.
+    """
+    matched = continued(before, groups, count, matching)
+    ids = np.full(count, NO_HYPOTHESIS)
+    for k in np.unique(groups[groups >= 0]).tolist():
+        ids[k] = matched[k] if k in matched else allocate()
+    return ids
+
+
+def follow(before: Labels, now: Labels, outdated: Labels) -> Labels:
+    """Labels of outdated trajectories, after the current ones went from `before` to `now`.
+
+    They keep their label for their return. Only where a hypothesis has no current member left, and more
+    of its members have just gone over to another than are outdated, they go with them.
+
+    Parameters
+    ----------
+    before, now
+        int64 [n], of the current trajectories.
+    outdated
+        int64 [m], of the outdated ones.
+    """
+    followed = outdated.copy()
+    for label in np.unique(outdated):
+        if (now == label).any():
+            continue
+        went, votes = np.unique(now[before == label], return_counts=True)
+        members = outdated == label
+        if label != NO_HYPOTHESIS and votes.max(initial=0) > members.sum():
+            followed[members] = went[votes.argmax()]
+    return followed

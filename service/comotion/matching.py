@@ -1,0 +1,63 @@
+"""Counts of shared trajectories in, pairs of old and new groups out."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from .arrays import Ints, Labels
+
+Pairs = list[tuple[int, int]]
+
+
+def shared_counts(before: Labels, groups: Ints, count: int) -> tuple[Labels, NDArray[np.int64]]:
+    """Count the trajectories that old hypotheses and new groups share.
+
+    Parameters
+    ----------
+    before
+        int64 [N], hypothesis of each trajectory until now, negative for none.
+    groups
+        intp [N], group of each, negative for none.
+    count
+        Number of groups.
+
+    Returns
+    -------
+    known
+        int64 [H], the old hypotheses, ascending.
+    shared
+        int64 [H, count].
+    """
+    known = np.unique(before[before >= 0])
+    both = (groups >= 0) & (before >= 0)
+    cells = np.searchsorted(known, before[both]) * count + groups[both]
+    return known, np.bincount(cells, minlength=len(known) * count).reshape(len(known), count)
+
+
+def largest_first(shared: NDArray[np.int64]) -> Pairs:
+    """Label propagation of the thesis: the largest entry is a match, and strikes its row and column.
+
+    It goes on until the largest entry is 0. Ties go to the older hypothesis, then to the first group.
+    """
+    left, pairs = shared.copy(), []
+    while left.any():
+        k, m = np.unravel_index(int(left.argmax()), left.shape)
+        pairs.append((int(k), int(m)))
+        left[k], left[:, m] = 0, 0
+    return pairs
+
+
+def largest_total(shared: NDArray[np.int64]) -> Pairs:
+    """The assignment with most shared trajectories in all (Kuhn 1955)."""
+    rows, columns = linear_sum_assignment(-shared)
+    return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if shared[r, c] > 0]
+
+
+def continued(
+    before: Labels, groups: Ints, count: int, matching: Callable[[NDArray[np.int64]], Pairs]
+) -> dict[int, int]:
+    """Hypothesis that each group continues, {group: id}; parameters as in :func:`shared_counts`."""
+    known, shared = shared_counts(before, groups, count)
+    return {group: int(known[row]) for row, group in matching(shared)}

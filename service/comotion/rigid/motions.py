@@ -1,0 +1,105 @@
+"""Bodies and their members in, what is published of each out: state, twist, noise, pose since birth."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from comotion_schemas import Pose
+from comotion_schemas.hypotheses import HypothesisState
+
+from ..arrays import Floats, Ints, Stamps
+from ..partition import Group, PoseReference
+from .bodies import Body, residuals
+from .config import MotionConfig
+from .frames import Frames
+from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
+from .search import Found
+from .tracks import Tracks
+
+# A scene must have been watched this long before "nothing moves" says more than "nothing yet".
+_WATCHED = 1.0
+# The noise of a hypothesis is read off so many of its members, evenly drawn.
+_ASKED = 64
+# Rows of one trajectory are told apart in a pose reference by this stride.
+_ROWS_PER_TRACK = 8
+
+
+def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: MotionConfig) -> list[Group]:
+    """Describe every body; one without a trajectory is left undetermined."""
+    names = _row_names(tracks, frames)
+    labels = found.assignment.labels
+    groups = []
+    for k in range(len(found.bodies)):
+        members = labels == k
+        groups.append(_describe(tracks, frames, found, k, names, config) if members.any() else Group())
+    return groups
+
+
+def _describe(
+    tracks: Tracks, frames: Frames, found: Found, k: int, names: Stamps, config: MotionConfig
+) -> Group:
+    body = found.bodies[k]
+    members = np.flatnonzero((found.assignment.labels == k) & tracks.alive)
+    rows = frames.rows_of(members)
+    point = np.zeros(3) if body.static else centroid_of(body, rows, tracks.newest()[members])
+    now = _motion(frames, body, point)
+    since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
+    if not body.static:
+        since = partial(_pose_since, frames, body, names[body.rows], point, now)
+    if not len(members):
+        return Group(pose_since=since)
+    return Group(
+        state=_state(frames, found, k, config),
+        twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
+        noise=_noise(frames, body, rows, config),
+        pose_since=since,
+    )
+
+
+def _motion(frames: Frames, body: Body, point: Floats) -> Local | None:
+    """Motion at the newest frame."""
+    if body.static:
+        return Local(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+    return local_motion(frames, body, int(frames.stamps[-1]), point)
+
+
+def _pose_at_rest(frames: Frames, reference: PoseReference) -> Pose:
+    reference.stamp_ns = int(frames.stamps[-1])
+    return as_pose(reference.R, reference.t, frames.dim)
+
+
+def _pose_since(
+    frames: Frames, body: Body, names: Stamps, point: Floats, now: Local | None, reference: PoseReference
+) -> Pose | None:
+    """Pose since birth; the reference is brought up to date."""
+    if now is None:
+        return None
+    follow(reference, frames, body, names, now, lambda at: local_motion(frames, body, at, point))
+    return as_pose(reference.R, reference.t, frames.dim)
+
+
+def _state(frames: Frames, found: Found, k: int, config: MotionConfig) -> HypothesisState:
+    """Static or moving where the costs of its members tell, else undetermined."""
+    members = found.assignment.labels == k
+    if found.bodies[k].static:
+        watched = frames.life[members].max(initial=0) / config.frame_rate
+        return "static" if watched >= _WATCHED else "undetermined"
+    costs = found.evidence
+    gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
+    return "moving" if gain > costs.opening[k] else "undetermined"
+
+
+def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
+    """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
+    order = np.argsort(frames.owner, kind="stable")
+    owner = frames.owner[order]
+    place = np.zeros(len(owner), np.int64)
+    place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    return tracks.key[frames.owner] * _ROWS_PER_TRACK + place
+
+
+def _noise(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> float:
+    """One-sigma residual of a coordinate of the members."""
+    some = rows[:: -(-len(rows) // _ASKED)]
+    return float(np.sqrt(residuals(frames, body, some, config).mean() / frames.dim))
