@@ -39,7 +39,7 @@ from comotion_schemas import metrics
 
 pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 BLOCK = re.compile(r"^(?:<!-- (\w+)(?:: (\S+))? -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 RUN_S = 60
@@ -62,7 +62,7 @@ class Block(NamedTuple):
 
 def blocks(page: Path) -> list[Block]:
     found = BLOCK.findall(page.read_text())
-    return [Block(f"{page.name}:{number}", *block) for number, block in enumerate(found)]
+    return [Block(f"{page.relative_to(ROOT)}:{number}", *block) for number, block in enumerate(found)]
 
 
 ALL = [block for page in PAGES for block in blocks(page)]
@@ -188,7 +188,7 @@ def test_code_that_runs_to_its_end(name: str, run_block: Run) -> None:
     assert output.strip()
 
 
-@pytest.mark.parametrize("page", SESSIONS, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", SESSIONS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_can_be_followed(page: Path, start: Callable, endpoint: str, tmp_path: Path) -> None:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     env = {**os.environ, "COMOTION_CONNECT": endpoint, "PATH": path}
@@ -285,9 +285,10 @@ def test_the_tables_of_parameters_are_in_step() -> None:
 
 
 def test_every_page_is_in_the_index() -> None:
-    index = (ROOT / "docs" / "README.md").read_text()
-    for page in (ROOT / "docs").glob("*.md"):
-        assert page.name == "README.md" or f"]({page.name})" in index, page.name
+    folder = ROOT / "docs"
+    index = (folder / "README.md").read_text()
+    for page in folder.rglob("*.md"):
+        assert page.name == "README.md" or f"]({page.relative_to(folder)})" in index, page
 
 
 def test_links_lead_somewhere() -> None:
@@ -296,9 +297,9 @@ def test_links_lead_somewhere() -> None:
             if target.startswith("http"):
                 continue
             goal = (page.parent / target) if target else page
-            assert goal.exists(), f"{page.name}: {target}"
+            assert goal.exists(), f"{page}: {target}"
             if anchor:
-                assert anchor in anchors(goal), f"{page.name}: {target}#{anchor}"
+                assert anchor in anchors(goal), f"{page}: {target}#{anchor}"
 
 
 def anchors(page: Path) -> set[str]:
@@ -308,7 +309,9 @@ def anchors(page: Path) -> set[str]:
 
 
 def test_pictures_are_small() -> None:
-    for picture in (ROOT / "docs" / "images").iterdir():
+    pictures = list((ROOT / "docs").rglob("images/*"))
+    assert pictures
+    for picture in pictures:
         assert picture.stat().st_size < 300_000, picture.name
 
 

@@ -25,7 +25,7 @@ Examples:
 
   comotion bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
 
-  comotion bench --out docs   # writes performance.md and its picture
+  comotion bench --out docs/research   # writes performance.md and its picture
 
   comotion bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
 """

@@ -37,7 +37,7 @@ The folder holds hopkins155/, kt3dmoseg/, mtpv/ or video/ikeasmall01.npz, those 
 ACCURACY_EPILOG = """
 Examples:
 
-  comotion reproduce accuracy --data recordings/mocap --out docs
+  comotion reproduce accuracy --data recordings/mocap --out docs/research
 
   comotion reproduce accuracy --quick
 """

@@ -33,7 +33,7 @@ class Membership:
 
 
 def changes(stamp_ns: int, before: Membership, after: Membership) -> list[Event]:
-    """Events between two memberships (PROTOCOL.md, HypothesisUpdate), by kind and id.
+    """Events between two memberships (docs/protocol.md, HypothesisUpdate), by kind and id.
 
     A hypothesis that is new: ``split`` if no fewer of its members left some old hypothesis than came
     from nowhere, else ``born``. One that is gone: ``merged`` if no fewer of its members went to some
