@@ -1,6 +1,6 @@
 """Typed NumPy columns: how an array field of a message is declared, checked and carried.
 
-A column travels as a msgpack ``bin`` of a little-endian C-order array (docs/protocol.md, "How things are written").
+A column travels as a msgpack ``bin`` of a little-endian C-order array (docs/protocol.md).
 """
 
 from dataclasses import dataclass

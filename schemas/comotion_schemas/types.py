@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints
 from .columns import Column
 
 MAX_BYTES = 16 * 1024 * 1024
-"""Largest message the codec takes (docs/protocol.md, "How things are written")."""
+"""Largest message the codec takes (docs/protocol.md)."""
 
 UNDETERMINED = 0xFFFF_FFFF
 """``track_hypothesis`` of a trajectory that belongs to no hypothesis."""
