@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas.sequence import SequenceCounter
 
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
 
@@ -26,20 +27,15 @@ EVENTS_KEPT = 100
 class Stream:
     """Arrivals of one publisher: its rate, its age and what went missing."""
 
-    session: str = ""
-    seq: int = -1
     lost: int = 0
     lost_at: float = -np.inf
     arrivals: deque[float] = field(default_factory=deque)
 
-    def arrive(self, session: str, seq: int, now: float) -> None:
-        """Take note of a message."""
-        if session != self.session:
-            self.session, self.seq = session, seq
-        elif seq > self.seq + 1:
-            self.lost += seq - self.seq - 1
+    def arrive(self, lost: int, now: float) -> None:
+        """Take note of a message before which `lost` others are missing."""
+        if lost:
+            self.lost += lost
             self.lost_at = now
-        self.seq = max(self.seq, seq)
         self.arrivals.append(now)
         while now - self.arrivals[0] > RATE_SPAN_S and len(self.arrivals) > 2:
             self.arrivals.popleft()
@@ -95,6 +91,7 @@ class SceneModel:
         self._sources: dict[str, _Source] = {}
         self._units: dict[str, str] = {}
         self._updates = Stream()
+        self._sequences = SequenceCounter()
         self._update: HypothesisUpdate | None = None
         self._service: Status | None = None
         self._service_gone = False
@@ -113,14 +110,16 @@ class SceneModel:
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Take in a batch of a source."""
         source = self._sources.setdefault(batch.source, _Source())
-        source.stream.arrive(batch.session, batch.seq, arrived)
+        lost = self._sequences.sight(f"obs/{batch.source}", batch.session, batch.seq).lost
+        source.stream.arrive(lost, arrived)
         source.space, source.gone_at = batch.space, None
         source.lag = (wall_ns - batch.stamp_ns) / 1e9
         self._units[batch.space] = batch.unit
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
         """Take in an update; answers with the events that no earlier one had."""
-        self._updates.arrive(update.session, update.seq, arrived)
+        lost = self._sequences.sight("hypotheses", update.session, update.seq).lost
+        self._updates.arrive(lost, arrived)
         self._update, self._service_gone = update, False
         new = [e for e in update.events if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})

@@ -21,6 +21,7 @@ from comotion_schemas import (
 )
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.qos import Kind
+from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.transport import declare_subscriber
 
 from .inbox import Closed, Inbox
@@ -101,7 +102,7 @@ class Subscription(Generic[M]):
         self.timeout = timeout
         self._message: type[M] = message
         self._scene = scene
-        self._newest: dict[str, tuple[str, int]] = {}
+        self._sequences = SequenceCounter()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = _RINGS.get(message, max(_RING, _CAPACITIES[message]))
@@ -197,15 +198,12 @@ class Subscription(Generic[M]):
         """Follow the sequence numbers; an update that is repeated or overtaken says nothing new."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
-        name = _publisher(message)
-        session, newest = self._newest.get(name, ("", 0))
-        if session == message.session:
-            if message.seq <= newest:
-                self.counters.stale += isinstance(message, HypothesisUpdate)
-                return isinstance(message, ObservationBatch)
-            self.counters.lost += message.seq - newest - 1
-        self._newest[name] = (message.session, message.seq)
-        return True
+        lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)
+        self.counters.lost += lost
+        if order == "newest" or isinstance(message, ObservationBatch):
+            return True
+        self.counters.stale += 1
+        return False
 
 
 def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status | Preview) -> str:

@@ -9,6 +9,7 @@ from comotion_schemas import QOS, DecodeError, Message, TruthBatch, decode
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.qos import Kind
 from comotion_schemas.recording import LOSSES
+from comotion_schemas.sequence import SequenceCounter
 
 from .disk import free_bytes
 from .file import RecordingFile, StorageError
@@ -64,27 +65,6 @@ class Tally:
         return sum(self.messages.values())
 
 
-class _Sequences:
-    """Counts the gaps in the sequence numbers of every key."""
-
-    def __init__(self) -> None:
-        self._newest: dict[str, tuple[str, int]] = {}
-
-    def gap(self, key: str, message: Message) -> int:
-        """How many messages are missing before this one."""
-        number = getattr(message, "seq", None)
-        if number is None:
-            return 0
-        session, newest = self._newest.get(key, ("", 0))
-        if session != message.session:
-            self._newest[key] = (message.session, number)
-            return 0
-        if number <= newest:
-            return 0
-        self._newest[key] = (session, number)
-        return int(number - newest - 1)
-
-
 class Series:
     """Writes what arrives into one file after the other.
 
@@ -103,7 +83,7 @@ class Series:
         self._options = options
         self.tally = Tally()
         self.paths: list[Path] = []
-        self._sequences = _Sequences()
+        self._sequences = SequenceCounter()
         self._keys: set[str] = set()
         self._truth: dict[str, tuple[str, list[tuple[bytes, TruthBatch]]]] = {}
         self._begun_ns: int | None = None
@@ -169,9 +149,14 @@ class Series:
         except DecodeError as error:
             self.tally.invalid[error.reason] = self.tally.invalid.get(error.reason, 0) + 1
             return None
-        if gap := self._sequences.gap(arrival.key, message):
-            self.tally.lost[arrival.key] = self.tally.lost.get(arrival.key, 0) + gap
+        self._count_lost(arrival.key, message)
         return message
+
+    def _count_lost(self, key: str, message: Message) -> None:
+        seq = getattr(message, "seq", None)
+        lost = 0 if seq is None else self._sequences.sight(key, message.session, seq).lost
+        if lost:
+            self.tally.lost[key] = self.tally.lost.get(key, 0) + lost
 
     def _remember(self, arrival: Arrival, truth: TruthBatch) -> None:
         name = last_chunk(arrival.key)

@@ -1,0 +1,74 @@
+"""The one counter of sequence numbers: loss, order, repetition, and how much it remembers."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comotion_schemas.sequence import MAX_MISSING, MAX_SESSIONS, SequenceCounter, Sighting
+
+A, B = "a" * 16, "b" * 16
+
+
+def sight(numbers, counter=None):
+    counter = counter or SequenceCounter()
+    return [counter.sight("cam", A, seq) for seq in numbers]
+
+
+def test_a_late_joiner_has_lost_nothing_and_every_skipped_number_is_a_loss():
+    assert sight([7, 8, 11]) == [Sighting(0, "newest"), Sighting(0, "newest"), Sighting(2, "newest")]
+
+
+def test_a_number_that_comes_after_all_is_overtaken_once_and_then_repeated():
+    assert [s.order for s in sight([0, 2, 1, 1, 2])] == [
+        "newest",
+        "newest",
+        "overtaken",
+        "repeated",
+        "repeated",
+    ]
+
+
+def test_numbers_before_the_first_one_seen_are_new_once():
+    assert [s.order for s in sight([5, 3, 3, 4])] == ["newest", "overtaken", "repeated", "overtaken"]
+
+
+def test_publishers_and_sessions_are_counted_apart():
+    counter = SequenceCounter()
+    streams = [("cam", A), ("cam", B), ("arm", A)]
+    for seq in (0, 2):
+        assert [counter.sight(*stream, seq).lost for stream in streams] == [seq // 2] * 3
+
+
+def test_a_session_that_was_forgotten_starts_anew():
+    counter = SequenceCounter()
+    sight([0, 1], counter)
+    counter.forget("cam", A)
+    counter.forget("never", B)
+    assert sight([0], counter) == [Sighting(0, "newest")]
+
+
+def test_a_huge_gap_is_counted_in_full_and_its_newest_numbers_are_remembered():
+    counter = SequenceCounter()
+    assert sight([0, 2**60], counter)[1] == Sighting(2**60 - 1, "newest")
+    assert sight([2**60 - MAX_MISSING], counter) == [Sighting(0, "overtaken")]
+    assert sight([2**60 - MAX_MISSING - 1], counter) == [Sighting(0, "repeated")]
+
+
+def test_a_flood_of_sessions_leaves_those_seen_last():
+    counter = SequenceCounter()
+    sight([0], counter)
+    counter.sight("idle", A, 0)
+    for k in range(MAX_SESSIONS - 1):
+        counter.sight("flood", f"{k:016x}", 0)
+        sight([0], counter)
+    assert sight([0], counter) == [Sighting(0, "repeated")]
+    assert counter.sight("idle", A, 0) == Sighting(0, "newest")
+
+
+@given(st.lists(st.integers(0, 50), min_size=1))
+def test_every_number_is_new_exactly_once_and_what_is_missing_was_lost(numbers):
+    sightings = sight(numbers)
+    fresh = [seq for seq, s in zip(numbers, sightings, strict=True) if s.order != "repeated"]
+    assert sorted(fresh) == sorted(set(numbers))
+    late = sum(s.order == "overtaken" and seq > numbers[0] for seq, s in zip(numbers, sightings, strict=True))
+    never = set(range(numbers[0], max(numbers) + 1)) - set(numbers)
+    assert sum(s.lost for s in sightings) == len(never) + late
