@@ -82,9 +82,9 @@ def time_scale(options: DemoOptions) -> float:
 def prepare() -> None:
     """Have everything compiled before the scene starts."""
     from comotion import FusionConfig
-    from comotion.runtime.rehearsal import rehearse
+    from comotion.runtime.warm_up import warm_up
 
-    for _ in rehearse(FusionConfig()):
+    for _ in warm_up(FusionConfig()):
         pass
 
 

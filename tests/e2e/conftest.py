@@ -26,7 +26,7 @@ import pytest
 import zenoh
 
 from comotion import FusionConfig
-from comotion.runtime.rehearsal import rehearse
+from comotion.runtime.warm_up import warm_up
 from comotion_schemas import Keys, Message, ObservationBatch, decode, encode
 from comotion_schemas.component import Component
 from comotion_schemas.qos import Kind
@@ -38,7 +38,7 @@ DEADLINE = 30.0
 def pytest_collection_finish(session: pytest.Session) -> None:
     """On a machine that has never run the service, compile before any deadline runs."""
     if any("start" in getattr(item, "fixturenames", ()) for item in session.items):
-        for _ in rehearse(FusionConfig()):
+        for _ in warm_up(FusionConfig()):
             pass
 
 

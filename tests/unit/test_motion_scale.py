@@ -13,7 +13,7 @@ from comotion.rigid import search as searching
 from comotion.rigid.bodies import costs, static_body
 from comotion.rigid.config import MotionConfig
 from comotion.rigid.frames import Frames
-from comotion.runtime.rehearsal import rehearse
+from comotion.runtime.warm_up import warm_up
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, ObservationBatch
@@ -170,8 +170,8 @@ def test_a_panel_is_bounded_and_seats_who_is_strange():
     assert len(everyone_new) == panels.FEW
 
 
-def test_after_a_rehearsal_nothing_is_left_to_compile():
-    assert sum(1 for _ in rehearse(FusionConfig())) > 0
+def test_after_the_warm_up_nothing_is_left_to_compile():
+    assert sum(1 for _ in warm_up(FusionConfig())) > 0
     modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
     kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
     before = {one: len(kernel.signatures) for one, kernel in kernels.items()}

@@ -3,6 +3,7 @@
 import os
 import stat
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,13 @@ import pytest
 from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
-from comotion.runtime.health import Health
+from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.intake import Rejection
-from comotion.runtime.rehearsal import rehearse
-from comotion.runtime.state_file import StateSchedule, StateWriter, load_fusion, write_atomically
+from comotion.runtime.state_file import StateKeeper, StateSchedule, StateWriter, load_fusion, write_atomically
 from comotion.runtime.ticker import HeadStart, Ticker
+from comotion.runtime.warm_up import warm_up
 from comotion_schemas import DecodeError
+from comotion_schemas.component import StatusFields
 
 SECOND = 10**9
 SESSION = "00000000000000aa"
@@ -152,8 +154,20 @@ class TestHealth:
         assert fields.counters["lost"] == 0
 
 
-class TestRehearsal:
-    def test_every_kind_of_space_is_rehearsed_step_by_step(self, monkeypatch) -> None:
+class TestWatchdog:
+    def test_a_report_is_passed_on_until_the_loop_hangs(self) -> None:
+        watchdog = Watchdog()
+        assert watchdog.status().message == "preparing"
+        watchdog.report(StatusFields(message="2 live sources"))
+        watchdog.alive(time.monotonic_ns())
+        assert watchdog.status() == StatusFields(message="2 live sources")
+        watchdog.alive(time.monotonic_ns() - 4 * SECOND)
+        assert watchdog.status().state == "stalled"
+        assert watchdog.status().message == "no update for 4.0 s"
+
+
+class TestWarmUp:
+    def test_every_kind_of_space_is_warmed_up_step_by_step(self, monkeypatch) -> None:
         updates = []
         update = Fusion.update
 
@@ -162,10 +176,10 @@ class TestRehearsal:
             return updates[-1]
 
         monkeypatch.setattr(Fusion, "update", spy)
-        steps = sum(1 for _ in rehearse(FusionConfig()))
+        steps = sum(1 for _ in warm_up(FusionConfig()))
         assert steps == len(updates)
         assert {h.space for u in updates for h in u.hypotheses} == {"m", "px"}
-        # Bodies are told apart, features die and are born: all of a method has something to do.
+        # Bodies separate, features end and begin: every part of a method runs.
         assert max(len(u.hypotheses) for u in updates) >= 3
         assert len({int(i) for u in updates for i in u.track_id}) > 30
 
@@ -222,6 +236,32 @@ class TestStateFile:
         write_atomically(tmp_path / "state", fusion.snapshot())
         assert self.load(tmp_path / "state", now_ns=90 * SECOND).timeline.watermark_ns is None
         assert "10.0 s in the future" in caplog.text
+
+
+class TestStateKeeper:
+    def test_the_state_is_written_when_hypotheses_change_and_at_the_end(self, tmp_path: Path) -> None:
+        path, fusion = tmp_path / "state", Fusion(FusionConfig())
+        with StateKeeper(path, 10 * SECOND, fusion) as keeper:
+            keeper.after(frozenset({1}), time.monotonic_ns())
+            fusion.update(20 * SECOND)
+        assert path.read_bytes() == fusion.snapshot(clean=True)
+        assert keeper.error == ""
+
+    def test_after_an_exception_the_state_is_the_one_last_taken(self, tmp_path: Path) -> None:
+        path = tmp_path / "state"
+
+        def fail() -> None:
+            with StateKeeper(path, SECOND, Fusion(FusionConfig())):
+                raise KeyError
+
+        with pytest.raises(KeyError):
+            fail()
+        assert not path.exists()
+
+    def test_without_a_path_nothing_is_kept(self) -> None:
+        with StateKeeper(None, SECOND, Fusion(FusionConfig())) as keeper:
+            keeper.after(frozenset({1}), time.monotonic_ns())
+        assert keeper.error == ""
 
 
 class TestStateWriter:

@@ -1,8 +1,9 @@
-"""What the service says of itself in its Status."""
+"""Counters and source health in; out comes what the service reports in its Status."""
 
+import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason, StatusState
@@ -11,9 +12,14 @@ from ..event_time.health import SourceHealth
 from ..event_time.stats import Stats
 from .intake import Rejection
 
+# Rates are means over this time, so that a source with one batch a second has one.
 _RATE_SPAN_NS = 2_000_000_000
+# How long something that went wrong keeps the state at degraded: some five Statuses show it.
 _RECENT_NS = 5_000_000_000
+# A source that has left is listed this long.
 _FORGET_NS = 60_000_000_000
+# A loop without an update for this long hangs: even a slow update takes well under a second.
+_HANGING_NS = 3_000_000_000
 # Counters whose growth means that something is wrong.
 _TROUBLE = ("lost", "late", "overruns")
 
@@ -28,7 +34,7 @@ class _Sample:
 
 @dataclass
 class Health:
-    """Turns counters into rates, recent trouble and a verdict. Times are monotonic nanoseconds."""
+    """Turns counters into rates, recent trouble and a state. Times are monotonic nanoseconds."""
 
     _samples: deque[_Sample] = field(default_factory=deque)
 
@@ -43,7 +49,25 @@ class Health:
         rejection: Rejection | None,
         notes: list[str],
     ) -> StatusFields:
-        """Assemble the Status; `notes` are further troubles in words."""
+        """Assemble what the Status says.
+
+        Parameters
+        ----------
+        monotonic_ns
+            Now, on the monotonic clock.
+        received
+            Valid batches so far, by source.
+        present
+            Names of the sources whose process is there.
+        sources
+            Health of every source that has sent data.
+        stats
+            Counters of the fusion.
+        rejection
+            The newest batch that was refused, if any.
+        notes
+            Further troubles, in words.
+        """
         counters, rejected = stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(received), counters, rejected))
         while self._samples[0].at_ns < monotonic_ns - _RECENT_NS:
@@ -53,7 +77,7 @@ class Health:
         trouble = [*notes, *self._recent(counters, rejected, rejection), *_describe(silent)]
         live = [s.name for s in sources if s.live]
         return StatusFields(
-            state=_verdict(live, silent, trouble),
+            state=_state(live, silent, trouble),
             rates=self._rates(monotonic_ns),
             ages={s.name: s.age_ns / 1e9 for s in sources},
             counters=counters,
@@ -89,7 +113,7 @@ class Health:
 
 
 def _silent(present: set[str], sources: list[SourceHealth]) -> dict[str, float | None]:
-    """Sources whose process is there but whose data is not, with the age of what they last sent."""
+    """Sources whose process is there but whose data is not, with the age in s of their last data."""
     ages = {s.name: s.age_ns / 1e9 for s in sources}
     live = {s.name for s in sources if s.live}
     return {name: ages.get(name) for name in sorted(present - live)}
@@ -102,7 +126,31 @@ def _describe(silent: Mapping[str, float | None]) -> list[str]:
     return ["no data from " + ", ".join(named)]
 
 
-def _verdict(live: list[str], silent: Mapping[str, float | None], trouble: list[str]) -> StatusState:
+def _state(live: list[str], silent: Mapping[str, float | None], trouble: list[str]) -> StatusState:
     if silent and not live:
         return "stalled"
     return "degraded" if trouble else "ok"
+
+
+class Watchdog:
+    """Passes the loop's report on to the thread that sends the Status, and notices when the loop hangs."""
+
+    def __init__(self) -> None:
+        self._fields = StatusFields(message="preparing")
+        self._alive_ns: int | None = None
+
+    def report(self, fields: StatusFields) -> None:
+        """Replace what the Status says."""
+        self._fields = fields
+
+    def alive(self, monotonic_ns: int) -> None:
+        """Note that the loop has published an update."""
+        self._alive_ns = monotonic_ns
+
+    def status(self) -> StatusFields:
+        """Return the last report, or ``stalled`` when the loop hangs."""
+        fields, alive_ns = self._fields, self._alive_ns
+        silence = 0 if alive_ns is None else time.monotonic_ns() - alive_ns
+        if silence <= _HANGING_NS:
+            return fields
+        return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s")

@@ -1,8 +1,8 @@
-"""Observation batches off the wire: one bounded ring per source, every payload checked.
+"""Zenoh samples in, checked observation batches out; one bounded ring per source.
 
-A ring per source keeps a flooding source from displacing the others' data; overflow shows as gaps
-in `seq`, which the core counts. Sources are found by their liveliness token and by their first
-batch, whichever is seen first.
+With a ring per source, a source that floods cannot displace the others' data. An overflow shows as a
+gap in `seq`, which the core counts. A source is discovered by its liveliness token or by its first
+batch, whichever comes first.
 """
 
 import logging
@@ -19,10 +19,13 @@ from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Stats
+from ..event_time.timeline import MAX_SOURCES
 
-MAX_SOURCES = 1024
+# The ring of a source that has left is closed after this time without data.
 IDLE_NS = 60_000_000_000
+# Batches: a source of 1 kHz may wait a quarter of a second, more than two default periods.
 _RING = 256
+# The first batches of all sources that start at once.
 _DISCOVERY_RING = 1024
 _LOG_EVERY_NS = 1_000_000_000
 _log = logging.getLogger(__name__)
@@ -35,7 +38,7 @@ class _Ring:
     after: zenoh.Timestamp | None = None
 
     def drain(self) -> Iterator[zenoh.Sample]:
-        """What has come in, less what discovery has already handed on."""
+        """What has come in, without what discovery has already returned."""
         for _ in range(_RING):
             sample = self.subscriber.try_recv()
             if sample is None:
@@ -46,7 +49,7 @@ class _Ring:
 
 @dataclass(frozen=True)
 class Rejection:
-    """The newest payload that was refused: when (monotonic), whose, and why."""
+    """The newest payload that was refused: when (monotonic ns), on whose key, and why."""
 
     at_ns: int
     source: str
@@ -56,7 +59,17 @@ class Rejection:
 class Intake:
     """All observation subscriptions of the service.
 
-    `present` holds the names whose liveliness token is there; `received` counts valid batches.
+    `present` holds the names whose liveliness token is there; `received` counts the valid batches of
+    every source; `rejection` is the newest payload that was refused. Refusals are counted in `stats`.
+
+    Parameters
+    ----------
+    session
+        Open Zenoh session.
+    keys
+        Keys of the scene.
+    stats
+        Counters of the fusion.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, stats: Stats) -> None:
@@ -76,7 +89,10 @@ class Intake:
         )
 
     def receive(self, monotonic_ns: int) -> Iterator[ObservationBatch]:
-        """Take in everything that has arrived, source by source in their own order."""
+        """Yield every valid batch that has arrived: source by source, in the order of arrival of each.
+
+        `monotonic_ns` is now on the monotonic clock.
+        """
         for name, sample in self._discover(monotonic_ns):
             yield from self._check(name, sample, monotonic_ns)
         for name, ring in self._rings.items():
@@ -85,7 +101,7 @@ class Intake:
                 yield from self._check(name, sample, monotonic_ns)
 
     def drop_idle(self, monotonic_ns: int) -> None:
-        """Close the rings of sources that are gone and silent."""
+        """Close the rings of sources that have left and sent nothing for a minute."""
         for name, ring in list(self._rings.items()):
             if name not in self.present and monotonic_ns - ring.used_ns > IDLE_NS:
                 ring.subscriber.undeclare()
@@ -93,7 +109,7 @@ class Intake:
                 self.received.pop(name, None)
 
     def _discover(self, monotonic_ns: int) -> list[tuple[str, zenoh.Sample]]:
-        """Open rings for new sources; answers with their samples from before the ring was there."""
+        """Open rings for new sources; returns their samples from before the ring was there."""
         opened = self._follow_tokens(monotonic_ns)
         samples: list[tuple[str, zenoh.Sample]] = []
         while True:
@@ -103,8 +119,8 @@ class Intake:
             opened.update(found)
             if not found:
                 break
-            # What came between the look and the opening is in the discovery ring alone: look again.
-            # What comes later is in both, which the time stamps tell apart.
+            # What came before the new ring was open is in the discovery ring alone: look again.
+            # What comes later is in both rings: time stamps tell which was already returned.
         early = [(n, s) for n, s in samples if n in opened or n not in self._rings]
         for name, sample in early:
             if name in opened:

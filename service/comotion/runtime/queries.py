@@ -1,4 +1,4 @@
-"""The queryables of the service: ``query/snapshot | status | config | affinity | schema``.
+"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema``.
 
 | name | parameters | reply | encoding |
 |---|---|---|---|
@@ -12,7 +12,7 @@ Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``
 ``sources`` (list of ``{name, session}``), ``track_source`` bin<u2>[N], ``track_id`` bin<u8>[N],
 ``matrix`` bin<f4>[N, N] in 0..1; columns as in PROTOCOL.md. Parameter values may be percent-encoded.
 
-Every query is answered: with a reply, or with an error that says what is wrong.
+Every query gets a reply, or an error that says what is wrong.
 """
 
 import json
@@ -43,7 +43,7 @@ Handler = Callable[[Mapping[str, str]], Answer]
 
 
 class QueryError(Exception):
-    """What is wrong with a query; goes to whoever asked."""
+    """What is wrong with a query; it is sent to the querier."""
 
 
 class Queryables:
@@ -57,7 +57,7 @@ class Queryables:
         ]
 
     def answer(self) -> None:
-        """Answer every query that waits."""
+        """Reply to every query that waits."""
         for queryable, name, handler in self._queryables:
             while (query := queryable.try_recv()) is not None:
                 with query:
@@ -70,7 +70,7 @@ class Queryables:
                 raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
         except QueryError as error:
             query.reply_err(str(error).encode(), encoding="text/plain")
-        except Exception as error:  # whoever asks must hear of a defect, and the service go on
+        except Exception as error:  # the querier must learn of a defect, and the service go on
             _log.exception("query/%s failed", name)
             query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
         else:
@@ -85,7 +85,17 @@ def _parameters(query: zenoh.Query) -> dict[str, str]:
 def handlers(
     fusion: Fusion, last_update: Callable[[], HypothesisUpdate], status: Callable[[], Status]
 ) -> dict[QueryName, Handler]:
-    """Build the handler of every queryable."""
+    """Build the handler of every queryable.
+
+    Parameters
+    ----------
+    fusion
+        The running fusion.
+    last_update
+        Returns the update published last.
+    status
+        Returns the Status as of now.
+    """
     answers: dict[QueryName, Handler] = {
         "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
         "status": lambda _: (encode(status()), QOS["status"].encoding),
@@ -114,8 +124,8 @@ def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
     if space is None and len(known) == 1:
         space = known[0]
     if space not in fusion.spaces:
-        asked = "space is required" if space is None else f"no space {space!r}"
-        raise QueryError(f"{asked}; known: {', '.join(known) or 'none yet'}")
+        problem = "space is required" if space is None else f"no space {space!r}"
+        raise QueryError(f"{problem}; known: {', '.join(known) or 'none yet'}")
     return _pack_affinity(fusion.affinity(space), space, stamp_ns)
 
 

@@ -1,10 +1,16 @@
-"""The service process: a loop on the monotonic clock between the wire and the core."""
+"""Options in; a fusion service on the wire out: the loop between Zenoh and the core.
+
+Every turn of the loop takes in what has arrived, and either fuses ahead of time or, when a deadline is
+near, computes the next update and publishes it at the deadline. Everything runs on the loop's thread but
+Zenoh's reception, the Status and the writing of the state file.
+"""
 
 import gc
 import logging
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,31 +26,33 @@ from comotion_schemas import (
     encode,
     metrics,
 )
-from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.component import Component, new_session_id
 from comotion_schemas.transport import SessionSettings, declare_publisher
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, make_clock
-from .health import Health
+from .health import Watchdog
+from .housekeeping import Housekeeping
 from .intake import Intake
 from .queries import Queryables, handlers
-from .rehearsal import rehearse
-from .state_file import StateSchedule, StateWriter, load_fusion
+from .state_file import StateKeeper, load_fusion
 from .ticker import HeadStart, Ticker
+from .warm_up import warm_up
 
 DEFAULT_NAME = "fusion"
+# The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
-_HEALTH_NS = 500_000_000
-_HANGING_NS = 3_000_000_000
-_PATIENCE_S = 3.0
-_COLLECT_NS = 1_000_000_000
+# A service that answers does so well within this time, even through a router.
+_STATUS_TIMEOUT_S = 2.0
+# From the second start on, the warm-up takes less; a longer one is worth a line in the log.
+_LONG_WARM_UP_S = 3.0
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServeOptions:
-    """Everything ``comotion serve`` can be told.
+    """Options of ``comotion serve``.
 
     `state` is the file that carries identities across restarts, written every `state_interval` s and
     whenever the set of hypotheses has changed.
@@ -72,21 +80,23 @@ def serve(options: ServeOptions) -> None:
     """
     session_id = new_session_id()
     fusion = _make_fusion(options, session_id)
-    monitor = _Monitor()
+    watchdog = Watchdog()
     with Component(
         role="service",
         name=options.name,
         scene=options.scene,
         settings=options.settings,
-        status=monitor.status,
+        status=watchdog.status,
         ready_file=options.ready_file,
         session_id=session_id,
     ) as component:
         _require_alone(component)
         for space, camera in options.config.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
-        if _prepare(component, options.config):
-            _Service(options, fusion, component, monitor).run()
+        if not _warm_up(component, options.config):
+            return
+        with StateKeeper(options.state, to_ns(options.state_interval), fusion) as keeper:
+            _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper)).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -99,8 +109,8 @@ def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
 
 
 def _require_alone(component: Component) -> None:
-    """Two services in one scene would give two answers to everything."""
-    for reply in component.session.get(component.keys.query("status"), timeout=2.0):
+    """Two services in one scene would publish two different answers on the same key."""
+    for reply in component.session.get(component.keys.query("status"), timeout=_STATUS_TIMEOUT_S):
         if reply.ok is None:
             continue
         try:
@@ -110,109 +120,58 @@ def _require_alone(component: Component) -> None:
         raise ValueError(f"scene {component.keys.scene!r} is already served by {other.component!r}")
 
 
-def _prepare(component: Component, config: FusionConfig) -> bool:
-    """Compile and import what the method needs; False when told to stop meanwhile."""
-    patience = threading.Timer(
-        _PATIENCE_S, _log.info, ("preparing the methods: half a minute on the first start, to compile them",)
+def _warm_up(component: Component, config: FusionConfig) -> bool:
+    """Compile and import what the method needs; False if the process was stopped meanwhile."""
+    notice = threading.Timer(
+        _LONG_WARM_UP_S,
+        _log.info,
+        ("preparing the methods: half a minute on the first start, to compile them",),
     )
-    patience.daemon = True
-    patience.start()
+    notice.daemon = True
+    notice.start()
     try:
-        return not any(component.stop.is_set() for _ in rehearse(config))
+        return not any(component.stop.is_set() for _ in warm_up(config))
     finally:
-        patience.cancel()
+        notice.cancel()
 
 
-class _Monitor:
-    """Hands the loop's report to the Status thread, and notices when the loop hangs."""
-
-    def __init__(self) -> None:
-        self._fields = StatusFields(message="preparing")
-        self._alive_ns: int | None = None
-
-    def report(self, fields: StatusFields) -> None:
-        self._fields = fields
-
-    def alive(self, monotonic_ns: int) -> None:
-        self._alive_ns = monotonic_ns
-
-    def status(self) -> StatusFields:
-        fields, alive_ns = self._fields, self._alive_ns
-        silence = 0 if alive_ns is None else time.monotonic_ns() - alive_ns
-        if silence <= _HANGING_NS:
-            return fields
-        return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s")
-
-
-class _Service:
-    """Wires the core to an open component and runs it."""
+class _Loop:
+    """Connects the core to an open component and runs it."""
 
     def __init__(
-        self, options: ServeOptions, fusion: Fusion, component: Component, monitor: _Monitor
+        self, options: ServeOptions, fusion: Fusion, component: Component, housekeeping: Housekeeping
     ) -> None:
-        self._options = options
         self._fusion = fusion
         self._component = component
-        self._monitor = monitor
+        self._housekeeping = housekeeping
         self._clock = make_clock(options.clock)
-        self._health = Health()
+        self._head_start = HeadStart(to_ns(options.config.period))
+        labels = {"scene": options.scene, "component": options.name, "role": "service"}
+        self._tick_time = metrics.histogram("tick_seconds", **labels)
+        self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         self._intake = Intake(component.session, component.keys, fusion.stats)
         self._publisher = declare_publisher(component.session, component.keys.hypotheses, "hypotheses")
-        self._writer: StateWriter | None = None
-        self._state_schedule = StateSchedule(to_ns(options.state_interval))
         self._last = self._publish(fusion.update(self._clock.now_ns()))
         self._queryables = Queryables(
             component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
         )
-        self._due = {"health": 0, "collect": 0, "idle": 0}
-        who = {"scene": options.scene, "component": options.name, "role": "service"}
-        self._tick_time = metrics.histogram("tick_seconds", **who)
-        self._lag = metrics.histogram("watermark_lag_seconds", **who)
 
     def run(self) -> None:
-        """Publish at every deadline until told to stop."""
-        with ExitStack() as stack:
-            if self._options.state is not None:
-                self._writer = StateWriter(self._options.state)
-                stack.callback(self._writer.close)
-            # Waking a pool of threads costs more than an update's small matrices take on one.
-            stack.enter_context(threadpool_limits(limits=1))
-            stack.callback(gc.enable)
-            # Everything made so far stays: the collector need never look at it again.
-            gc.collect()
-            gc.freeze()
-            gc.disable()
+        """Publish at every deadline until the process is stopped."""
+        with _uninterrupted():
             self._component.ready()
-            self._loop()
-            if self._writer is not None:
-                self._writer.put(self._fusion.snapshot(clean=True))
-
-    def _loop(self) -> None:
-        period_ns = to_ns(self._fusion.config.period)
-        ticker, head_start = Ticker(period_ns, time.monotonic_ns()), HeadStart(period_ns)
-        while not self._component.stop.is_set():
-            self._receive()
-            began = time.monotonic_ns()
-            spare = ticker.remaining_ns(began) - head_start.ns
-            if spare > 0:
-                self._use(spare)
-                continue
-            update = self._fusion.update(self._clock.now_ns())
-            took = time.monotonic_ns() - began
-            head_start.note(took)
-            self._tick_time.observe(took / 1e9)
-            self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
-            self._last = self._publish(update)
-            if update.stamp_ns:  # 0 until the first observation
-                self._lag.observe((self._last.published_ns - update.stamp_ns) / 1e9)
-            self._housekeeping(time.monotonic_ns())
-            self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
-
-    def _use(self, spare_ns: int) -> None:
-        """Fuse what has come in, so that little is left to do when the update is due; then rest."""
-        if spare_ns > _SLICE_NS:
-            self._fusion.advance(self._clock.now_ns())
-        self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
+            ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
+            while not self._component.stop.is_set():
+                self._receive()
+                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - self._head_start.ns
+                if spare_ns > 0:
+                    self._fuse_ahead(spare_ns)
+                    continue
+                update = self._compute()
+                self._wait(ticker.remaining_ns(time.monotonic_ns()))
+                self._last = self._publish(update)
+                self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
+                self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
 
     def _receive(self) -> None:
         now = time.monotonic_ns()
@@ -221,45 +180,42 @@ class _Service:
             self._fusion.ingest(batch)
         self._queryables.answer()
 
-    def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
-        update = replace(update, published_ns=time.time_ns())
-        self._publisher.put(encode(update))
+    def _fuse_ahead(self, spare_ns: int) -> None:
+        """Fuse what has come in, so that little is left to do when the update is due; then wait."""
+        if spare_ns > _SLICE_NS:
+            self._fusion.advance(self._clock.now_ns())
+        self._wait(min(spare_ns, _SLICE_NS))
+
+    def _compute(self) -> HypothesisUpdate:
+        began = time.monotonic_ns()
+        update = self._fusion.update(self._clock.now_ns())
+        took = time.monotonic_ns() - began
+        self._head_start.note(took)
+        self._tick_time.observe(took / 1e9)
         return update
 
-    def _housekeeping(self, now_ns: int) -> None:
-        """Do what may take a moment right after an update, when the next is farthest away."""
-        self._monitor.alive(now_ns)
-        if self._is_due("health", now_ns, _HEALTH_NS):
-            self._report(now_ns)
-        if self._is_due("idle", now_ns, 10 * _COLLECT_NS):
-            self._intake.drop_idle(now_ns)
-        if self._is_due("collect", now_ns, _COLLECT_NS):
-            gc.collect()
-        self._keep_state(time.monotonic_ns())
+    def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
+        """Publish an update with the time of its publication; returns what was published."""
+        update = replace(update, published_ns=time.time_ns())
+        self._publisher.put(encode(update))
+        if update.stamp_ns > 0:  # not so with the event clock before the first observation
+            self._lag.observe((update.published_ns - update.stamp_ns) / 1e9)
+        return update
 
-    def _keep_state(self, now_ns: int) -> None:
-        if self._writer is None:
-            return
-        hypotheses = frozenset(h.id for h in self._last.hypotheses)
-        if self._state_schedule.is_due(now_ns, hypotheses):
-            self._writer.put(self._fusion.snapshot())
-            self._state_schedule.taken(now_ns, time.monotonic_ns() - now_ns, hypotheses)
+    def _wait(self, duration_ns: int) -> None:
+        self._component.stop.wait(max(0, duration_ns) / 1e9)
 
-    def _is_due(self, what: str, now_ns: int, every_ns: int) -> bool:
-        if now_ns < self._due[what]:
-            return False
-        self._due[what] = now_ns + every_ns
-        return True
 
-    def _report(self, now_ns: int) -> None:
-        self._monitor.report(
-            self._health.report(
-                now_ns,
-                received=self._intake.received,
-                present=self._intake.present,
-                sources=self._fusion.sources(self._clock.now_ns()),
-                stats=self._fusion.stats,
-                rejection=self._intake.rejection,
-                notes=[self._writer.error] if self._writer is not None and self._writer.error else [],
-            )
-        )
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Keep pools of threads and the garbage collector out of the loop."""
+    # Waking a pool of threads costs more than an update's small matrices take on one.
+    with threadpool_limits(limits=1):
+        # What exists by now stays: the collector need not look at it. Housekeeping collects the rest.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            yield
+        finally:
+            gc.enable()

@@ -1,14 +1,18 @@
-"""The state of the service in a file: written atomically beside the loop, restored at start."""
+"""A fusion in, its state in a file out, written atomically beside the loop; and back at the start."""
 
 import logging
 import os
 import threading
+import time
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from ..config import FusionConfig
+from ..event_time.timeline import FUTURE_NS
 from ..fusion import Fusion
 
-_AHEAD_NS = 1_000_000_000
+# Share of the time that the loop may spend on taking its state.
 _SHARE = 0.05
 _log = logging.getLogger(__name__)
 
@@ -16,14 +20,27 @@ _log = logging.getLogger(__name__)
 def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
     """Continue from a state file, or start afresh with a warning when that is impossible.
 
-    A file that is there but of no use is kept as ``FILE.rejected``, never overwritten: it may not
-    be ours.
+    A file that cannot be used is kept as ``FILE.rejected``, never overwritten: it may belong to
+    somebody else.
 
     Parameters
     ----------
+    path
+        The state file.
+    config
+        Parameters of the fusion.
+    scene
+        Name of the scene; a state of another scene is not used.
+    session
+        16 hex digits that name this run of the service.
     now_ns
-        The wall clock when the service follows it: a state from its future would call every
-        observation late.
+        The wall clock in nanoseconds if the service follows it, else None. After a state from its
+        future, every observation would be late.
+
+    Raises
+    ------
+    OSError
+        If the file is there but cannot be read or put aside.
     """
     try:
         data = path.read_bytes()
@@ -31,26 +48,32 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
         return Fusion(config, scene=scene, session=session)
     try:
         fusion = Fusion.restore(config, data, session=session)
-        _require_ours(fusion, scene, now_ns)
+        _require_match(fusion, scene, now_ns)
     except ValueError as error:
         aside = path.with_name(f"{path.name}.rejected")
         path.replace(aside)
-        _log.warning("starting afresh: %s is of no use (%s); kept as %s", path, error, aside.name)
+        _log.warning("starting afresh: %s cannot be used (%s); kept as %s", path, error, aside.name)
         return Fusion(config, scene=scene, session=session)
     _log.info("continuing from %s", path)
     return fusion
 
 
-def _require_ours(fusion: Fusion, scene: str, now_ns: int | None) -> None:
+def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
     if fusion.scene != scene:
         raise ValueError(f"it is of scene {fusion.scene!r}, not {scene!r}")
     watermark = fusion.timeline.watermark_ns
-    if now_ns is not None and watermark is not None and watermark > now_ns + _AHEAD_NS:
+    if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
         raise ValueError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file in one step that survives a power cut."""
+    """Replace a file in one step that survives a power cut.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the one before is still there.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     with partial.open("wb") as file:
         file.write(data)
@@ -62,7 +85,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 class StateSchedule:
     """When to take the state: at an interval, and at once when the set of hypotheses has changed.
 
-    A state that is expensive to take is taken less often, at most for 5 % of the time.
+    A state that takes long is taken less often: it costs at most 5 % of the time.
     """
 
     def __init__(self, interval_ns: int) -> None:
@@ -78,7 +101,7 @@ class StateSchedule:
         return monotonic_ns >= self._due_ns or hypotheses != self._known
 
     def taken(self, monotonic_ns: int, took_ns: int, hypotheses: frozenset[int]) -> None:
-        """Note that it has been taken, and how long that has held up the caller."""
+        """Note that it has been taken, and for how long that has blocked the caller."""
         self._known = hypotheses
         self._allowed_ns = monotonic_ns + round(took_ns / _SHARE)
         self._due_ns = monotonic_ns + self._interval_ns
@@ -97,7 +120,7 @@ class StateWriter:
         self._thread.start()
 
     def put(self, data: bytes) -> None:
-        """Have this state written; one that still waits is superseded."""
+        """Write this state soon; it replaces one that still waits."""
         with self._wake:
             self._data = data
             self._wake.notify()
@@ -126,3 +149,47 @@ class StateWriter:
             if not self.error:
                 _log.warning("cannot write the state to %s: %s", self._path, error)
             self.error = f"state not written: {error.strerror}"
+
+
+class StateKeeper:
+    """Keeps the state of a running fusion in a file.
+
+    As a context manager, it writes the last state on leaving, unless an exception is the reason.
+
+    Parameters
+    ----------
+    path
+        The state file; None: nothing is kept.
+    interval_ns
+        Time between two writes.
+    fusion
+        Whose state it is.
+    """
+
+    def __init__(self, path: Path | None, interval_ns: int, fusion: Fusion) -> None:
+        self._fusion = fusion
+        self._schedule = StateSchedule(interval_ns)
+        self._writer = None if path is None else StateWriter(path)
+
+    @property
+    def error(self) -> str:
+        """Why the last write failed; empty if it did not."""
+        return "" if self._writer is None else self._writer.error
+
+    def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
+        """Take the state if it is due; `hypotheses` are the ids in the update just published."""
+        if self._writer is not None and self._schedule.is_due(monotonic_ns, hypotheses):
+            self._writer.put(self._fusion.snapshot())
+            self._schedule.taken(monotonic_ns, time.monotonic_ns() - monotonic_ns, hypotheses)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is None:
+            return
+        if kind is None:
+            self._writer.put(self._fusion.snapshot(clean=True))
+        self._writer.close()

@@ -1,9 +1,10 @@
-"""Deadlines at a fixed period that neither drift nor bunch, and when to start for them."""
+"""A period and durations in; deadlines that neither drift nor bunch, and when to start for them, out."""
 
 from collections import deque
 
+# Updates whose durations are remembered: two seconds of them at the default period.
 _REMEMBERED = 20
-# Births and splits make single updates longer than any before them.
+# Single updates, with births or splits, take longer than any of those before them.
 _MARGIN = 1.5
 
 
@@ -22,17 +23,17 @@ class Ticker:
         return self._due_ns - now_ns
 
     def advance(self, now_ns: int) -> int:
-        """Go to the first deadline after now; answers how many were skipped on the way."""
+        """Go to the first deadline after now; returns how many were skipped."""
         skipped = max(0, (now_ns - self._due_ns) // self._period_ns)
         self._due_ns += (skipped + 1) * self._period_ns
         return skipped
 
 
 class HeadStart:
-    """How long before a deadline to begin, so that work of varying length is done when it comes.
+    """How long before a deadline to begin, so that the work is done at the deadline.
 
-    One and a half times the longest of the recent durations, at most 95 % of a period: results leave
-    evenly spaced, at the price of being older by what is not needed.
+    One and a half times the longest of the recent durations, at most 95 % of a period. Results leave
+    evenly spaced; the price is that a result waits when its work took less.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -45,5 +46,5 @@ class HeadStart:
         return min(round(_MARGIN * max(self._durations, default=0)), self._longest_ns)
 
     def note(self, duration_ns: int) -> None:
-        """Learn from how long the work has taken."""
+        """Take note of how long the work has taken."""
         self._durations.append(duration_ns)

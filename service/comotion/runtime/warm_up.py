@@ -1,7 +1,7 @@
-"""A rehearsal before the first update: what a method imports or compiles on first use is there then.
+"""Fusion parameters in; out comes a process in which everything a method needs is imported and compiled.
 
-Compiling takes many seconds on the first start on a machine, and is kept on disk from then on. An
-update that waits for it would be as late.
+Compiling takes many seconds on the first start on a machine, and is kept on disk from then on. Without
+this, the first updates would be late by as much.
 """
 
 from collections.abc import Iterator
@@ -14,23 +14,28 @@ from comotion_schemas import ObservationBatch
 from ..config import FusionConfig
 from ..fusion import Fusion
 
-# Unit, dimension, features of a body and sources: in one of them so many that a panel speaks for them,
-# some with an orientation.
-_SPACES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 10, 1))
-_POSED = 3
-_RATE = 15
+# Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
+# the method chooses a subset of them; in one, some features have an orientation.
+_SCENES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 10, 1))
+_ORIENTED = 3
+_RATE_HZ = 15
 _FRAMES = 36
 _FRAMES_PER_UPDATE = 6
 _PIXELS_PER_METRE = 400.0
 _START_NS = 1_000_000_000_000
 
 
-def rehearse(config: FusionConfig) -> Iterator[None]:
-    """Run a fusion of its own through made-up scenes of every kind of space, update by update.
+def warm_up(config: FusionConfig) -> Iterator[None]:
+    """Run a separate fusion through made-up scenes of every kind of space; yields after each update.
 
-    In each, two bodies move before a third that rests; features die and are born.
+    In each scene two bodies move in front of a third that rests, and every feature is replaced once.
+
+    Parameters
+    ----------
+    config
+        Parameters of the fusion that is about to start.
     """
-    for unit, dim, features, sources in _SPACES:
+    for unit, dim, features, sources in _SCENES:
         fusion = Fusion(config)
         rng = np.random.default_rng(1)
         bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
@@ -45,6 +50,7 @@ def rehearse(config: FusionConfig) -> Iterator[None]:
 
 
 def _moved(bodies: NDArray[np.float64], frame: int) -> NDArray[np.float64]:
+    """Positions of the three bodies' features at a frame, float64 [3, n, dim] in metres."""
     positions = bodies.copy()
     for body, direction in ((1, 1.0), (2, -1.0)):
         angle = direction * 0.05 * frame
@@ -54,22 +60,22 @@ def _moved(bodies: NDArray[np.float64], frame: int) -> NDArray[np.float64]:
 
 
 def _batch(positions: NDArray[np.float64], frame: int, unit: str, source: int) -> ObservationBatch:
-    """Of bodies' features, float64 [3, n, dim]."""
+    """Batch of one source, of the bodies' positions float64 [3, n, dim] in metres."""
     dim = positions.shape[2]
     positions = positions.reshape(-1, dim)
     # Every feature is replaced once, body by body at different times.
     ids = np.arange(len(positions), dtype=np.uint64)
     ids += len(ids) * ((frame + ids) // _FRAMES)
     quaternions = np.full((len(positions), 4), np.nan, np.float32)
-    quaternions[:_POSED] = [0, 0, 0, 1]
+    quaternions[:_ORIENTED] = [0, 0, 0, 1]
     return ObservationBatch(
-        source=f"rehearsal-{source}",
+        source=f"warm-up-{source}",
         session="0" * 16,
         seq=frame,
         space=unit,
         unit=unit,  # type: ignore[arg-type]
         dim=dim,
-        stamp_ns=_START_NS + frame * 1_000_000_000 // _RATE,
+        stamp_ns=_START_NS + frame * 1_000_000_000 // _RATE_HZ,
         ids=ids,
         positions=(positions * (_PIXELS_PER_METRE if unit == "px" else 1.0)).astype(np.float32),
         quaternions=quaternions if source else None,

@@ -1,0 +1,68 @@
+"""A published update in; out come the report for the Status, a written state, and freed memory."""
+
+import gc
+import time
+
+from comotion_schemas import HypothesisUpdate
+
+from ..fusion import Fusion
+from .health import Health, Watchdog
+from .intake import Intake
+from .state_file import StateKeeper
+
+# Twice per Status, which is published every second.
+_REPORT_NS = 500_000_000
+_COLLECT_NS = 1_000_000_000
+_DROP_IDLE_NS = 10_000_000_000
+
+
+class Housekeeping:
+    """Does what may take a moment right after an update, when the next one is farthest away."""
+
+    def __init__(self, fusion: Fusion, watchdog: Watchdog, keeper: StateKeeper) -> None:
+        self._fusion = fusion
+        self._watchdog = watchdog
+        self._keeper = keeper
+        self._health = Health()
+        self._due_ns = {"report": 0, "collect": 0, "drop idle": 0}
+
+    def after(self, update: HypothesisUpdate, intake: Intake, now_ns: int) -> None:
+        """Do what is due.
+
+        Parameters
+        ----------
+        update
+            The update that has just been published.
+        intake
+            Where the observations come from.
+        now_ns
+            The clock of the core, nanoseconds since the Unix epoch.
+        """
+        monotonic_ns = time.monotonic_ns()
+        self._watchdog.alive(monotonic_ns)
+        if self._is_due("report", monotonic_ns, _REPORT_NS):
+            self._report(intake, monotonic_ns, now_ns)
+        if self._is_due("drop idle", monotonic_ns, _DROP_IDLE_NS):
+            intake.drop_idle(monotonic_ns)
+        if self._is_due("collect", monotonic_ns, _COLLECT_NS):
+            gc.collect()
+        self._keeper.after(frozenset(h.id for h in update.hypotheses), time.monotonic_ns())
+
+    def _is_due(self, what: str, monotonic_ns: int, every_ns: int) -> bool:
+        if monotonic_ns < self._due_ns[what]:
+            return False
+        self._due_ns[what] = monotonic_ns + every_ns
+        return True
+
+    def _report(self, intake: Intake, monotonic_ns: int, now_ns: int) -> None:
+        self._watchdog.report(
+            self._health.report(
+                monotonic_ns,
+                received=intake.received,
+                present=intake.present,
+                sources=self._fusion.sources(now_ns),
+                stats=self._fusion.stats,
+                rejection=intake.rejection,
+                notes=[self._keeper.error] if self._keeper.error else [],
+            )
+        )
