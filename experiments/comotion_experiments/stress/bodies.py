@@ -1,0 +1,223 @@
+"""Families in which bodies move in their own way: rest, stop and go, slow, soft, hinged, coupled, hidden."""
+
+import numpy as np
+
+from comotion_sources.simulator import load_scene
+from comotion_sources.simulator.spec import Body as BodySpec
+
+from .lives import cut, replaced
+from .motion import PoseAt, at_speed, coupled, key_states, retimed, simulated, speed_profile
+from .scene import Body, Happening, Scene, Slip, Source, rng_of
+from .worlds import background, box, lives_of, respawning, room, swinging
+
+_RAMP_S = 0.3
+
+
+def rest(
+    seed: int, *, bodies: int = 3, stop: float = 6.0, seconds: float = 14.0, duration: float = 26.0
+) -> list[Scene]:
+    """Stop all bodies for longer than the window, then let them move on."""
+    profile = speed_profile([stop, stop + seconds], moving=True, ramp=_RAMP_S)
+    return [_profiled(seed, [profile] * bodies, duration)]
+
+
+def late_movers(
+    seed: int, *, bodies: int = 3, first: float = 3.0, every: float = 4.0, duration: float = 18.0
+) -> list[Scene]:
+    """Let bodies that have rested start one after the other."""
+    profiles = [speed_profile([first + every * k], moving=False, ramp=_RAMP_S) for k in range(bodies)]
+    return [_profiled(seed, profiles, duration)]
+
+
+def stop_and_go(
+    seed: int,
+    *,
+    bodies: int = 3,
+    duration: float = 120.0,
+    renewal: float = 0.05,
+    rate: float = 15.0,
+    period: float = 1 / 3,
+) -> list[Scene]:
+    """Let bodies move for 2 to 6 s and rest for 2 to 25 s, again and again; `renewal`: share a 2 s."""
+    profiles = []
+    for k in range(bodies):
+        rng = rng_of(seed, "stops", str(k))
+        switches, time, moving = [], float(rng.uniform(2.0, 6.0)), True
+        while time < duration:
+            switches.append(time)
+            moving = not moving
+            time += float(rng.uniform(2.0, 6.0) if moving else rng.uniform(2.0, 25.0))
+        profiles.append(speed_profile(switches, moving=True, ramp=_RAMP_S))
+    return [_profiled(seed, profiles, duration, renewal=renewal, rate=rate, period=period)]
+
+
+def ten_minutes(
+    seed: int,
+    *,
+    duration: float = 600.0,
+    rate: float = 10.0,
+    period: float = 0.5,
+    every: float = 30.0,
+    seconds: float = 2.0,
+) -> list[Scene]:
+    """Move for ten minutes with features replaced, and an object hidden every half minute."""
+    bodies = room(seed, 3)
+    hidden = [(t, t + seconds, 1 + k % 3) for k, t in enumerate(np.arange(every, duration - every, every))]
+    return [_with_hidden(seed, bodies, hidden, duration, rate=rate, period=period)]
+
+
+def object_cover(
+    seed: int, *, bodies: int = 4, first: float = 6.0, every: float = 5.0, seconds: float = 3.0
+) -> list[Scene]:
+    """Hide one object after the other for seconds while it moves on; it returns with new features."""
+    hidden = [(first + every * k, first + every * k + seconds, 1 + k) for k in range(bodies)]
+    return [_with_hidden(seed, room(seed, bodies), hidden, first + every * bodies + 2.0)]
+
+
+def slow(seed: int, *, bodies: int = 3, speed: float = 0.2, duration: float = 30.0) -> list[Scene]:
+    """Slow bodies."""
+    names = [f"body {k + 1}" for k in range(bodies)]
+    moving = [Body(n, at_speed(swinging(seed, n), speed), 8, box(seed, n)) for n in names]
+    all_bodies = [background(), *moving]
+    spans = respawning(all_bodies, duration, seed)
+    return [Scene(bodies=all_bodies, lives=lives_of(all_bodies, seed, spans), seed=seed, duration=duration)]
+
+
+def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> list[Scene]:
+    """Play a figure of the thesis slowly; its features are replaced as much more rarely."""
+    spec = load_scene(scene)
+    bodies = [
+        Body(
+            body.name,
+            at_speed(simulated(body.motion, rng_of(seed, "motion", body.name), spec.dim), speed),
+            body.features,
+            _size(body),
+            body.sigma,
+        )
+        for body in spec.bodies
+    ]
+    duration = spec.duration / speed
+    spans = None
+    if spec.respawn is not None:
+        rng = rng_of(seed, "respawn")
+        spans = replaced(bodies, duration, rng, share=spec.respawn.share, every=spec.respawn.every / speed)
+    return [
+        Scene(
+            bodies=bodies,
+            lives=lives_of(bodies, seed, spans),
+            seed=seed,
+            duration=duration,
+            dim=spec.dim,
+            unit=spec.unit,
+            space=spec.space,
+            period=1 / 3,
+        )
+    ]
+
+
+def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    if not isinstance(body.size, list):
+        raise ValueError(f"body {body.name!r}: the size is not fixed")
+    return np.array(body.size, np.float64)
+
+
+def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.005, duration: float = 15.0) -> list[Scene]:
+    """Let every feature of a moving body swing by a few mm about its place."""
+    all_bodies = room(seed, bodies, features=12)
+    slots, rng = sum(b.features for b in all_bodies), rng_of(seed, "soft")
+    way = rng.normal(size=(slots, 3))
+    way *= amplitude / np.linalg.norm(way, axis=1, keepdims=True)
+    way[: all_bodies[0].features] = 0.0
+    frequency, phase = rng.uniform(0.2, 0.8, slots), rng.uniform(0.0, 2.0 * np.pi, slots)
+    return [
+        Scene(
+            bodies=all_bodies,
+            lives=lives_of(all_bodies, seed, respawning(all_bodies, duration, seed)),
+            slip=Slip(way, frequency, phase, np.zeros((slots, 3))),
+            seed=seed,
+            duration=duration,
+        )
+    ]
+
+
+def hinge(
+    seed: int, *, degrees: float = 10.0, at: float = 5.0, seconds: float = 2.0, sigma: float = 0.003
+) -> list[Scene]:
+    """Open a door by a few degrees; it stays open."""
+    rng = rng_of(seed, "hinge")
+    width, height = rng.uniform(0.35, 0.5), rng.uniform(0.5, 0.7)
+    angle = np.radians(degrees) * rng.choice([-1.0, 1.0])
+    # The origin of a body is its middle; the door turns about its edge at x = -width / 2.
+    steps = np.linspace(0.0, 1.0, 20)
+    place, reach = 0.2, width / 2
+    states = [
+        [at + seconds * s, place + reach * np.cos(angle * s), reach * np.sin(angle * s), 0, 0, 0, angle * s]
+        for s in steps.tolist()
+    ]
+    door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
+    bodies = [background(24, sigma), door]
+    duration = at + seconds + 10.0
+    return [Scene(bodies=bodies, lives=lives_of(bodies, seed), seed=seed, duration=duration)]
+
+
+def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> list[Scene]:
+    """Let two bodies move as one, then apart."""
+    leader, own = swinging(seed, "body 1"), swinging(seed, "body 2")
+    offset = rng_of(seed, "offset").uniform(-0.3, 0.3, 3)
+    bodies = [
+        background(),
+        Body("body 1", leader, 10, box(seed, "body 1")),
+        Body("body 2", coupled(leader, own, until, offset), 10, box(seed, "body 2")),
+        Body("body 3", swinging(seed, "body 3"), 10, box(seed, "body 3")),
+    ]
+    spans = respawning(bodies, duration, seed)
+    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration)]
+
+
+def _profiled(
+    seed: int,
+    profiles: list[tuple[np.ndarray, np.ndarray]],
+    duration: float,
+    *,
+    renewal: float = 0.0,
+    rate: float = 15.0,
+    period: float = 0.2,
+) -> Scene:
+    names = [f"body {k + 1}" for k in range(len(profiles))]
+    motions: list[PoseAt] = [retimed(swinging(seed, n), *p) for n, p in zip(names, profiles, strict=True)]
+    bodies = [background(), *(Body(n, m, 8, box(seed, n)) for n, m in zip(names, motions, strict=True))]
+    rng = rng_of(seed, "respawn")
+    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else None
+    return Scene(
+        bodies=bodies,
+        lives=lives_of(bodies, seed, spans),
+        sources=[Source("simulator", rate)],
+        seed=seed,
+        duration=duration,
+        period=period,
+    )
+
+
+def _with_hidden(
+    seed: int,
+    bodies: list[Body],
+    hidden: list[tuple[float, float, int]],
+    duration: float,
+    *,
+    rate: float = 15.0,
+    period: float = 0.2,
+) -> Scene:
+    """Hide whole bodies: (begin, end, body)."""
+    of_slot = np.repeat(np.arange(len(bodies)), [b.features for b in bodies])
+    spans = cut(
+        respawning(bodies, duration, seed), [(begin, end, of_slot == body) for begin, end, body in hidden]
+    )
+    return Scene(
+        bodies=bodies,
+        lives=lives_of(bodies, seed, spans),
+        sources=[Source("simulator", rate)],
+        seed=seed,
+        duration=duration,
+        period=period,
+        happenings=[Happening(begin, end, "object-lost", (body,)) for begin, end, body in hidden],
+    )

@@ -1,0 +1,115 @@
+"""What a run said at each update, beside the truth: the input of every metric."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_clients.metrics import Truth, score_labels, tracks_of
+from comotion_clients.scoring import Observed
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+
+from ..offline import Arrived
+from .apart import Apart
+from .observe import EPOCH_NS
+
+UNEVENTFUL = frozenset({"joined", "released"})
+"""Kinds of events that tell of joints between hypotheses, not of the set of hypotheses."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One update over the tracks observed at its stamp.
+
+    Attributes
+    ----------
+    t
+        s of the scene.
+    labels
+        int64 [N], hypothesis id; UNDETERMINED for a track that has none.
+    bodies
+        int64 [N], index of the true body.
+    confirmed
+        Ids of the confirmed hypotheses among the labels (of all where the service does not tell).
+    events
+        Kinds of the events of this update.
+    nmi, nmi_apart
+        Against the true bodies, and with bodies as one that nothing has told apart yet.
+    """
+
+    t: float
+    labels: NDArray[np.int64]
+    bodies: NDArray[np.int64]
+    confirmed: frozenset[int]
+    events: tuple[str, ...]
+    nmi: float
+    nmi_apart: float
+
+
+def moment(
+    t: float,
+    labels: NDArray[np.int64],
+    bodies: NDArray[np.int64],
+    components: NDArray[np.intp],
+    *,
+    confirmed: frozenset[int] | None = None,
+    events: tuple[str, ...] = (),
+) -> Moment:
+    """Score labels [N] against bodies [N], and against their components ([B], see :class:`Apart`)."""
+    listed = frozenset(labels[labels != UNDETERMINED].tolist())
+    score = score_labels(labels, bodies.astype(np.int32), 0)
+    together = score_labels(labels, components[bodies].astype(np.int32), 0)
+    return Moment(
+        t=t,
+        labels=labels,
+        bodies=bodies,
+        confirmed=listed if confirmed is None else listed & confirmed,
+        events=events,
+        nmi=score.nmi,
+        nmi_apart=together.nmi,
+    )
+
+
+@dataclass
+class Watcher:
+    """Collects the moments of a run; feed it batches before the core sees them, and every update."""
+
+    truth: Truth
+    apart: Apart
+    moments: list[Moment] = field(default_factory=list)
+    _told: set[tuple[int, str, int, tuple[int, ...]]] = field(default_factory=set)
+    _observed: Observed = field(default_factory=Observed)
+
+    def passing(self, batches: Iterable[Arrived]) -> Iterator[Arrived]:
+        """Hand batches on, and note what they observe."""
+        for arrived in batches:
+            self._observed.add(arrived.batch)
+            yield arrived
+
+    def add(self, update: HypothesisUpdate) -> None:
+        """Take in an update."""
+        t = (update.stamp_ns - EPOCH_NS) / 1e9
+        listed = tracks_of(update)
+        labels, bodies = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+        for key, ids in self._observed.at(update.stamp_ns).items():
+            table = listed.get(key, {})
+            labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
+            bodies.append(self.truth.objects(key, ids).astype(np.int64))
+        self.moments.append(
+            moment(
+                t,
+                np.concatenate(labels),
+                np.concatenate(bodies),
+                self.apart.components(t),
+                confirmed=frozenset(h.id for h in update.hypotheses if getattr(h, "confirmed", True)),
+                events=self._new_events(update),
+            )
+        )
+
+    def _new_events(self, update: HypothesisUpdate) -> tuple[str, ...]:
+        """Kinds of the events that no update before has listed: each is repeated for some seconds."""
+        listed = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
+        new = sorted(listed - self._told)
+        self._told |= listed
+        return tuple(kind for _, kind, _, _ in new if kind not in UNEVENTFUL)

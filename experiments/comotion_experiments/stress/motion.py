@@ -1,0 +1,120 @@
+"""Motions of bodies: the simulator's, played at another speed, stopped, coupled or on a hinge. Pure."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_sources.simulator.motion import Path, Poses
+from comotion_sources.simulator.spec import KeyStates, Motion, Rest, Sines
+
+Array: TypeAlias = NDArray[np.float64]
+PoseAt: TypeAlias = Callable[[Array], Poses]
+"""Poses of a body at times float64 [T] in seconds of the scene."""
+
+# The motion of the simulator's 3-D set: two sines an axis within a place of ±0.6 m.
+SWINGING = Sines(kind="sines", within=0.6, amplitude=0.25, rotation=1.5)
+_GRID_S = 0.02
+
+
+def simulated(motion: Motion, rng: np.random.Generator, dim: int = 3) -> PoseAt:
+    """Draw a motion of the simulator."""
+    return Path(motion, dim, rng).at
+
+
+def resting(dim: int = 3) -> PoseAt:
+    """Rest at the origin."""
+    return simulated(Rest(), np.random.default_rng(0), dim)
+
+
+def key_states(states: Sequence[Sequence[float]], dim: int = 3) -> PoseAt:
+    """Interpolate linearly between states (t, position, rotation)."""
+    motion = KeyStates(kind="key-states", states=[list(s) for s in states])
+    return simulated(motion, np.random.default_rng(0), dim)
+
+
+def retimed(motion: PoseAt, knots: Array, speeds: Array) -> PoseAt:
+    """Play a motion at a speed that changes with time.
+
+    Parameters
+    ----------
+    motion
+        The motion at its own speed.
+    knots, speeds
+        float64 [K], s and 1 (0: it rests, 1: its own speed); linear in between, constant outside.
+    """
+    grid = np.arange(min(0.0, knots[0]), knots[-1] + _GRID_S, _GRID_S)
+    speed = np.interp(grid, knots, speeds)
+    phase = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * _GRID_S)])
+
+    def at(times: Array) -> Poses:
+        beyond = np.maximum(times - grid[-1], 0.0) * speeds[-1]
+        return motion(np.interp(times, grid, phase) + beyond)
+
+    return at
+
+
+def at_speed(motion: PoseAt, speed: float) -> PoseAt:
+    """Play a motion `speed` times as fast."""
+    return lambda times: motion(np.asarray(times) * speed)
+
+
+def shifted(motion: PoseAt, by: float) -> PoseAt:
+    """Play a motion from `by` seconds on."""
+    return lambda times: motion(np.asarray(times) + by)
+
+
+def looped(motion: PoseAt, length: float) -> PoseAt:
+    """Play the first `length` seconds of a motion again and again."""
+    return lambda times: motion(np.mod(times, length))
+
+
+def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
+    """Follow a leader rigidly, then move on by a motion of its own.
+
+    Parameters
+    ----------
+    leader
+        The motion followed until `until` (s).
+    own
+        Its changes of pose after `until` are added to the pose of that time.
+    offset
+        float64 [dim], place in the leader's axes.
+    """
+    end, base = leader(np.array([until])), own(np.array([until]))
+
+    def at(times: Array) -> Poses:
+        led, free = leader(times), own(times)
+        turn = free.rotations @ base.rotations[0].T
+        pivot = end.rotations[0] @ offset + end.translations[0]
+        follows = (times < until)[:, None]
+        place = led.translations + led.rotations @ offset
+        return Poses(
+            np.where(follows[..., None], led.rotations, turn @ end.rotations[0]),
+            np.where(follows, place, pivot + free.translations - base.translations[0]),
+        )
+
+    return at
+
+
+def speed_profile(switches: Sequence[float], *, moving: bool, ramp: float = 0.3) -> tuple[Array, Array]:
+    """Knots of a speed that goes between 0 and 1 at given times, each time within `ramp` seconds.
+
+    Parameters
+    ----------
+    switches
+        s, increasing by more than `ramp`.
+    moving
+        Whether it moves at first.
+
+    Returns
+    -------
+    Knots and speeds for :func:`retimed`.
+    """
+    knots, speeds, speed = [0.0], [float(moving)], float(moving)
+    for time in switches:
+        knots += [time, time + ramp]
+        speeds += [speed, 1.0 - speed]
+        speed = 1.0 - speed
+    return np.array(knots), np.array(speeds)
