@@ -6,7 +6,6 @@ a table of its name (``[serve]``, ``[source.simulator]``), the fusion parameters
 settings of the router in ``[zenoh]``.
 """
 
-import json
 import logging
 import sys
 import tomllib
@@ -19,7 +18,6 @@ import typer
 from .errors import UserError, missing_extra, one_line
 
 if TYPE_CHECKING:
-    from comotion import FusionConfig
     from comotion_schemas.transport import SessionSettings
 
 COMMON = frozenset({"scene", "connect", "listen", "log_level", "json"})
@@ -169,7 +167,7 @@ def command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
     _check_top_level(ctx, path, content)
     known = _parameters(ctx)
     common = {
-        known[name]: value for key, value in content.items() if (name := _name(key)) in COMMON & set(known)
+        known[name]: value for key, value in content.items() if (name := spelling(key)) in COMMON & set(known)
     }
     return common | _command_table(ctx, path, content, known)
 
@@ -178,9 +176,9 @@ def _parameters(ctx: typer.Context) -> dict[str, str]:
     """Names of a command's options as a file spells them, and as its function does."""
     known = {}
     for parameter in ctx.command.params:
-        for spelling in parameter.opts:
+        for given in parameter.opts:
             if parameter.name:
-                known[_name(spelling.lstrip("-"))] = parameter.name
+                known[spelling(given.lstrip("-"))] = parameter.name
     return known
 
 
@@ -188,7 +186,7 @@ def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
     commands = set(getattr(ctx.find_root().command, "commands", {}))
     for key, value in content.items():
         allowed = commands | FREE_TABLES if isinstance(value, dict) else COMMON
-        if _name(key) not in allowed and key not in allowed:
+        if spelling(key) not in allowed and key not in allowed:
             what = "table" if isinstance(value, dict) else "common option"
             raise UserError(f"{path}: unknown {what} {key!r}; one of {', '.join(sorted(allowed))}")
 
@@ -203,12 +201,13 @@ def _command_table(
         if not isinstance(table, dict):
             raise UserError(f"{path}: {chunk!r} must be a table")
     for key in table:
-        if _name(key) not in known:
+        if spelling(key) not in known:
             raise UserError(f"{path}: [{'.'.join(chunks)}] has no option {key!r}")
-    return {known[_name(key)]: value for key, value in table.items()}
+    return {known[spelling(key)]: value for key, value in table.items()}
 
 
-def _name(key: str) -> str:
+def spelling(key: str) -> str:
+    """Name of an option as functions spell it."""
     return key.replace("-", "_")
 
 
@@ -228,57 +227,3 @@ def session_settings(connect: list[str] | None, listen: list[str] | None = None)
     if listen:
         return SessionSettings(mode="router", connect=tuple(connect or ()), listen=tuple(listen))
     return SessionSettings(connect=tuple(connect)) if connect else SessionSettings()
-
-
-def fusion_config(
-    ctx: typer.Context, method: str | None = None, assignments: list[str] | None = None
-) -> "FusionConfig":
-    """Build the fusion parameters: ``[fusion]`` of the file, then ``--method``, then ``--set``.
-
-    Raises
-    ------
-    UserError
-        For an unknown parameter or a value out of bounds.
-    """
-    from pydantic import ValidationError
-
-    from comotion import FusionConfig
-
-    table = file_table(ctx, "fusion")
-    values = {_name(key): None if value == "null" else value for key, value in table.items()}
-    if method is not None:
-        values["method"] = method
-    for text in assignments or ():
-        _set(values, *_assignment(text))
-    try:
-        return FusionConfig(**values)
-    except ValidationError as error:
-        raise UserError(_describe(error, sorted(FusionConfig.model_fields))) from None
-
-
-def _set(values: dict[str, Any], name: str, value: Any) -> None:
-    """Set a parameter; ``group.name`` is one of a group."""
-    group, dot, member = name.partition(".")
-    if not dot:
-        values[name] = value
-        return
-    before = values.get(group)
-    values[group] = {**(before if isinstance(before, dict) else {}), member: value}
-
-
-def _assignment(text: str) -> tuple[str, Any]:
-    name, separator, value = text.partition("=")
-    if not separator or not name:
-        raise UserError(f"--set {text}: expected NAME=VALUE")
-    try:
-        return _name(name.strip()), json.loads(value)
-    except ValueError:
-        return _name(name.strip()), value
-
-
-def _describe(error: Any, names: list[str]) -> str:
-    first = error.errors(include_url=False)[0]
-    name = ".".join(str(part) for part in first["loc"][:2])
-    if first["type"] == "extra_forbidden" and "." not in name:
-        return f"unknown fusion parameter {name!r}; one of {', '.join(names)}"
-    return f"fusion parameter {name}: {first['msg']}, got {first['input']!r}"

@@ -3,6 +3,7 @@
 Written by ``python -m comotion_deploy.parameter_table docs/parameters.md``.
 """
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -11,12 +12,15 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.rigid.config import MotionConfig
+from comotion.config import LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
     "FusionConfig": ("", FusionConfig),
-    "MotionConfig": ("motion.", MotionConfig),
+    "ThesisConfig": ("thesis.", ThesisConfig),
+    "RigidConfig": ("rigid.", RigidConfig),
+    "PixelsConfig": ("pixels.", PixelsConfig),
+    "LinkingConfig": ("linking.", LinkingConfig),
 }
 _UNBOUNDED = 1e9
 
@@ -29,7 +33,7 @@ def parameter_table(prefix: str, model: type[BaseModel]) -> str:
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             continue  # a group has a table of its own
         value = field.get_default(call_default_factory=True)
-        default = "null" if value is None else "none" if value == {} else value
+        default = "none" if value == {} else value if isinstance(value, str) else json.dumps(value)
         lines.append(f"| `{prefix}{name}` | {default} | {_allowed(properties[name])} | {field.description} |")
     return "\n".join(lines) + "\n"
 
@@ -40,16 +44,18 @@ def _allowed(schema: dict[str, Any]) -> str:
         return " or ".join(_allowed(option) for option in schema["anyOf"])
     if "enum" in schema or "const" in schema:
         return ", ".join(schema.get("enum", [schema.get("const")]))
+    if schema["type"] == "array":
+        return f"list of {_allowed(schema.get('items') or schema['prefixItems'][0])}"
     if schema["type"] in {"null", "object"}:
         return {"null": "null", "object": "tables"}[schema["type"]]
     low = f"> {schema['exclusiveMinimum']:g}" if "exclusiveMinimum" in schema else ""
-    if schema.get("minimum", 0) > 1 / _UNBOUNDED or schema.get("minimum") == 0:
-        low = f"≥ {schema['minimum']:g}"
+    if "minimum" in schema:
+        low = "> 0" if schema["minimum"] == 1 / _UNBOUNDED else f"≥ {schema['minimum']:g}"
     high = ""
     for key, sign in (("maximum", "≤"), ("exclusiveMaximum", "<")):
         if schema.get(key, _UNBOUNDED) < _UNBOUNDED:
             high = f"{sign} {schema[key]:g}"
-    return ", ".join(bound for bound in (low or "> 0", high) if bound)
+    return ", ".join(bound for bound in (low, high) if bound) or "any"
 
 
 def filled(page: str) -> str:

@@ -74,7 +74,7 @@ class Fusion:
         self.spaces: dict[str, Space] = {}
         self.timeline = Timeline(self.config, self.stats)
         self.ids = IdAllocator()
-        self.linker = Linker(self.config.cameras)
+        self.linker = Linker(self.config.linking.cameras)
         self.events: deque[Event] = deque()
         # (source, session) -> the index by which the windows know it.
         self.sessions: dict[tuple[str, str], int] = {}

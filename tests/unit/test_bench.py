@@ -84,7 +84,9 @@ def test_the_straightforward_version_agrees_with_the_core() -> None:
     pair = [[o for o in observed[track] if since <= o[0] <= update.stamp_ns] for track in tracks[:2]]
     matrix = fusion.affinity("world")
     i, j = (matrix.tracks.index((name, scene_session(fusion, name), track)) for name, track in tracks[:2])
-    expected = 0.5 ** (literal_variance(*pair, config.v_move_for("m")) / config.switch_for("m") ** 2)
+    expected = 0.5 ** (
+        literal_variance(*pair, config.thesis.v_move_for("m")) / config.thesis.switch_for("m") ** 2
+    )
     assert matrix.matrix[i, j] == pytest.approx(expected, abs=1e-4)
 
 

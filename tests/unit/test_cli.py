@@ -5,7 +5,9 @@ import math
 import subprocess
 import sys
 import tomllib
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -20,9 +22,9 @@ from comotion_deploy.router import zenoh_overrides
 SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
 
 
-def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     assert run(["config", "--json", *arguments]) == 0
-    values: dict[str, object] = json.loads(capsys.readouterr().out)
+    values: dict[str, Any] = json.loads(capsys.readouterr().out)
     return values
 
 
@@ -56,9 +58,9 @@ def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(
     assert effective(capsys)["window"] == 5.0
     monkeypatch.setenv("COMOTION_SET", "window=4 period=0.2")
     values = effective(capsys)
-    assert (values["window"], values["period"], values["stop_affinity"]) == (4.0, 0.2, 0.3)
+    assert (values["window"], values["period"], values["thesis"]["stop_affinity"]) == (4.0, 0.2, 0.3)
     values = effective(capsys, "--set", "window=3")
-    assert (values["window"], values["stop_affinity"]) == (3.0, 0.3)
+    assert (values["window"], values["thesis"]["stop_affinity"]) == (3.0, 0.3)
 
 
 def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
@@ -85,7 +87,7 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
 def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     arguments = ("--set", "v_move=null", "--set", "clustering=eigengap", "--set", "sigma_switch=1e-3")
     expected = effective(capsys, *arguments)
-    assert expected["v_move"] is None
+    assert expected["thesis"]["v_move"] is None
     assert run(["config", *arguments]) == 0
     (tmp_path / "c.toml").write_text(capsys.readouterr().out)
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
@@ -97,7 +99,14 @@ def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str]
         (["confg"], "No such command 'confg'"),
         (["config", "--sett", "a=1"], "No such option: --sett"),
         (["config", "--set", "window"], "expected NAME=VALUE"),
-        (["config", "--set", "windw=3"], "unknown fusion parameter 'windw'"),
+        (["config", "--set", "windw=3"], "unknown fusion parameter 'windw'; did you mean window?"),
+        (["config", "--set", "looseness=1"], "'looseness'; did you mean rigid.looseness?"),
+        (["config", "--set", "motion.loosenes=1"], "'rigid.loosenes'; did you mean rigid.looseness?"),
+        (["config", "--set", "rigid.merge_cap=1"], "'rigid.merge_cap'; did you mean pixels.merge_cap?"),
+        (["config", "--set", "qqqq=1"], "unknown fusion parameter 'qqqq'; see 'comotion config'"),
+        (["config", "--set", "v_move=-1"], "fusion parameter thesis.v_move"),
+        (["config", "--set", "rigid=1"], "fusion parameter rigid"),
+        (["config", "--set", "cameras.a/pixels={}"], "fusion parameter linking.cameras.a/pixels.fx"),
         (["config", "--set", "window=-3"], "fusion parameter window: Input should be greater than 0"),
         (["config", "--set", "window=soon"], "fusion parameter window"),
         (["config", "--method", "magic"], "fusion parameter method"),
@@ -121,6 +130,8 @@ def test_a_known_error_is_one_line_and_status_2(
         ("[serv]\nname = 'x'", "unknown table 'serv'"),
         ("[config]\ncolour = 3", "[config] has no option 'colour'"),
         ("[fusion]\nwindw = 3", "unknown fusion parameter 'windw'"),
+        ("[fusion]\nv_move = 3\n[fusion.thesis]\nv_move = 3", "v_move and thesis.v_move are the same"),
+        ("[fusion.motion]\nstay = 3\n[fusion.rigid]\nstay = 3", "motion and rigid are the same group"),
         ("config = 3", "unknown common option 'config'"),
         ("[fusion", "Expected ']'"),
         ("\x00", "c.toml"),
@@ -141,12 +152,12 @@ def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    from comotion_deploy import options
+    from comotion_deploy.commands import config
 
     def defect(*_: object) -> None:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr(options, "fusion_config", defect)
+    monkeypatch.setattr(config, "fusion_config", defect)
     with pytest.raises(RuntimeError, match="a defect"):
         run(["config"])
 
@@ -154,12 +165,12 @@ def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -
 def test_an_interrupt_is_no_error(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from comotion_deploy import options
+    from comotion_deploy.commands import config
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(options, "fusion_config", interrupt)
+    monkeypatch.setattr(config, "fusion_config", interrupt)
     assert run(["config"]) == 130
     assert capsys.readouterr().err.strip() == ""
 
@@ -269,11 +280,30 @@ class TestDemo:
 def test_a_parameter_of_a_group_can_be_set_and_read_again(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    expected = effective(capsys, "--set", "motion.looseness=0.4")
-    assert expected["motion"]["looseness"] == 0.4  # type: ignore[index]
-    assert run(["config", "--set", "motion.looseness=0.4"]) == 0
+    arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.steps=[1, 4]")
+    expected = effective(capsys, *arguments)
+    assert expected["rigid"]["looseness"] == 0.4
+    assert expected["pixels"]["steps"] == [1, 4]
+    assert run(["config", *arguments]) == 0
     (tmp_path / "c.toml").write_text(capsys.readouterr().out)
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
+
+
+def test_flat_names_mean_the_nested_parameters_in_files_and_flags(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    flat, present = tmp_path / "flat.toml", tmp_path / "nested.toml"
+    flat.write_text('[fusion]\nsigma-switch = 0.01\nv_move = "null"\n[fusion.motion]\nstay = 3\n')
+    present.write_text('[fusion.thesis]\nsigma_switch = 0.01\nv_move = "null"\n[fusion.rigid]\nstay = 3\n')
+    values = effective(capsys, "--config", str(flat))
+    assert values == effective(capsys, "--config", str(present))
+    assert (values["thesis"]["v_move"], values["rigid"]["stay"]) == (None, 3.0)
+    # A flag beats the file, whichever name either uses.
+    flags = [("v_move=2", "motion.stay=4"), ("thesis.v_move=2", "rigid.stay=4")]
+    for file, (speed, stay) in product((flat, present), flags):
+        values = effective(capsys, "--config", str(file), "--set", speed, "--set", stay)
+        assert (values["thesis"]["v_move"], values["rigid"]["stay"]) == (2.0, 4.0)
+        assert values["thesis"]["sigma_switch"] == 0.01
 
 
 def test_cameras_of_the_service_come_from_files_or_the_table(
@@ -299,10 +329,10 @@ def test_cameras_of_the_service_come_from_files_or_the_table(
         for name, camera in table.items()
     ]
     (tmp_path / "c.toml").write_text("\n".join(lines))
-    assert effective(capsys, "--config", str(tmp_path / "c.toml"))["cameras"] == table
+    assert effective(capsys, "--config", str(tmp_path / "c.toml"))["linking"]["cameras"] == table
     assert run(["config", "--config", str(tmp_path / "c.toml")]) == 0
     (tmp_path / "again.toml").write_text(capsys.readouterr().out)
-    assert effective(capsys, "--config", str(tmp_path / "again.toml"))["cameras"] == table
+    assert effective(capsys, "--config", str(tmp_path / "again.toml"))["linking"]["cameras"] == table
     for text, words in (
         ("door", "expected NAME=FILE"),
         (f"door={tmp_path / 'in.toml'}", "has no extrinsics"),

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.linking.camera import Camera
+from comotion.linking import Camera
+from comotion.linking.camera import CameraModel
 from comotion.linking.links import MARGIN, decide, evidence, joined, speakers
 from comotion.rigid.poses import pose_variances
 from comotion_clients.metrics import tracks_of
@@ -46,7 +47,7 @@ def camera(**changes: object) -> Camera:
 
 
 def pixels_of(view: Camera, points: np.ndarray) -> np.ndarray:
-    inside = (points - np.asarray(view.translation)) @ view.rotation
+    inside = (points - np.asarray(view.translation)) @ CameraModel(view).rotation
     K = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1.0]])
     found, _ = cv2.projectPoints(inside, np.zeros(3), np.zeros(3), K, np.array(view.distortion or [0.0] * 5))
     return np.asarray(found.reshape(-1, 2))

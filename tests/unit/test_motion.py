@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.matching import continued, largest_total
 from comotion.rigid.bodies import Costs, fit
-from comotion.rigid.config import MotionConfig
 from comotion.rigid.frames import Frames
 from comotion.rigid.kinematics import align
 from comotion.rigid.noise import READ, Differences, noise_variance
@@ -295,12 +294,6 @@ def test_events_agree_with_the_ids():
             alive -= set(event.others) if event.kind == "merged" else set()
             alive -= {event.hypothesis} if event.kind == "ended" else set()
         assert {h.id for h in update.hypotheses} <= alive
-
-
-def test_motion_parameters_are_checked():
-    with pytest.raises(ValueError, match="pose_price"):
-        MotionConfig(pose_price=0)
-    assert FusionConfig(motion={"looseness": 0.4}).motion.looseness == 0.4
 
 
 def test_published_sigma_is_used():

@@ -8,10 +8,10 @@ from numba.core.dispatcher import Dispatcher
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
+from comotion.config import RigidConfig
 from comotion.rigid import panel as panels
 from comotion.rigid import search as searching
 from comotion.rigid.bodies import costs, static_body
-from comotion.rigid.config import MotionConfig
 from comotion.rigid.frames import Frames
 from comotion.runtime.warm_up import warm_up
 from comotion_clients.metrics import nmi
@@ -144,8 +144,8 @@ def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
     frames, steps = frames_of(80, 60)
     still = static_body(60)
     rides = type(still)(np.arange(40), frames.y[:40, 0], still.R, steps, still.posed, 6)
-    exact = costs(frames, [still, rides], MotionConfig()).body
-    rough = costs(frames, [still, rides], MotionConfig(), stride=5).body
+    exact = costs(frames, [still, rides], RigidConfig()).body
+    rough = costs(frames, [still, rides], RigidConfig(), stride=5).body
     least = exact.argmin(1)
     rows = np.arange(len(exact))
     np.testing.assert_array_equal(rough.argmin(1), least)

@@ -134,7 +134,7 @@ def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> No
 
     found = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
     assert found["period"] == 0.25
-    assert found["config"]["sigma_switch"] == 0.02
+    assert found["config"]["thesis"]["sigma_switch"] == 0.02
     assert [run["seed"] for run in found["runs"]] == [0, 1, None]
     text = io.StringIO()
     Console(file=text, width=120).print(table(results))

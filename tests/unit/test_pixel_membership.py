@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from comotion.config import PixelsConfig
 from comotion.pixels.keyframes import KeyFrames
 from comotion.pixels.method import choose
 from comotion.pixels.misfits import reassign
-from comotion.pixels.parameters import PixelParameters
 from comotion.pixels.uninformed import hold
 from comotion.pixels.young import adopt
 from comotion.trajectories.window import Window
@@ -58,7 +58,7 @@ def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
 
 
 def test_the_living_and_half_as_many_of_the_dead_are_compared():
-    few = PixelParameters(least_seen=4, few_tracks=6, most_tracks=14)
+    few = PixelsConfig(least_seen=4, few_tracks=6, most_tracks=14)
     seen = np.array([9, 3, 4, 8, 7, 5] + 6 * [6])
     dead = np.repeat([True, False], 6)
     # Of the dead who was seen longest; nobody who was hardly seen at all.

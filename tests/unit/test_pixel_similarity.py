@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from comotion.config import PixelsConfig
 from comotion.pixels.local import Residuals
-from comotion.pixels.parameters import PixelParameters
 from comotion.pixels.patterns import alike
 from comotion.pixels.similarity import preference
 
 
 def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
     rng = np.random.default_rng(3)
-    p = PixelParameters()
+    p = PixelsConfig()
     seen = (rng.random((6, 14)) > 0.3).astype(np.float32)
     # Few ways in which motions and trajectories are used and seen, as in a recording.
     seen[:, 5:] = seen[:, rng.integers(0, 5, 9)]

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
+from comotion.config import PixelsConfig
 from comotion.pixels.continuity import Continuity
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
@@ -16,7 +17,6 @@ from comotion.pixels.interaction import subspace
 from comotion.pixels.keyframes import KeyFrames, frame_pairs, spread
 from comotion.pixels.local import explain
 from comotion.pixels.merging import merge
-from comotion.pixels.parameters import PixelParameters
 from comotion.pixels.pieces import Pieces, link
 from comotion.pixels.sampling import Neighbours
 from comotion.pixels.similarity import Similarity
@@ -105,7 +105,7 @@ def test_similarity_is_symmetric_to_the_last_bit():
     rng = np.random.default_rng(12)
     positions, _ = affine_scene(rng, (50, 47))
     visible = rng.random(positions.shape[:2]) > 0.3
-    found = group(frames_of(positions, visible), PixelParameters()).similarity
+    found = group(frames_of(positions, visible), PixelsConfig()).similarity
     np.testing.assert_array_equal(found.value, found.value.T)
     np.testing.assert_array_equal(found.evidence, found.evidence.T)
 
@@ -211,7 +211,7 @@ def test_what_was_apart_is_not_joined_at_the_first_doubt():
     rng = np.random.default_rng(15)
     positions = rng.uniform(0, 400, (1, 80, 2)) + np.cumsum(rng.normal(0, 2, (24, 1, 2)), axis=0)
     frames = frames_of(positions + rng.normal(0, 0.1, (24, 80, 2)))
-    p = PixelParameters()
+    p = PixelsConfig()
     pieces = Pieces(
         np.repeat([0, 1], 40), np.full((2, 2), 1600 * p.merge_similarity), np.full((2, 2), 1600.0)
     )
@@ -236,7 +236,7 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     rng = np.random.default_rng(5)
     positions, truth = affine_scene(rng, sizes)
     visible = rng.random(positions.shape[:2]) > 0.15
-    found = group(frames_of(positions, visible), PixelParameters())
+    found = group(frames_of(positions, visible), PixelsConfig())
     assert misclassification(found.labels, truth) <= 0.02
     assert (found.confidence >= 0).all()
     assert (found.confidence <= 1).all()
@@ -248,19 +248,19 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
     x[:, 20:] += [250, 0]
     moving = (np.arange(35) >= 20)[None, :, None]
     positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
-    found = group(frames_of(positions), PixelParameters())
+    found = group(frames_of(positions), PixelsConfig())
     np.testing.assert_array_equal(found.labels == found.labels[0], np.arange(35) < 20)
 
 
 def test_everything_at_rest_is_one_group():
     rng = np.random.default_rng(6)
     positions = np.repeat(rng.uniform(0, 400, (1, 50, 2)), 24, axis=0) + rng.normal(0, 0.2, (24, 50, 2))
-    assert group(frames_of(positions), PixelParameters()).labels.max() == 0
+    assert group(frames_of(positions), PixelsConfig()).labels.max() == 0
 
 
 def test_same_input_same_output_bit_by_bit():
     positions, _ = affine_scene(np.random.default_rng(7), (40, 30))
-    first, second = (group(frames_of(positions), PixelParameters()) for _ in range(2))
+    first, second = (group(frames_of(positions), PixelsConfig()) for _ in range(2))
     np.testing.assert_array_equal(first.labels, second.labels)
     assert first.similarity.value.tobytes() == second.similarity.value.tobytes()
     assert first.confidence.tobytes() == second.confidence.tobytes()
@@ -269,7 +269,7 @@ def test_same_input_same_output_bit_by_bit():
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_a_handful_of_trajectories_is_grouped_too(count):
     positions, _ = affine_scene(np.random.default_rng(8), (count,))
-    assert len(group(frames_of(positions), PixelParameters()).labels) == count
+    assert len(group(frames_of(positions), PixelsConfig()).labels) == count
 
 
 def batch(seq, stamp_ns, ids, positions, ended=None):
@@ -383,6 +383,6 @@ def test_real_sequences(name, bodies, worst):
     positions = positions[spread(len(positions), 24)]
     visible = np.isfinite(positions).all(axis=2)
     grown = np.flatnonzero(visible.sum(axis=0) >= 4)
-    found = group(frames_of(positions[:, grown], visible[:, grown]), PixelParameters())
+    found = group(frames_of(positions[:, grown], visible[:, grown]), PixelsConfig())
     assert found.labels.max() + 1 == bodies
     assert misclassification(found.labels, truth[grown]) <= worst

@@ -10,6 +10,7 @@ import typer
 
 from .. import options
 from ..errors import UserError, missing_extra
+from ..fusion_options import fusion_config
 
 if TYPE_CHECKING:
     from comotion_experiments.bench import Costs
@@ -94,7 +95,7 @@ def bench(
     status = Console(stderr=True)
     costs = study.run_bench(
         study.scaled(spec, sizes, _numbers("--rate", rate, 1, 1000)),
-        [options.fusion_config(ctx, name, assignments) for name in method or ("comotion", "thesis")],
+        [fusion_config(ctx, name, assignments) for name in method or ("comotion", "thesis")],
         updates or (20 if quick else 100),
         recordings=recording or (),
         baseline=_baseline(quick, pixels) if baseline is None else baseline,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast, get_args, get_origin
 import typer
 
 from .. import options
+from ..fusion_options import fusion_config
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -13,9 +14,9 @@ if TYPE_CHECKING:
 EPILOG = """
 Examples:
 
-  comotion config --set sigma_switch=0.01 --set v_move=null
+  comotion config --set thesis.sigma_switch=0.01 --set thesis.v_move=null
 
-  comotion config --set motion.looseness=0.4
+  comotion config --set rigid.looseness=0.4
 
   comotion config --json
 
@@ -33,7 +34,7 @@ def config(
     """Print the fusion parameters in effect, as TOML that --config reads (or JSON)."""
     from comotion import FusionConfig
 
-    values = options.fusion_config(ctx, method, assignments).model_dump(mode="json")
+    values = fusion_config(ctx, method, assignments).model_dump(mode="json")
     if json_:
         print(json.dumps(values, indent=2))
         return

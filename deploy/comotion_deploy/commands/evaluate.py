@@ -8,6 +8,7 @@ import typer
 
 from .. import options
 from ..errors import UserError, missing_extra
+from ..fusion_options import fusion_config
 
 EPILOG = """
 Examples:
@@ -112,7 +113,7 @@ def evaluate(
     from comotion_experiments.inputs import find_inputs, parse_seeds
     from comotion_sources.parts import parse_rates
 
-    config = options.fusion_config(ctx, method, assignments)
+    config = fusion_config(ctx, method, assignments)
     rates = parse_rates(rate) if rate else None
     try:
         inputs = find_inputs(

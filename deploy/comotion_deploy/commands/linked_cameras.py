@@ -38,8 +38,12 @@ def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConf
     ValueError
         If a file, or the name of a simulated camera, is wrong.
     """
+    from comotion.config import LinkingConfig
+
     told = dict(_camera(text) for text in given or ())
-    return config.model_copy(update={"cameras": config.cameras | told}) if told else config
+    if not told:
+        return config
+    return config.model_copy(update={"linking": LinkingConfig(cameras=config.linking.cameras | told)})
 
 
 def _camera(text: str) -> "tuple[str, Camera]":

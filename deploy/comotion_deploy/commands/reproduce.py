@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from .. import options
+from ..fusion_options import fusion_config
 from . import reproduce_figures, reproduce_links
 from .experiments import Cache, Period, cache_folder, check, check_folder, progress
 
@@ -108,7 +109,7 @@ def fusion(
     results = run_experiment(
         workcell or (SCENES[:2] if quick else SCENES),
         parse_seeds(seeds or ("0-1" if quick else "0-4")),
-        options.fusion_config(ctx, method, assignments),
+        fusion_config(ctx, method, assignments),
         setup=QUICK if quick else Setup(),
         cache=cache or cache_folder() / "fusion",
         period=period,

@@ -10,6 +10,7 @@ import typer
 
 from .. import options
 from ..errors import UserError
+from ..fusion_options import fusion_config
 from .experiments import Cache, cache_folder, check, progress
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def figures(
     from comotion_experiments.inputs import parse_seeds
 
     chosen = select(only)
-    config = options.fusion_config(ctx, None, assignments)
+    config = fusion_config(ctx, None, assignments)
     if config.method != "comotion":
         raise UserError(f"method {config.method!r}: the figures compare the default method with the thesis'")
     simulated = parse_seeds(seeds or ("0" if quick else "0-4"))

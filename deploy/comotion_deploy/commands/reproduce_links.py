@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import options
+from ..fusion_options import fusion_config
 from .experiments import Cache, Period, cache_folder, check_folder, progress
 
 EPILOG = """
@@ -62,7 +63,7 @@ def links(
     check_folder(out)
     scenes = workcell or study.SCENES
     numbers = parse_seeds(seeds or ("2" if quick else "2-4"))
-    config = options.fusion_config(ctx, method, assignments)
+    config = fusion_config(ctx, method, assignments)
     setup, kept = study.QUICK if quick else None, cache or cache_folder() / "links"
     with progress() as note:
         results = study.run_experiment(

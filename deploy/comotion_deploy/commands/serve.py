@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import options
+from ..fusion_options import fusion_config
 from . import linked_cameras
 
 EPILOG = """
@@ -75,7 +76,7 @@ def serve(
 
     server.serve(
         server.ServeOptions(
-            config=linked_cameras.with_cameras(options.fusion_config(ctx, method, assignments), camera),
+            config=linked_cameras.with_cameras(fusion_config(ctx, method, assignments), camera),
             scene=scene,
             name=name,
             settings=options.session_settings(connect, listen),

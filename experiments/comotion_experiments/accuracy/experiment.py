@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.rigid.config import MotionConfig
+from comotion.config import RigidConfig, ThesisConfig
 
 from .cases import Case
 from .linkage import linkage_nmi
@@ -81,18 +81,18 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
 def _config(method: str, case: Case) -> FusionConfig:
     if method == DEFAULT:
         return FusionConfig()
-    return FusionConfig(method="thesis", sigma_switch=case.sigma_switch, v_move=None)
+    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=case.sigma_switch, v_move=None))
 
 
 def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:
     """Scores with every parameter as it is, then with each halved and doubled."""
     cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
     progress("robustness")
-    found = [Variation("", 1.0, _scores_of(cases, MotionConfig()))]
-    for name, value in MotionConfig().model_dump().items():
+    found = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
+    for name, value in RigidConfig().model_dump().items():
         progress(f"robustness: {name}")
         for factor in (0.5, 2.0):
-            scaled = MotionConfig(**_scaled(name, value, factor))
+            scaled = RigidConfig(**_scaled(name, value, factor))
             found.append(Variation(name, factor, _scores_of(cases, scaled)))
     return found
 
@@ -104,6 +104,6 @@ def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:
     return {name: min(scaled, 1.0) if name == "outlier_share" else scaled}
 
 
-def _scores_of(cases: Sequence[Case], motion: MotionConfig) -> dict[str, float]:
-    config = FusionConfig(motion=motion)
+def _scores_of(cases: Sequence[Case], motion: RigidConfig) -> dict[str, float]:
+    config = FusionConfig(rigid=motion)
     return {case.name: run_case(case, config, 0, _ROBUST_SECONDS).mean for case in cases}

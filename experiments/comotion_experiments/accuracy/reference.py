@@ -22,6 +22,6 @@ class ReferenceFusion(Fusion):
 
 def _split(affinity: Affinity, config: FusionConfig) -> Clusters:
     dense = affinity.dense().astype(float)
-    labels = by_appearance(divide(dense, config.stop_affinity))
+    labels = by_appearance(divide(dense, config.thesis.stop_affinity))
     # Confidence is no part of what is compared.
     return Clusters(labels, dense.mean(axis=1))

@@ -49,7 +49,7 @@ class Straightforward:
     """Incremental sums in NumPy over a fixed number of rows; clustering by KMeans with ten starts."""
 
     def __init__(self, rows: int, config: FusionConfig) -> None:
-        self._v_move, self._switch = config.v_move_for("m"), config.switch_for("m")
+        self._v_move, self._switch = config.thesis.v_move_for("m"), config.thesis.switch_for("m")
         self._span = round(config.window * 1e9)
         self._sources: dict[str, _Source] = {}
         self._rows = rows
@@ -200,7 +200,7 @@ def _literal_ms(spec: SceneSpec, config: FusionConfig) -> float:
     chosen = [track for track in tracks.values() if len(track) == whole]
     begun = time.perf_counter()
     for k, track in enumerate(chosen):
-        literal_variance(track, chosen[k - 1], config.v_move_for("m"))
+        literal_variance(track, chosen[k - 1], config.thesis.v_move_for("m"))
     each = (time.perf_counter() - begun) / len(chosen)
     return 1e3 * each * spec.features * (spec.features - 1) / 2
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from comotion import FusionConfig
+from comotion.config import ThesisConfig
 from comotion_sources import simulator
 from comotion_sources.simulator import SceneSpec
 
@@ -86,12 +87,12 @@ def spec_of(scene: str) -> SceneSpec:
 
 def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
     """Parameters of the thesis method; equal weights unless `v_move` says otherwise."""
-    return FusionConfig(method="thesis", sigma_switch=sigma_switch, v_move=v_move)
+    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=sigma_switch, v_move=v_move))
 
 
 def describe(config: FusionConfig) -> str:
     """Name a set of parameters in a few words."""
     if config.method == "comotion":
         return "default method"
-    weights = "equal weights" if config.v_move is None else f"v = {config.v_move:g}"
-    return f"thesis method, σ = {config.sigma_switch:g}, {weights}"
+    weights = "equal weights" if config.thesis.v_move is None else f"v = {config.thesis.v_move:g}"
+    return f"thesis method, σ = {config.thesis.sigma_switch:g}, {weights}"

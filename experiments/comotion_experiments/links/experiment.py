@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
+from comotion.config import LinkingConfig
 
 from .recording import plain_camera, record
 from .setup import PLAIN_SPACE, Setup
@@ -80,8 +81,8 @@ def run_experiment(
         for seed in seeds:
             progress(f"{scene}, seed {seed}")
             sources = record(scene, seed, setup, cache)
-            cameras = config.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup, turned)}
-            known = config.model_copy(update={"cameras": cameras})
+            cameras = config.linking.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup, turned)}
+            known = config.model_copy(update={"linking": LinkingConfig(cameras=cameras)})
             outcomes.append(run_seed(sources, known, period=period))
         cases.append(Case(scene, outcomes))
     return Results(cases, setup, seeds)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
+from comotion.config import LinkingConfig
 from comotion_clients.colours import colour
 from comotion_clients.metrics import bodies_of
 from comotion_schemas import HypothesisUpdate
@@ -46,11 +47,11 @@ def save_picture(
     """
     setup = setup or Setup()
     sources = record(scene, seed, setup, cache)
-    cameras = config.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup)}
+    cameras = config.linking.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup)}
     last: list[HypothesisUpdate] = []
     run_offline(
         in_time_order([sources[DEEP], sources[PLAIN]]),
-        config.model_copy(update={"cameras": cameras}),
+        config.model_copy(update={"linking": LinkingConfig(cameras=cameras)}),
         period=0.5,
         duration=seconds,
         on_update=lambda update, _: last.append(update),

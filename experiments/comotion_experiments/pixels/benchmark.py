@@ -1,12 +1,12 @@
 """Runs the sequences and adds up."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from comotion.pixels.parameters import PixelParameters
+from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
 
 from .methods import engine, one_object, spectral_distance, spectral_interaction
@@ -28,8 +28,8 @@ _STEPS: dict[str, tuple[Any, ...]] = {
     "epipolar_weight": (0.8, 1.4),
 }
 SETTINGS = (
-    PixelParameters(),
-    *(replace(PixelParameters(), **{name: value}) for name, values in _STEPS.items() for value in values),
+    PixelsConfig(),
+    *(PixelsConfig(**{name: value}) for name, values in _STEPS.items() for value in values),
 )
 _FOLDS = 5
 
@@ -98,7 +98,7 @@ def run_benchmark(
         for frames in LENGTHS:
             progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
             parts = [s if frames is None else s.first(frames) for s in sequences]
-            found.rows.append(_row(name, OURS, frames, _ours(parts, PixelParameters())))
+            found.rows.append(_row(name, OURS, frames, _ours(parts, PixelsConfig())))
             for title, method in BASELINES.items() if baselines else ():
                 scored = [_score(part, method(part), 0.0) for part in parts]
                 found.rows.append(_row(name, title, frames, scored))
@@ -111,7 +111,7 @@ def run_benchmark(
     return found
 
 
-def _ours(sequences: Iterable[Sequence], parameters: PixelParameters) -> list[_Scored]:
+def _ours(sequences: Iterable[Sequence], parameters: PixelsConfig) -> list[_Scored]:
     return [_score(sequence, *engine(sequence, parameters)) for sequence in sequences]
 
 
@@ -156,7 +156,7 @@ def _singles(sequences: list[Sequence]) -> tuple[int, int]:
         if sequence.scene != sequence.name:
             continue
         for motion in np.unique(sequence.truth[sequence.truth > 0]).tolist():
-            labels, _ = engine(sequence.of(sequence.truth == motion), PixelParameters())
+            labels, _ = engine(sequence.of(sequence.truth == motion), PixelsConfig())
             good += len(np.unique(labels)) == 1
             count += 1
     return good, count

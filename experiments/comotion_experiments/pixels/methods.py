@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
+from comotion.config import PixelsConfig
 from comotion.partition import Previous, Rows, SpaceSpec
 from comotion.pixels.interaction import subspace
 from comotion.pixels.keyframes import KeyFrames, spread
 from comotion.pixels.method import PixelMethod
-from comotion.pixels.parameters import PixelParameters
 from comotion.trajectories.window import Window
 
 from .sequences import Sequence
@@ -23,7 +23,7 @@ _KEY_FRAMES = 24
 _SIGMA_SWITCH_PX = 8.0
 
 
-def engine(sequence: Sequence, parameters: PixelParameters) -> tuple[Labels, float]:
+def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]:
     """One update of the core's engine over a whole sequence, the dead trajectories listed too.
 
     Returns
@@ -32,7 +32,7 @@ def engine(sequence: Sequence, parameters: PixelParameters) -> tuple[Labels, flo
     """
     stamps = np.round((sequence.times - sequence.times[0]) * 1e9).astype(np.int64)
     window = Window(2, int(stamps[-1]) + 1, _GAP_NS)
-    core = PixelMethod(FusionConfig(), SpaceSpec("camera/pixels", "px", 2), parameters=parameters)
+    core = PixelMethod(FusionConfig(pixels=parameters), SpaceSpec("camera/pixels", "px", 2))
     slots = window.open(sequence.positions.shape[1], 0)
     for stamp, x in zip(stamps.tolist(), sequence.positions, strict=True):
         seen = np.flatnonzero(np.isfinite(x).all(axis=1))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
+from comotion.config import ThesisConfig
 from comotion_clients.metrics import Truth
 
 from ..offline import run_offline
@@ -118,7 +119,7 @@ def method_config(method: str, scene: Scene) -> FusionConfig:
     """Parameters of a method; the thesis method has equal weights and a switch that suits the noise."""
     if method == DEFAULT:
         return FusionConfig()
-    return FusionConfig(method="thesis", sigma_switch=scene.sigma_switch, v_move=None)
+    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=scene.sigma_switch, v_move=None))
 
 
 def run_family(

@@ -1,5 +1,5 @@
 """Links between spaces: which image hypotheses and which rigid bodies are one, by motion."""
 
-from .camera import Camera
+from ..config import Camera
 
 __all__ = ["Camera"]

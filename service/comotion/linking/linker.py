@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis, HypothesisUpdate
 
 from ..arrays import Labels, Slots
+from ..config import Camera
 from ..partition import SpaceSpec
 from ..rigid.poses import Poses
 from ..trajectories.window import Window
-from .camera import Camera
+from .camera import CameraModel
 from .links import decide, evidence, joined, speakers
 from .reprojection import log_likelihoods
 from .sightings import sight
@@ -49,7 +50,7 @@ class Linker:
     """
 
     def __init__(self, cameras: Mapping[str, Camera]) -> None:
-        self._cameras = cameras
+        self._cameras = {space: CameraModel(camera) for space, camera in cameras.items()}
         self._links: dict[int, int] = {}
         self._due_ns: int | None = None
 
@@ -91,7 +92,7 @@ class Linker:
             if poses is not None:
                 self._link(space, poses, camera)
 
-    def _link(self, space: SpaceView, poses: Poses, camera: Camera) -> None:
+    def _link(self, space: SpaceView, poses: Poses, camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
         who = speakers(space.labels, space.window.counts(space.current), _ASKED)
         sightings = sight(space.window, space.current[who], poses.stamps, camera)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats
 from ..rigid.poses import Poses
-from .camera import Camera
+from .camera import CameraModel
 from .sightings import Sightings
 
 ITERATIONS = 3
@@ -28,7 +28,7 @@ _LEAST_SPREAD = 0.05
 _NEAREST = 1e-3
 
 
-def log_likelihoods(sightings: Sightings, poses: Poses, camera: Camera) -> Floats:
+def log_likelihoods(sightings: Sightings, poses: Poses, camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
     Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
@@ -41,7 +41,7 @@ def log_likelihoods(sightings: Sightings, poses: Poses, camera: Camera) -> Float
     return found
 
 
-def _on_body(sightings: Sightings, poses: Poses, camera: Camera, k: int) -> Floats:
+def _on_body(sightings: Sightings, poses: Poses, camera: CameraModel, k: int) -> Floats:
     """Log-likelihood of each trajectory on body k, float64 [N]."""
     rows = np.arange(len(sightings.frame))
     seen = sightings.seen & poses.posed[k][sightings.frame]
@@ -101,10 +101,10 @@ def _middle(seen: Bools) -> NDArray[np.intp]:
 
 
 def _relative(
-    poses: Poses, camera: Camera, k: int, frame: NDArray[np.intp], at: NDArray[np.intp]
+    poses: Poses, camera: CameraModel, k: int, frame: NDArray[np.intp], at: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
     """Motion of body k from frame at [N] to frame [N, M] in the camera's axes: [N, M, 3, 3], [N, M, 3]."""
-    C, c = camera.rotation, np.asarray(camera.translation)
+    C, c = camera.rotation, camera.translation
     turn = poses.R[k][frame] @ poses.R[k][at].transpose(0, 2, 1)[:, None]
     shift = poses.t[k][frame] - np.einsum("nmij,nj->nmi", turn, poses.t[k][at])
     # x' = turn x + shift in the space; with x = C y + c the same motion of y.
@@ -114,7 +114,7 @@ def _relative(
 
 
 def _priors(
-    poses: Poses, camera: Camera, k: int, at: NDArray[np.intp], frame: NDArray[np.intp], place: Floats
+    poses: Poses, camera: CameraModel, k: int, at: NDArray[np.intp], frame: NDArray[np.intp], place: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Inverse depth of the body's features at a frame and how far it may spread, [N] each.
 
@@ -122,7 +122,7 @@ def _priors(
     of a turn grows with the distance from the features that the pose was fitted to.
     """
     centre = np.einsum("nij,j->ni", poses.R[k][at], poses.centre[k]) + poses.t[k][at]
-    inside = (centre - np.asarray(camera.translation)) @ camera.rotation
+    inside = (centre - camera.translation) @ camera.rotation
     spread = np.maximum(_RADII * poses.radius[k], _LEAST_SPREAD * np.abs(inside[:, 2]))
     # A body beside or behind the camera is not seen by it; its depth says nothing then.
     z = np.maximum(inside[:, 2], spread)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..trajectories.window import Window
-from .camera import Camera
+from .camera import CameraModel
 
 # A trajectory says how it moves by so many states, spread over its life.
 STATES = 12
@@ -47,7 +47,7 @@ class Sightings:
         return np.asarray(self.seen.sum(1) >= _LEAST_STATES)
 
 
-def sight(window: Window, slots: Slots, stamps: Stamps, camera: Camera) -> Sightings:
+def sight(window: Window, slots: Slots, stamps: Stamps, camera: CameraModel) -> Sightings:
     """States of trajectories (slots intp [N]) at up to :data:`STATES` of the frames int64 [F].
 
     Linear between observations, never across a gap longer than the window allows.

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import PixelsConfig
 from .continuity import Continuity
 from .epipolar import EpipolarTest
 from .keyframes import KeyFrames
 from .merging import merge
 from .misfits import reassign
-from .parameters import PixelParameters
 from .pieces import link, pool
 from .similarity import Similarity, compare
 from .uninformed import ask_neighbours, hold
@@ -37,7 +37,7 @@ class Grouping:
 
 def group(
     frames: KeyFrames,
-    parameters: PixelParameters,
+    parameters: PixelsConfig,
     *,
     seed: int = 0,
     before: NDArray[np.int64] | None = None,
@@ -49,7 +49,7 @@ def group(
     frames
         F key frames of N ≥ 2 trajectories.
     parameters
-        See :class:`~comotion.pixels.parameters.PixelParameters`.
+        See :class:`~comotion.config.PixelsConfig`.
     seed
         Of the draw of local motions: same input, same groups.
     before

@@ -47,7 +47,7 @@ def explain(pairs: FramePairs, groups: list[Indices], ridge: float, cap: float) 
     groups
         Members of local motions, each intp [H_r, M_r].
     ridge, cap
-        px²; see :class:`~comotion.pixels.parameters.PixelParameters`.
+        px²; see :class:`~comotion.config.PixelsConfig`.
     """
     parts = [_fit(pairs.start, pairs.move, pairs.seen, group.T, ridge) for group in groups]
     motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))

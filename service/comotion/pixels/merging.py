@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import PixelsConfig
 from .continuity import Continuity
 from .epipolar import EpipolarTest
-from .parameters import PixelParameters
 from .pieces import Pieces
 
 
@@ -13,7 +13,7 @@ def merge(
     pieces: Pieces,
     continuity: Continuity,
     test: EpipolarTest,
-    parameters: PixelParameters,
+    parameters: PixelsConfig,
     before: NDArray[np.int64] | None = None,
 ) -> NDArray[np.intp]:
     """Group of every piece, intp [P], as the index of a piece in it.
@@ -36,7 +36,7 @@ class _Merging:
         pieces: Pieces,
         continuity: Continuity,
         test: EpipolarTest,
-        parameters: PixelParameters,
+        parameters: PixelsConfig,
         before: NDArray[np.int64] | None,
     ) -> None:
         self._p = parameters

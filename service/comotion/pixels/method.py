@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats, Ints, Labels, Slots
-from ..config import FusionConfig
+from ..config import FusionConfig, PixelsConfig
 from ..matching import continued, largest_first
 from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
 from .describe import describe
 from .grouping import group
 from .keyframes import Floats32, KeyFrames, key_frames, spread
-from .parameters import PixelParameters
 from .young import adopt
 
 # Affinity of a pair that has not been compared (ARCHITECTURE.md: too little time in common).
@@ -29,22 +28,15 @@ class PixelMethod:
     Parameters
     ----------
     config
-        Only the window matters here, and that is the space's affair.
+        Its group `pixels` matters here.
     spec
         The space.
-    parameters
-        Of the method.
     """
 
     matching = staticmethod(largest_first)
 
-    def __init__(
-        self,
-        config: FusionConfig,  # noqa: ARG002 - every method is built from the same two
-        spec: SpaceSpec,  # noqa: ARG002
-        parameters: PixelParameters | None = None,
-    ) -> None:
-        self._p = parameters or PixelParameters()
+    def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
+        self._p = config.pixels
         self._stamps: list[int] = []
         # Of the last update: who was current, who was compared, and their similarity.
         self._compared: tuple[Slots, Slots, Floats32] = (_NOBODY, _NOBODY, _NONE)
@@ -153,7 +145,7 @@ def _provisional(before: Labels, groups: Ints, count: int) -> Labels:
     return names
 
 
-def choose(seen: Slots, dead: NDArray[np.bool_], parameters: PixelParameters) -> Slots:
+def choose(seen: Slots, dead: NDArray[np.bool_], parameters: PixelsConfig) -> Slots:
     """Indices of the trajectories that are compared, ascending.
 
     The living go first, then who was seen longest. How many dead ones there may be follows from the

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.linalg.blas import ssyrk
 
 from ..compiled import compiled
+from ..config import PixelsConfig
 from .interaction import subspace
 from .keyframes import Floats32, KeyFrames, frame_pairs
 from .local import Residuals, explain
-from .parameters import PixelParameters
 from .patterns import alike
 from .sampling import Indices, sample_members
 
@@ -38,7 +38,7 @@ class Similarity:
     residual: Floats32
 
 
-def compare(frames: KeyFrames, parameters: PixelParameters, rng: np.random.Generator) -> Similarity:
+def compare(frames: KeyFrames, parameters: PixelsConfig, rng: np.random.Generator) -> Similarity:
     """Compare N ≥ 2 trajectories with one another.
 
     The preference kernel says whether the same local motions explain two trajectories; shape
@@ -55,9 +55,7 @@ def compare(frames: KeyFrames, parameters: PixelParameters, rng: np.random.Gener
     return Similarity(value, evidence, best)
 
 
-def preference(
-    residuals: Residuals, seen: Floats32, p: PixelParameters
-) -> tuple[Floats32, Floats32, Floats32]:
+def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> tuple[Floats32, Floats32, Floats32]:
     """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
 
     What a motion covers of a trajectory follows from the frame pairs of either, and many share these:

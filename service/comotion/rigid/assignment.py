@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
+from ..config import RigidConfig
 from . import density
-from .config import MotionConfig
 from .frames import Frames
 
 OUTLIER = -1
@@ -33,7 +33,7 @@ def cheapest(body: Floats, outlier: Floats) -> Ints:
 
 
 def assign(
-    frames: Frames, body: Floats, outlier: Floats, before: Ints, where: Floats, config: MotionConfig
+    frames: Frames, body: Floats, outlier: Floats, before: Ints, where: Floats, config: RigidConfig
 ) -> Assignment:
     """Assign every trajectory to a body.
 
@@ -73,7 +73,7 @@ def assign(
     return Assignment(labels, cost)
 
 
-def _voice(frames: Frames, config: MotionConfig) -> Floats:
+def _voice(frames: Frames, config: RigidConfig) -> Floats:
     settled = _SETTLED * config.frame_rate
     counts: Bools = frames.alive | (frames.life >= DEAD_FRAMES)
     return np.where(counts, np.minimum(frames.life, settled) / settled, 0.0)

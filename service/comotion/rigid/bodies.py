@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from .config import MotionConfig
+from ..config import RigidConfig
 from .frames import Frames
 from .procrustes import fit_body
 from .residuals import body_costs, own_residuals
@@ -93,7 +93,7 @@ class Costs:
 
 
 def costs(
-    frames: Frames, bodies: list[Body], config: MotionConfig, stretch: float = 1.0, stride: int = 1
+    frames: Frames, bodies: list[Body], config: RigidConfig, stretch: float = 1.0, stride: int = 1
 ) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
@@ -114,14 +114,14 @@ def costs(
     return Costs(body, outlier, opening, wider)
 
 
-def _opening(body: Body, config: MotionConfig, stretch: float) -> float:
+def _opening(body: Body, config: RigidConfig, stretch: float) -> float:
     if body.static:
         return 0.0
     poses = 0.5 * body.dof * (1 + config.pose_price) * stretch * int(body.posed.sum())
     return poses + config.birth_price
 
 
-def moving(frames: Frames, bodies: list[Body], found: Costs, config: MotionConfig) -> list[int]:
+def moving(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> list[int]:
     """The static body and those that explain their own rows so much better, at one tolerance, as they cost.
 
     A wider tolerance suits everybody: among very many at rest, a body could live on that alone.
@@ -139,7 +139,7 @@ def moving(frames: Frames, bodies: list[Body], found: Costs, config: MotionConfi
     return kept
 
 
-def _gain(frames: Frames, body: Body, wider: float, config: MotionConfig) -> float:
+def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:
     """By how much a body's own rows are cheaper under it than at rest, both at its tolerance."""
     both = [static_body(len(frames.stamps)), body]
     _, unposed = _own_terms(frames, both, config)
@@ -147,7 +147,7 @@ def _gain(frames: Frames, body: Body, wider: float, config: MotionConfig) -> flo
     return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
 
 
-def residuals(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> Floats:
+def residuals(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> Floats:
     """Mean squared residual of rows [n] under a body, float64 [n]."""
     return _residuals(frames, [body], rows, np.zeros(1), np.zeros(1), config)[1][:, 0]
 
@@ -158,7 +158,7 @@ def _residuals(
     rows: Ints,
     wider: Floats,
     unposed: Floats,
-    config: MotionConfig,
+    config: RigidConfig,
     stride: int = 1,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
@@ -191,7 +191,7 @@ def _stacked(bodies: list[Body]) -> tuple[Floats, Floats, Floats]:
     return R, t, np.array([body.posed for body in bodies], np.float64)
 
 
-def _own_terms(frames: Frames, bodies: list[Body], config: MotionConfig) -> tuple[Floats, Floats]:
+def _own_terms(frames: Frames, bodies: list[Body], config: RigidConfig) -> tuple[Floats, Floats]:
     """By how much each body's tolerance exceeds that of its noise, and the charge for a frame without pose.
 
     Soft things are bodies too: a body that fits its own members worse than the noise says is given

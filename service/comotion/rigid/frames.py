@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps
-from .config import MotionConfig
+from ..config import RigidConfig
 from .noise import READ, Differences, noise_variance
 from .sampling import all_known, difference_noise, move, resample, scatter
 from .tracks import Tracks, ranges
@@ -117,7 +117,7 @@ def make_frames(
     stamp_ns: int,
     span_ns: int,
     gap_ns: int,
-    config: MotionConfig,
+    config: RigidConfig,
 ) -> Frames:
     """Interpolate every trajectory at frames that end at the watermark.
 
@@ -197,7 +197,7 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[Curves]:
     return found
 
 
-def _deformation(squared: Floats, extent: float, config: MotionConfig) -> Floats:
+def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:
     """Variance that a body's not being perfectly rigid adds to a coordinate, float64 [P].
 
     Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared

@@ -30,7 +30,7 @@ class RigidMethod:
     Parameters
     ----------
     config
-        `motion` and `window` matter here.
+        `rigid` and `window` matter here.
     spec
         The space.
     """
@@ -38,7 +38,7 @@ class RigidMethod:
     matching = staticmethod(largest_total)
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
-        self._config = config.motion
+        self._config = config.rigid
         self._dim = spec.dim
         # Of all trajectories of the last update, by key, ascending.
         self._keys: Stamps = np.zeros(0, np.int64)

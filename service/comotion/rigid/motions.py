@@ -9,9 +9,9 @@ from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
 from ..arrays import Floats, Ints, Stamps
+from ..config import RigidConfig
 from ..partition import Group, PoseReference
 from .bodies import Body, residuals
-from .config import MotionConfig
 from .frames import Frames
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
 from .search import Found
@@ -25,7 +25,7 @@ _ASKED = 64
 _ROWS_PER_TRACK = 8
 
 
-def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: MotionConfig) -> list[Group]:
+def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: RigidConfig) -> list[Group]:
     """Describe every body; one without a trajectory is left undetermined."""
     names = _row_names(tracks, frames)
     labels = found.assignment.labels
@@ -37,7 +37,7 @@ def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: Motion
 
 
 def _describe(
-    tracks: Tracks, frames: Frames, found: Found, k: int, names: Stamps, config: MotionConfig
+    tracks: Tracks, frames: Frames, found: Found, k: int, names: Stamps, config: RigidConfig
 ) -> Group:
     body = found.bodies[k]
     members = np.flatnonzero((found.assignment.labels == k) & tracks.alive)
@@ -79,7 +79,7 @@ def _pose_since(
     return as_pose(reference.R, reference.t, frames.dim)
 
 
-def _state(frames: Frames, found: Found, k: int, config: MotionConfig) -> HypothesisState:
+def _state(frames: Frames, found: Found, k: int, config: RigidConfig) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
     members = found.assignment.labels == k
     if found.bodies[k].static:
@@ -99,7 +99,7 @@ def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
     return tracks.key[frames.owner] * _ROWS_PER_TRACK + place
 
 
-def _noise(frames: Frames, body: Body, rows: Ints, config: MotionConfig) -> float:
+def _noise(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> float:
     """One-sigma residual of a coordinate of the members."""
     some = rows[:: -(-len(rows) // _ASKED)]
     return float(np.sqrt(residuals(frames, body, some, config).mean() / frames.dim))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Ints
 from ..compiled import compiled
+from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import DEAD_FRAMES
 from .bodies import Costs
-from .config import MotionConfig
 from .frames import Frames
 
 FEW = 160
@@ -112,7 +112,7 @@ def _farthest(x: Floats, count: int) -> Ints:
     return found
 
 
-def strangeness(evidence: Costs, labels: Ints, config: MotionConfig) -> Floats:
+def strangeness(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
     """By how much each trajectory's cost exceeds what is usual in its hypothesis, in its spread, float64 [N].
 
     Half a squared residual per coordinate and frame is expected, with a variance of as much.

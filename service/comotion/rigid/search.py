@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Ints
 from ..compiled import compiled
+from ..config import RigidConfig
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
 from .assignment import DEAD_FRAMES, OUTLIER, Assignment, assign, cheapest
 from .bodies import Body, Costs, costs, fit, moving, static_body
-from .config import MotionConfig
 from .frames import Frames
 from .panel import FEW, panel, representatives, strangeness, unexplained
 from .proposals import adopt, propose
@@ -73,7 +73,7 @@ class Past:
         return Past(self.labels[tracks], self.static, self.strange[tracks])
 
 
-def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> Found:
+def search(frames: Frames, newest: Floats, past: Past, config: RigidConfig) -> Found:
     """Bodies and assignment of least cost, as far as a local search finds them.
 
     Parameters
@@ -97,7 +97,7 @@ def search(frames: Frames, newest: Floats, past: Past, config: MotionConfig) -> 
     return found
 
 
-def _of_now(frames: Frames, past: Past, config: MotionConfig) -> Past:
+def _of_now(frames: Frames, past: Past, config: RigidConfig) -> Past:
     """The past, but what was at rest judged by what is seen of it now: what sets off is heard at once."""
     resting = past.labels == past.static
     now = costs(frames, [static_body(len(frames.stamps))], config)
@@ -111,7 +111,7 @@ def _settled(
     bodies: list[Body],
     past: Past,
     judged: Bools,
-    config: MotionConfig,
+    config: RigidConfig,
     stride: int = 1,
 ) -> Found:
     """The best of bodies, and everybody's assignment to them."""
@@ -129,7 +129,7 @@ def _settled(
 
 
 def _by_panel(
-    frames: Frames, newest: Floats, past: Past, judged: Bools, chosen: Ints, config: MotionConfig
+    frames: Frames, newest: Floats, past: Past, judged: Bools, chosen: Ints, config: RigidConfig
 ) -> list[Body]:
     """The static body, those that the panel finds, and those that were there before.
 
@@ -154,7 +154,7 @@ def _by_panel(
 
 
 def _first(
-    frames: Frames, past: Past, judged: Bools, open_: Bools, config: MotionConfig
+    frames: Frames, past: Past, judged: Bools, open_: Bools, config: RigidConfig
 ) -> tuple[list[Body], Ints]:
     """Best of the previous hypotheses and the proposals, on few frames.
 

@@ -91,7 +91,7 @@ def serve(options: ServeOptions) -> None:
         session_id=session_id,
     ) as component:
         _require_alone(component)
-        for space, camera in options.config.cameras.items():
+        for space, camera in options.config.linking.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return

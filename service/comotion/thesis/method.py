@@ -31,7 +31,7 @@ class ThesisMethod:
     Parameters
     ----------
     config
-        `sigma_switch`, `v_move`, `clustering` and `stop_affinity` matter here.
+        Its group `thesis` matters here.
     spec
         The space.
     cluster
@@ -41,12 +41,12 @@ class ThesisMethod:
     matching = staticmethod(largest_first)
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec, cluster: ClusterFunction | None = None) -> None:
-        self._sigma_switch = config.switch_for(spec.unit)
-        v_move = config.v_move_for(spec.unit)
+        self._sigma_switch = config.thesis.switch_for(spec.unit)
+        v_move = config.thesis.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
-        self._v_moving = v_move or FusionConfig().v_move_for(spec.unit) or math.inf
+        self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
         self._pairs = Pairs(v_move)
-        self._cluster = cluster or make_clustering(config.clustering, config.stop_affinity)
+        self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity = Affinity.of(np.zeros((0, 0)))
 
     def observed(self, window: Window, rows: Rows) -> None:

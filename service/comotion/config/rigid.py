@@ -1,4 +1,4 @@
-"""Parameters of the default method; none of them is a length."""
+"""Parameters of the default method in metric spaces; none of them is a length."""
 
 from typing import Annotated
 
@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class MotionConfig(BaseModel):
-    """Parameters of the rigid-motion method, all without a scale: metres and unit squares alike."""
+class RigidConfig(BaseModel):
+    """Parameters of the rigid-motion method; none depends on the scale of the scene."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

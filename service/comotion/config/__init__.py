@@ -1,0 +1,23 @@
+"""Every parameter of the fusion, nested by method, with unit, default and bounds."""
+
+from .flat_names import nested, present_name
+from .fusion import FusionConfig, Method, to_ns
+from .linking import Camera, LinkingConfig
+from .pixels import PixelsConfig
+from .rigid import RigidConfig
+from .thesis import Clustering, ThesisConfig, Unit
+
+__all__ = [
+    "Camera",
+    "Clustering",
+    "FusionConfig",
+    "LinkingConfig",
+    "Method",
+    "PixelsConfig",
+    "RigidConfig",
+    "ThesisConfig",
+    "Unit",
+    "nested",
+    "present_name",
+    "to_ns",
+]
