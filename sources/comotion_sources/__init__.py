@@ -1,1 +1,1 @@
-"""Processes that observe: simulator, cameras, proprioception, replay."""
+"""Sources: the simulator, cameras, proprioception and replay publish observations of a scene."""

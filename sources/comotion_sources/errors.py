@@ -1,18 +1,18 @@
-"""Errors of sources that a user can mend; each message is one line."""
+"""Errors of sources that a user can correct; each message is one line."""
 
 from pydantic import ValidationError
 
 
 class SceneError(ValueError):
-    """A scene that does not exist or is not well formed."""
+    """A scene does not exist or is malformed."""
 
 
 class RecordingError(ValueError):
-    """A recording that is missing, truncated, empty or no recording at all."""
+    """A recording is missing, truncated, empty or of an unknown format."""
 
 
 def describe(error: ValidationError) -> str:
-    """Put the first thing pydantic found wrong in one line, with the place it is at."""
+    """Format the first validation error as one line: field, then message."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"])
     message = " ".join(first["msg"].removeprefix("Value error, ").split())

@@ -1,7 +1,7 @@
-"""What a source sees at one instant, and how that becomes messages.
+"""Frames of one source -> its messages.
 
-Simulations and recordings yield :class:`Frame`; :class:`Batcher` turns frames into the messages of
-one source. Both are pure, so a live process and an offline evaluation send the same content.
+Simulations and recordings yield :class:`Frame`; :class:`Batcher` builds the messages of one source.
+Both are pure, so a live process and an offline evaluation send the same content.
 """
 
 import heapq
@@ -21,12 +21,12 @@ AMBIGUOUS = -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """What one source observes at one instant.
+    """The observations of one source at one instant.
 
     Attributes
     ----------
     t
-        Seconds since the source's start.
+        Seconds since the start of the source.
     ids
         uint64 [N].
     positions
@@ -82,7 +82,7 @@ class MessageBuilder:
         Raises
         ------
         pydantic.ValidationError
-            If the arrays are not well formed; the number is not used up then.
+            If the arrays are malformed; the sequence number is then not used.
         """
         batch = ObservationBatch(
             source=self.source,
@@ -103,7 +103,22 @@ class MessageBuilder:
         return batch
 
     def truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> TruthBatch:
-        """Build the truth of features: their objects, and the names of those objects."""
+        """Build a truth batch.
+
+        Parameters
+        ----------
+        ids
+            uint64 [N], features.
+        objects
+            int32 [N], their true objects, -1 for ambiguous.
+        names
+            Object number -> name; names of other objects are left out.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            If the arrays are malformed.
+        """
         numbers = np.asarray(objects, np.int32)
         named = {str(n): names[n] for n in np.unique(numbers).tolist() if n in names}
         return TruthBatch(
@@ -112,9 +127,9 @@ class MessageBuilder:
 
 
 class Batcher:
-    """Turns the frames of one session of a source into its messages.
+    """Builds the messages of one session of a source from its frames.
 
-    The truth of a feature goes out once, before the first observation of it.
+    The truth of a feature is sent once, before its first observation.
 
     Parameters
     ----------
@@ -125,7 +140,7 @@ class Batcher:
     epoch_ns
         Acquisition time of t = 0, nanoseconds since the Unix epoch.
     publish_sigma
-        Publish the noise where a frame knows it.
+        Publish the noise if a frame has it.
     """
 
     def __init__(
@@ -163,12 +178,12 @@ class Batcher:
         )
 
     def skip(self, frame: Frame) -> None:
-        """Leave a frame out; features that ended in it are reported with the next one."""
+        """Leave a frame out; the next frame reports the features that ended in it."""
         self._ended.append(frame.ended)
 
 
 def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
-    """One number where all features agree; None where there is no noise to tell of."""
+    """Noise of a frame: one number if all features have the same; None if unknown or zero."""
     sigma = frame.sigma
     if sigma is None or not sigma.size or not (sigma > 0).all():
         return None
@@ -176,9 +191,11 @@ def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
 
 
 def in_time_order(sources: Sequence[Iterable[Frame]]) -> Iterator[tuple[int, Frame]]:
-    """Merge the frames of several sources by time; yields (index of the source, frame).
+    """Merge the frames of several sources by time; equal times in the order of the sources.
 
-    Ties go to the lower index.
+    Yields
+    ------
+    Index of the source, and frame.
     """
 
     def tagged(index: int, frames: Iterable[Frame]) -> Iterator[tuple[float, int, Frame]]:

@@ -1,6 +1,6 @@
-"""Recorded messages in real time: each when it is due, pass after pass, with pauses.
+"""Plays recorded messages in real time: message log -> payloads at the times they are due.
 
-The clock, the keyboard and the wire are injected.
+The clock, the keyboard and the output are injected.
 """
 
 import math
@@ -21,12 +21,12 @@ from .recordings.messages import Logged
 
 Stamps = Literal["now", "original"]
 KINDS: frozenset[Kind] = frozenset({"obs", "truth", "joints", "preview"})
-_TICK_S = 0.1
-_CLOCKS_AGREE_NS = 10_000_000_000
+_TICK_S = 0.1  # longest wait between two looks at the keyboard
+_CLOCKS_AGREE_NS = 10_000_000_000  # a larger offset between stamp and receipt means different clocks
 
 
 class Log(Protocol):
-    """What is played: see :class:`comotion_sources.recordings.messages.MessageLog`."""
+    """A recorded scene; see :class:`comotion_sources.recordings.messages.MessageLog`."""
 
     start_ns: int
     end_ns: int
@@ -39,24 +39,29 @@ class Log(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSchedule:
-    """What is played and when.
+    """Which part of a recording is played, when, and with which stamps.
 
     Attributes
     ----------
     speed
-        Recorded seconds per second.
+        Recorded seconds per second of playback, above 0 and at most 1000.
     loop
-        Start again at the end, each pass as a new session.
+        Repeat the recording; each pass is a new session.
     start, end
         Seconds from the beginning of the recording; None: its end.
     stamps
-        ``original``: the first pass goes out byte for byte, later ones follow in time as new
-        sessions. ``now``: stamps are moved to the wall clock, sessions are new; what is over 0.2 s
-        late is left out.
+        ``original``: the first pass is published byte for byte; later passes continue in time, as
+        new sessions. ``now``: stamps are moved to the wall clock and sessions are new; a message that
+        is more than 0.2 s late is left out.
     duration
-        Seconds after which to stop; None: at the end.
+        Seconds after which playback stops; None: at the end of the recording.
     start_at
-        Unix time of the beginning; None: at once.
+        Unix time in seconds at which playback starts; None: at once.
+
+        es
+        --
+        eError
+        If `speed` or the range is not valid.
     """
 
     speed: float = 1.0
@@ -74,25 +79,25 @@ class MessageSchedule:
             raise ValueError("the end of what is played is not after its start")
 
 
-class Wire(Protocol):
-    """Where payloads go."""
+class PayloadSink(Protocol):
+    """Output of a player."""
 
     def put(self, kind: Kind, name: str, payload: bytes) -> None:
         """Publish a payload of a source."""
 
     def skipped(self, name: str) -> None:
-        """Count a message that was left out: late, or not valid and so without a stamp to move."""
+        """Count a message that is left out: late, or invalid and so without a stamp to move."""
 
 
 class Restamp:
-    """Moves messages in time and into new sessions.
+    """Changes the stamps and sessions of messages.
 
     Parameters
     ----------
     reference_ns, target_ns
-        A stamp of the recording, and what it becomes.
+        A stamp of the recording, and the stamp it becomes, ns.
     speed
-        Recorded time per time.
+        Recorded seconds per second.
     """
 
     def __init__(self, reference_ns: int, target_ns: int, speed: float) -> None:
@@ -101,7 +106,7 @@ class Restamp:
         self._sessions: dict[tuple[str, str], str] = {}
 
     def __call__(self, message: Message) -> Message:
-        """Build the moved message."""
+        """Return a copy of a message with its new stamps and session."""
         if isinstance(message, TruthBatch):
             return replace(message, session=self._session(message.source, message.session))
         if not isinstance(message, ObservationBatch | JointStates | Preview):
@@ -114,38 +119,43 @@ class Restamp:
         return replace(message, session=session, stamp_ns=stamp)
 
     def _moved(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        past = stamps - self._reference_ns
+        elapsed = stamps - self._reference_ns
         if self._speed != 1.0:
-            past = np.rint(past / self._speed).astype(np.int64)
-        return past + self.target_ns
+            elapsed = np.rint(elapsed / self._speed).astype(np.int64)
+        return elapsed + self.target_ns
 
     def _session(self, source: str, old: str) -> str:
         return self._sessions.setdefault((source, old), new_session_id())
 
 
 class MessagePlayer:
-    """Plays a recording onto the wire.
+    """Plays a recording into an output.
 
     Parameters
     ----------
-    log, wire
-        From where and to where.
+    log, sink
+        The recording and the output.
     schedule
-        When.
+        Range, speed and stamps.
     stop
-        Ends the playing when set.
+        Ends playback when set.
     read_key
-        Answers with a key that was pressed, or ""; the space bar pauses and goes on.
+        Returns a key that was pressed, or ""; the space bar pauses and resumes.
     progress
-        Told of the pass and the seconds within the recording.
+        Called with the number of the pass and the seconds within the recording.
     clock
-        Tells the time.
+        Clocks of the machine, or of a test.
+
+        es
+        --
+        eError
+        If the recording is shorter than the start of the schedule.
     """
 
     def __init__(
         self,
         log: Log,
-        wire: Wire,
+        sink: PayloadSink,
         schedule: MessageSchedule,
         stop: threading.Event,
         *,
@@ -153,21 +163,21 @@ class MessagePlayer:
         progress: Callable[[int, float], None] = lambda number, t: None,  # noqa: ARG005
         clock: Clock | None = None,
     ) -> None:
-        self._log, self._wire, self._schedule, self._stop = log, wire, schedule, stop
+        self._log, self._sink, self._schedule, self._stop = log, sink, schedule, stop
         self._read_key, self._progress = read_key, progress
         self._clock = clock or Clock()
         self._start_ns = log.start_ns + round(schedule.start * 1e9)
         end_ns = log.end_ns if schedule.end is None else log.start_ns + round(schedule.end * 1e9)
         self._end_ns = min(end_ns, log.end_ns)
         if self._start_ns > self._end_ns:
-            raise ValueError(f"the recording is {(log.end_ns - log.start_ns) / 1e9:.1f} s long only")
+            raise ValueError(f"the recording is only {(log.end_ns - log.start_ns) / 1e9:.1f} s long")
         self._limit = math.inf
         self._begin = 0.0
         self._restamp: Restamp | None = None
         self.paused = False
 
     def run(self) -> None:
-        """Play until the recording ends, the schedule says so or `stop` is set."""
+        """Play until the recording or the duration of the schedule ends, or `stop` is set."""
         wanted = self._schedule.start_at
         delay = 0.0 if wanted is None else max(0.0, wanted - self._clock.wall())
         self._begin = self._clock.monotonic() + delay
@@ -178,7 +188,7 @@ class MessagePlayer:
             number += 1
             if self._stop.is_set() or not self._schedule.loop:
                 return
-            # The pause between passes is that between two messages, nearly.
+            # Leave about the time between two messages between passes.
             self._begin += self._length_s / self._schedule.speed
             if self._wait_until(lambda: self._begin):
                 return
@@ -196,7 +206,7 @@ class MessagePlayer:
             self._progress(number, max(0.0, (logged.log_ns - self._log.start_ns) / 1e9))
 
     def _selected(self) -> Iterable[Logged]:
-        """What is played: the truth told before the start, then everything up to the end."""
+        """Yield the truth from before the start, then all messages of the range."""
         if self._start_ns > self._log.start_ns:
             yield from self._log.messages(frozenset({"truth"}), end_ns=self._start_ns - 1)
         yield from self._log.messages(KINDS, start_ns=self._start_ns, end_ns=self._end_ns)
@@ -214,9 +224,10 @@ class MessagePlayer:
         return Restamp(reference, origin_ns, self._schedule.speed)
 
     def _reference_ns(self) -> int:
-        """The stamp that belongs to the start: the same instant, where the recorder's clock was theirs.
+        """Stamp of the start of the range on the clock of the sources.
 
-        Stamps of an older recording, played to a service with an event clock, are far from it.
+        It equals the recorder's time unless the first stamp is more than 10 s from its receipt, as in a
+        recording of replayed data with original stamps.
         """
         for logged in self._log.messages(frozenset({"obs"}), start_ns=self._start_ns):
             batch = logged.decode()
@@ -227,17 +238,17 @@ class MessagePlayer:
 
     def _publish(self, logged: Logged, restamp: Restamp | None) -> None:
         if restamp is None:
-            self._wire.put(logged.kind, logged.name, logged.payload)
+            self._sink.put(logged.kind, logged.name, logged.payload)
             return
         late = self._clock.monotonic() - self._due(logged.log_ns) > LATE_S
         message = logged.decode()
         if message is None or (late and self._schedule.stamps == "now" and logged.kind != "truth"):
-            self._wire.skipped(logged.name)
+            self._sink.skipped(logged.name)
             return
-        self._wire.put(logged.kind, logged.name, encode(restamp(message)))
+        self._sink.put(logged.kind, logged.name, encode(restamp(message)))
 
     def _wait_until(self, due: Callable[[], float]) -> bool:
-        """Wait for an instant that pauses put off; True if it is time to stop."""
+        """Wait for an instant, which pauses delay; True if playback is to stop."""
         while True:
             self._pause()
             now = self._clock.monotonic()
@@ -250,7 +261,7 @@ class MessagePlayer:
                 return self._stop.is_set()
 
     def _pause(self) -> None:
-        """Stand still from one space bar to the next."""
+        """Pause from one press of the space bar to the next."""
         if self._read_key() != " ":
             return
         self.paused, began = True, self._clock.monotonic()

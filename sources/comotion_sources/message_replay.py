@@ -1,4 +1,4 @@
-"""Replay of a recorded scene as a process: all its sources, each on its own keys."""
+"""The replay process for recorded scenes: MCAP file -> messages of all its sources on their own keys."""
 
 import contextlib
 import logging
@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Source:
-    """One recorded source on the wire again: its presence and the publishers of its streams."""
+    """One recorded source: its component and the publishers of its streams."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class _Source:
         )
 
     def open(self, stack: ExitStack, kinds: set[StreamKind]) -> None:
-        """Appear in the scene."""
+        """Enter the scene and declare the publishers."""
         component = stack.enter_context(self.component)
         for kind in sorted(kinds):
             publisher = stream_publisher(component.session, component.keys, kind, component.name)
@@ -70,7 +70,7 @@ class _Source:
 
 
 class _Scene:
-    """Every source of the recording; the wire of a player."""
+    """All sources of the recording, as the output of a player."""
 
     def __init__(self, sources: dict[str, _Source]) -> None:
         self._sources = sources
@@ -90,17 +90,27 @@ def run(
     settings: SessionSettings | None = None,
     ready_file: Path | None = None,
 ) -> None:
-    """Publish a recorded scene until it ends, or a signal or the schedule stops it.
+    """Publish a recorded scene until it ends, a signal arrives or the schedule ends.
 
-    Observations, truth, joint states and previews are published; hypotheses and statuses are not:
-    a service makes them anew.
+    Observations, truth, joint states and previews are published. Hypotheses and Statuses are not:
+    the running service publishes its own.
+
+    Parameters
+    ----------
+    path
+        An MCAP recording.
+    schedule
+        Range, speed and stamps.
+    scene, settings, ready_file
+        As in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     RecordingError
-        If the file is missing, damaged or holds nothing to publish.
+        If the file is missing or damaged.
     ValueError
-        If the scene is no valid name, or the recording is shorter than the start.
+        If the scene name is not valid, or the recording has no message of a source or is shorter than
+        the start.
     """
     with MessageLog(path) as log, ExitStack() as stack:
         sources, streams = _sources(log, scene, settings, ready_file)
@@ -123,7 +133,7 @@ def run(
             player.run()
         skipped = sum(source.counters["skipped"] for source in sources.values())
         if skipped:
-            _log.warning("%d messages were left out: late, or not valid and so without a stamp", skipped)
+            _log.warning("%d messages were left out: late, or invalid and so without a stamp", skipped)
 
 
 def _sources(
@@ -136,7 +146,7 @@ def _sources(
         if logged.kind != "hypotheses":
             streams.setdefault(logged.name, set()).add(logged.kind)
     if not first:
-        raise ValueError(f"{log.path}: it holds nothing that a source has published")
+        raise ValueError(f"{log.path}: it holds no message of a source")
     message, names = f"replays {log.path.stem}", sorted(first)
     return {
         name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)
@@ -146,7 +156,7 @@ def _sources(
 
 @contextlib.contextmanager
 def keyboard() -> Iterator[Callable[[], str]]:
-    """Single key presses without echo, where there is a terminal; answers "" when there is none."""
+    """Yield a function that returns a pressed key, or "" without a key press or terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         yield lambda: ""
         return

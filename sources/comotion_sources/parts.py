@@ -1,4 +1,4 @@
-"""How one scene or recording is divided among several sources: what the options say."""
+"""Options for dividing one scene or recording among several sources: parts and rates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Part:
-    """Which of several sources one is: number `index` (from 0) of `count`."""
+    """Source number `index` (from 0) of `count` sources."""
 
     index: int
     count: int
 
 
 def parse_part(text: str) -> Part:
-    """Read ``k/n``: the k-th of n sources, counted from 1.
+    """Parse ``k/n``: the k-th of n sources, counted from 1.
 
     Raises
     ------
     ValueError
-        If it is not that.
+        If the text does not have this form.
     """
     first, _, second = text.partition("/")
     if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 64:
@@ -27,12 +27,12 @@ def parse_part(text: str) -> Part:
 
 
 def parse_rates(text: str) -> list[float]:
-    """Read rates in Hz, separated by commas.
+    """Parse rates in Hz, separated by commas.
 
     Raises
     ------
     ValueError
-        If one is no number above 0.
+        If a rate is not a number above 0 and at most 1000.
     """
     try:
         rates = [float(chunk) for chunk in text.split(",")]
@@ -44,12 +44,12 @@ def parse_rates(text: str) -> list[float]:
 
 
 def rate_of(part: Part, rates: Sequence[float]) -> float:
-    """Pick the rate of a part: its own where each has one, else the one that all share.
+    """Return the rate of a part, in Hz: its own, or the common one.
 
     Raises
     ------
     ValueError
-        If there are neither as many rates as parts nor a single one.
+        If the number of rates is neither one nor the number of parts.
     """
     if len(rates) not in {1, part.count}:
         raise ValueError(f"{len(rates)} rates for {part.count} sources; give one, or one for each")

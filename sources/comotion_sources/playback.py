@@ -1,4 +1,4 @@
-"""Streams played live to a scene, one source each."""
+"""Publishes streams live to a scene: one source per stream."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -23,12 +23,27 @@ def publish(
     message: str = "",
     progress: Progress | None = None,
 ) -> None:
-    """Publish streams as sources of a scene until they end, or a signal or the schedule stops them.
+    """Publish streams as sources of a scene until they end, a signal arrives or the schedule ends.
+
+    Parameters
+    ----------
+    streams
+        One per source.
+    schedule
+        When frames are due, and their stamps.
+    scene, settings, ready_file
+        As in :class:`comotion_schemas.component.Component`.
+    publish_sigma
+        Publish the noise if a frame has it.
+    message
+        One line for Status.
+    progress
+        Called at every frame.
 
     Raises
     ------
     ValueError
-        If a scene's or source's name is no valid chunk of a key.
+        If the name of the scene or a source is not valid.
     """
     with ExitStack() as stack:
         publishers = []

@@ -1,4 +1,4 @@
-"""Streams in real time: frames go out when they are due, pass after pass. The clock is injected."""
+"""Plays streams in real time: frames -> messages at the times they are due. The clock is injected."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from .frames import NANOSECONDS, Batcher, MessageBuilder, in_time_order
 from .streams import Stream
 
 LATE_S = 0.2
-"""A live instant later than this is left out: fresh ones are worth more than a burst of old ones."""
+"""A live frame that is later than this, s, is left out: it would arrive after the allowed lateness."""
 
 Progress = Callable[[int, float], None]
 """Called with the number of the pass and the time within it at every frame."""
@@ -22,22 +22,22 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """When frames are published, and with which stamps.
+    """When frames are due, and which stamps they get.
 
     Attributes
     ----------
     start_at
-        When t = 0 of the first pass is: Unix time in seconds, ``now``, or ``aligned``: when the
-        wall clock is a multiple of the length, which puts processes that loop the same scene in phase.
+        Time of t = 0 of the first pass: Unix time in seconds, ``now``, or ``aligned``: when the
+        wall clock is a multiple of the length, so that processes that loop the same scene are in phase.
     loop
-        Start again at the end, each pass as a new session.
+        Repeat the streams; each pass is a new session.
     pace
-        Seconds of the frames' time per second.
+        Seconds of frame time per second.
     live_stamps
-        Stamp with the wall clock when a frame is due; False: with the frames' own time, so that
-        passes follow each other from 0 on and nothing is left out.
+        Stamp a frame with the wall clock time at which it is due; False: with its own time, continued
+        over the passes, and leave no frame out.
     duration
-        Seconds after which to stop; None: at the end.
+        Seconds after which playback stops; None: at the end of the streams.
     """
 
     start_at: float | str = "now"
@@ -48,12 +48,12 @@ class Schedule:
 
 
 def parse_start(text: str) -> float | str:
-    """Read a start time: ``now``, ``aligned`` or Unix time in seconds.
+    """Parse a start time: ``now``, ``aligned`` or Unix time in seconds.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If the text is none of these.
     """
     if text in {"now", "aligned"}:
         return text
@@ -61,40 +61,40 @@ def parse_start(text: str) -> float | str:
         value = float(text)
     except ValueError:
         value = math.nan
-    # Beyond this the nanoseconds leave int64.
+    # Later times in nanoseconds do not fit in int64.
     if not 0 <= value < 9e9:
         raise ValueError(f"start {text!r} is neither 'now', 'aligned' nor a Unix time in seconds")
     return value
 
 
 class Sink(Protocol):
-    """Where the messages of one source go."""
+    """Output of the messages of one source."""
 
     builder: MessageBuilder
 
     def put(self, message: ObservationBatch | TruthBatch) -> None:
-        """Publish a message of the builder."""
+        """Publish a message that :attr:`builder` has built."""
 
     def overrun(self) -> None:
-        """Count an instant that has been left out."""
+        """Count a frame that is left out."""
 
     def new_session(self) -> None:
-        """Start a new session, with a builder of its own."""
+        """Start a new session with a new builder."""
 
 
 class Clock:
-    """The clocks of this machine."""
+    """The clocks of the machine; tests replace them."""
 
     def wall(self) -> float:
         """Unix time in seconds."""
         return time.time()
 
     def monotonic(self) -> float:
-        """Seconds that never step."""
+        """Seconds of a clock that is never set."""
         return time.monotonic()
 
     def wait(self, stop: threading.Event, seconds: float) -> bool:
-        """Wait; True if the event is set by then."""
+        """Wait for an event or a number of seconds; True if the event is set."""
         return stop.wait(seconds)
 
 
@@ -106,15 +106,15 @@ class Player:
     streams, sinks
         One sink for each stream.
     schedule
-        When.
+        When frames are due.
     stop
-        Ends the playing when set.
+        Ends playback when set.
     publish_sigma
-        Publish the noise where a frame knows it.
+        Publish the noise if a frame has it.
     progress
-        Told of every frame.
+        Called at every frame.
     clock
-        Tells the time.
+        Clocks of the machine, or of a test.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Player:
         self._streams, self._sinks, self._schedule = streams, sinks, schedule
         self._stop = stop
         self._publish_sigma = publish_sigma
-        self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - nobody looks
+        self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - no progress
         self._clock = clock or Clock()
         self._length = max(stream.length for stream in streams)
         self._period = self._length / schedule.pace
@@ -139,7 +139,7 @@ class Player:
         self._end = self._clock.monotonic() + limit
 
     def run(self) -> None:
-        """Play until the streams end, the schedule says so or `stop` is set."""
+        """Play until the streams or the duration of the schedule end, or `stop` is set."""
         start, first = self._first_pass()
         for number in itertools.count(first):
             if number > first:
@@ -150,7 +150,7 @@ class Player:
                 return
 
     def _first_pass(self) -> tuple[float, int]:
-        """Wall clock of pass 0, and the pass that is going on now."""
+        """Wall clock time of pass 0, and number of the current pass."""
         now, start = self._clock.wall(), self._schedule.start_at
         if start == "now":
             return now, 0
@@ -158,11 +158,11 @@ class Player:
             passes = now / self._period
             whole = math.floor(passes) if self._schedule.loop else math.ceil(passes)
             return whole * self._period, 0
-        going_on = math.floor((now - float(start)) / self._period) if self._schedule.loop else 0
-        return float(start), max(0, going_on)
+        current = math.floor((now - float(start)) / self._period) if self._schedule.loop else 0
+        return float(start), max(0, current)
 
     def _play_pass(self, number: int, start: float) -> None:
-        # The clocks are compared once a pass: a step of the wall clock must not stop the pacing.
+        # Compare the clocks once per pass, so that a step of the wall clock does not change the pacing.
         joined = self._clock.monotonic()
         begin = start - self._clock.wall() + joined
         batchers = self._batchers(number, start)
@@ -170,7 +170,7 @@ class Player:
             if self._schedule.loop and frame.t >= self._length - 1e-9:
                 break
             due = begin + frame.t / self._schedule.pace
-            if due < joined - LATE_S:  # the pass was going on before this process
+            if due < joined - LATE_S:  # the pass started before this process
                 continue
             if self._wait(due):
                 return
@@ -185,7 +185,7 @@ class Player:
             self._wait(begin + self._period)
 
     def _wait(self, due: float) -> bool:
-        """Wait for an instant of the monotonic clock; True if it is time to stop."""
+        """Wait for an instant of the monotonic clock; True if playback is to stop."""
         if self._clock.wait(self._stop, max(0.0, min(due, self._end) - self._clock.monotonic())):
             return True
         if due >= self._end:

@@ -1,4 +1,4 @@
-"""How far a replay has come: a bar on a terminal, a line now and then elsewhere."""
+"""Progress of a replay on standard error: a bar on a terminal, else a line every 5 s."""
 
 import sys
 import time
@@ -12,12 +12,12 @@ _LINE_EVERY_S = 5.0
 
 @contextmanager
 def shown_progress(what: str, length: float) -> Iterator[Progress]:
-    """Show progress on standard error while open.
+    """Show progress on standard error; yields the function to call with the progress.
 
     Parameters
     ----------
     what
-        What is played.
+        Name of the recording.
     length
         Seconds of one pass.
     """

@@ -1,4 +1,4 @@
-"""Replay as a process: a recording published live, as one source or several."""
+"""The replay process: publishes a recording live, as one source or several."""
 
 import dataclasses
 import logging
@@ -30,31 +30,31 @@ def choose_streams(
     speed: float = 1.0,
     stamps: Stamps = "now",
 ) -> list[Stream]:
-    """Build the sources that one process is to publish.
+    """Build the streams that one process publishes.
 
     Parameters
     ----------
     recording
-        What to publish.
+        The recording.
     split
-        Number of sources that share the markers; this process publishes them all.
+        Number of sources that share the markers; this process publishes all of them.
     part
-        Publish this part of so many only, instead.
+        Publish only this part instead; other processes publish the other parts.
     rates
-        Hz of each source, or of all, as in :func:`recording_streams`.
+        Hz, as in :func:`recording_streams`.
     name
-        Name of the source; where one process publishes several, the k-th is ``<name>-k``.
+        Name of the source; if the process publishes several, the k-th is ``<name>-k``.
     speed
-        Recorded seconds per second.
+        Recorded seconds per second, above 0 and at most 1000.
     stamps
-        With ``now`` the stamps are those of the wall clock, so speeds scale with `speed`; with
-        ``original`` they are the recording's.
+        ``now``: wall clock, so that velocities scale with `speed`; ``original``: those of the
+        recording.
 
     Raises
     ------
     ValueError
-        If a rate is above that of the recording, the rates do not go with the sources, or the
-        speed is not above 0.
+        If a rate is above that of the recording, the number of rates is wrong, or the speed is out of
+        range.
     """
     if not 0 < speed <= 1000:
         raise ValueError(f"speed {speed:g} is not within 0 to 1000")
@@ -75,7 +75,7 @@ def choose_streams(
 def schedule(
     *, speed: float, stamps: Stamps, loop: bool, duration: float | None, start_at: float | str
 ) -> Schedule:
-    """Say when the frames of :func:`choose_streams` are due."""
+    """Build the schedule for the streams of :func:`choose_streams`, with the same `speed` and `stamps`."""
     live = stamps == "now"
     return Schedule(
         start_at=start_at,
@@ -95,12 +95,21 @@ def run(
     settings: SessionSettings | None = None,
     ready_file: Path | None = None,
 ) -> None:
-    """Publish until the recording ends, or a signal or the schedule stops it.
+    """Publish until the recording ends, a signal arrives or the schedule ends.
+
+    Parameters
+    ----------
+    recording
+        The recording, for messages.
+    streams, when
+        Its streams and their schedule.
+    scene, settings, ready_file
+        As in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key.
+        If the name of the scene or a source is not valid.
     """
     _log.info(
         "%s: %d instants at %.4g Hz, %d %s%s; as %s",

@@ -1,4 +1,4 @@
-"""One source on the wire: presence, session, sequence numbers, observations and truth."""
+"""The publisher of one source: observations and truth -> messages on its keys, with its presence."""
 
 import threading
 import time
@@ -19,7 +19,7 @@ from comotion_schemas.types import Unit
 from .frames import MessageBuilder
 
 STALLED_S = 1.0
-"""Seconds without a batch after which a source calls itself stalled, or 3 of its periods."""
+"""A source without a batch for this time, or 3 periods if longer, reports the state ``stalled``."""
 
 
 class SourcePublisher:
@@ -40,20 +40,20 @@ class SourcePublisher:
     space, unit, dim
         The coordinate space of the positions.
     scene
-        The scene it belongs to.
+        Name of the scene.
     settings
         Where to connect.
     ready_file
-        Written by :meth:`ready` instead of a line on standard output.
+        Written by :meth:`ready` instead of the line ``ready`` on standard output.
     rate
-        Nominal Hz, to tell a stall; 0 when unknown.
+        Nominal rate in Hz, for detecting a stall; 0: unknown.
     message
-        One line for Status: what this source is.
+        One line for Status that describes the source.
 
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key.
+        If the name of the scene or source is not valid.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SourcePublisher:
             source=name, session=self.component.session_id, space=space, unit=unit, dim=dim
         )
         self._space: tuple[str, Unit, int] = (space, unit, dim)
-        self._patience = max(STALLED_S, 3.0 / rate if rate else 0.0)
+        self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
         self._message = message
         self._exit = ExitStack()
         self._counters = {"batches": 0, "observations": 0, "tracks": 0, "overruns": 0}
@@ -93,7 +93,7 @@ class SourcePublisher:
 
     @property
     def stop(self) -> threading.Event:
-        """Set when this process is asked to stop."""
+        """Set when the process is to stop."""
         return self.component.stop
 
     def __enter__(self) -> Self:
@@ -112,11 +112,11 @@ class SourcePublisher:
         self._exit.close()
 
     def ready(self) -> None:
-        """Tell whoever started this process that the source is present."""
+        """Signal that the source is ready, by the ready file or the line ``ready``."""
         self.component.ready()
 
     def new_session(self) -> None:
-        """Start anew: the trajectories so far end, ids and sequence numbers may start again."""
+        """Start a new session: all trajectories end, and ids and sequence numbers start again."""
         space, unit, dim = self._space
         session = new_session_id()
         self.builder = MessageBuilder(source=self.name, session=session, space=space, unit=unit, dim=dim)
@@ -133,29 +133,29 @@ class SourcePublisher:
         ended: ArrayLike | None = None,
         stamps_ns: ArrayLike | None = None,
     ) -> None:
-        """Publish what is seen at one instant, or at several with `stamps_ns`.
+        """Publish the observations of one instant, or of several with `stamps_ns`.
 
         Parameters
         ----------
         ids
-            Unsigned integers [N]; an id is never given to another feature.
+            Unsigned integers [N]; an id must never be reused for another feature.
         positions
             float [N, dim], finite, in the unit of the source.
         stamp_ns
-            Acquisition time, nanoseconds since the Unix epoch; now by default.
+            Acquisition time, nanoseconds since the Unix epoch; None: now.
         sigma
-            One-sigma noise of a position, a number or float [N]; unknown by default.
+            One-sigma noise of a position in the unit of the source, a number or float [N]; None: unknown.
         quaternions
-            float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points.
+            float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points; None: only points.
         ended
-            Ids [M] that are lost for good.
+            Ids [M] that the source has lost for good.
         stamps_ns
-            Acquisition time of each row, int64 [N], when they differ; the largest is `stamp_ns`.
+            Acquisition time of each row, int64 [N], if they differ; the largest equals `stamp_ns`.
 
         Raises
         ------
         pydantic.ValidationError
-            If the arrays are not well formed; nothing is published then.
+            If the arrays are malformed; nothing is published then.
         """
         stamp = time.time_ns() if stamp_ns is None else stamp_ns
         self.put(
@@ -171,7 +171,22 @@ class SourcePublisher:
         )
 
     def tell_truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> None:
-        """Publish the true objects of features: int [N], -1 for ambiguous, and the objects' names."""
+        """Publish the true objects of features.
+
+        Parameters
+        ----------
+        ids
+            Unsigned integers [N].
+        objects
+            Integers [N], object numbers, -1 for ambiguous.
+        names
+            Object number -> name.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            If the arrays are malformed.
+        """
         self.put(self.builder.truth(ids=ids, objects=objects, names=names))
 
     def put(self, message: ObservationBatch | TruthBatch) -> None:
@@ -188,15 +203,15 @@ class SourcePublisher:
             self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
 
     def count(self, name: str, amount: int = 1) -> None:
-        """Add to a counter of this source's own; it appears in Status."""
+        """Add to a counter that appears in Status."""
         self._counters[name] = self._counters.get(name, 0) + amount
 
     def reject(self, reason: RejectionReason) -> None:
-        """Count an input that was refused; it appears in Status."""
+        """Count a rejected input by its reason; the counts appear in Status."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
     def overrun(self) -> None:
-        """Count an instant that was due and has been left out."""
+        """Count a frame that was due and is left out."""
         self._counters["overruns"] += 1
 
     def _status(self) -> StatusFields:
@@ -206,7 +221,7 @@ class SourcePublisher:
         rate = (batches - reported) / (now - before) if now > before else 0.0
         age = None if self._last_put is None else now - self._last_put
         return StatusFields(
-            state="stalled" if age is not None and age > self._patience else "ok",
+            state="stalled" if age is not None and age > self._stalled_after_s else "ok",
             rates={"obs": rate},
             ages={} if age is None else {"obs": age},
             counters=dict(self._counters),

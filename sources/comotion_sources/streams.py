@@ -1,4 +1,4 @@
-"""Sources offline: the batches that live processes would publish, in time order."""
+"""Streams: the frames of sources -> the messages that live processes would publish, in time order."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ OFFLINE_SESSION = "0" * 16
 
 
 def numbered(name: str, part: int, parts: int) -> str:
-    """Name of one of several sources: ``name-1`` for part 0; of a single one, the name itself."""
+    """Name of one of several sources: ``name-1`` for part 0; with one source, `name` itself."""
     return name if parts == 1 else f"{name}-{part + 1}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stream:
-    """What one source publishes: its frames and what their numbers mean.
+    """The frames of one source with their coordinate space and rate.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class Stream:
     objects
         Names of the true objects by number.
     rate
-        Hz.
+        Frames per second.
     length
-        Seconds after which the frames may start again; those at or beyond it are left out then.
+        Seconds after which the stream may be repeated; then frames at or after this time are left out.
     frames
-        The frames; iterated anew at each pass.
+        The frames; iterated once per pass.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Stream:
     frames: Iterable[Frame]
 
     def builder(self, session: str) -> MessageBuilder:
-        """Build what makes the messages of one session of this source."""
+        """Return the message builder for one session of this source."""
         return MessageBuilder(
             source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
@@ -59,7 +59,7 @@ def merged(
     epoch_ns: int = 0,
     publish_sigma: bool = False,
 ) -> Iterator[TruthBatch | ObservationBatch]:
-    """Yield the messages of all streams in time order, stamped `epoch_ns` plus their own time.
+    """Yield the messages of all streams in time order.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ def merged(
     session
         Session of every source, 16 hexadecimal digits.
     epoch_ns
-        Acquisition time of t = 0.
+        Stamp of t = 0, nanoseconds since the Unix epoch.
     publish_sigma
-        Publish the noise where a frame knows it.
+        Publish the noise if a frame has it.
     """
     batchers = [
         Batcher(

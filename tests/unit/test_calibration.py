@@ -179,12 +179,12 @@ def test_a_target_that_is_not_seen_is_told() -> None:
     ("text", "told"),
     [
         ("chessboard:9x7:0.02", "upside down"),
-        ("chessboard:9x6", "none of"),
+        ("chessboard:9x6", "not one of"),
         ("chessboard:9:0.02", "COLUMNSxROWS"),
-        ("chessboard:9x6:-1", "no length"),
+        ("chessboard:9x6:-1", "not a length"),
         ("charuco:7x5:0.03:0.04", "do not fit"),
         ("marker:x", "marker"),
-        ("globe:1", "none of"),
+        ("globe:1", "not one of"),
     ],
 )
 def test_wrong_targets_are_told(text: str, told: str) -> None:
@@ -290,16 +290,16 @@ def test_our_toml_round_trips(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("a.yaml", b"", "no calibration"),
-        ("a.yaml", b"hello: [1, 2\n  x: {", "no YAML"),
-        ("a.yaml", bytes(range(256)), "no text file"),
+        ("a.yaml", b"", "not a calibration"),
+        ("a.yaml", b"hello: [1, 2\n  x: {", "not valid YAML"),
+        ("a.yaml", bytes(range(256)), "not a text file"),
         ("a.yaml", ROS.replace("plumb_bob", "equidistant").encode(), "distortion model 'equidistant'"),
         ("a.yaml", ROS.replace("438.78,", "").encode(), "8 numbers instead of 9"),
         ("a.yaml", ROS.replace("438.78", "-1").encode(), "not above zero"),
         ("a.yaml", ROS.replace("438.78", ".nan").encode(), "finite"),
         ("a.yaml", ROS.replace("image_width: 640", "").encode(), "no image width"),
-        ("a.yaml", ROS.replace("image_width: 640", "image_width: wide").encode(), "no whole number"),
-        ("a.toml", b"[intrinsics]\nwidth = 3", "lacks 'height'"),
+        ("a.yaml", ROS.replace("image_width: 640", "image_width: wide").encode(), "not a whole number"),
+        ("a.toml", b"[intrinsics]\nwidth = 3", "missing key 'height'"),
         ("a.toml", b"x = 1", "neither"),
         ("a.toml", b"[extrinsics]\ntranslation = [0, 0]\nquaternion = [0, 0, 0, 1]", "translation"),
         ("a.toml", b"[extrinsics]\ntranslation = [0, 0, 0]\nquaternion = [0, 0, 0, 0]", "quaternion"),

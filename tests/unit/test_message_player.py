@@ -183,7 +183,7 @@ def test_a_schedule_that_makes_no_sense_is_refused(schedule):
 
 
 def test_a_start_behind_the_end_is_refused():
-    with pytest.raises(ValueError, match="s long only"):
+    with pytest.raises(ValueError, match=r"is only .* s long"):
         play(scene(), start=100.0)
 
 

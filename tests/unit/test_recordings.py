@@ -128,7 +128,7 @@ def test_angles_and_forces_among_the_points_are_left_out(tmp_path, processor):
     ("size", "words"),
     [
         (0, "the file is empty"),
-        (100, "no C3D file"),
+        (100, "not a C3D file"),
         (513, "damaged or truncated"),
         (900, "damaged|truncated"),
         (1536 + 48 * 20 + 5, "truncated: 2[01] of 40 frames"),
@@ -253,11 +253,11 @@ def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
     video = tmp_path / "take.avi"
     video.write_bytes(b"RIFF")
     for path, words in (
-        (text, "no .npz archive"),
-        (array, "no .npz archive"),
-        (video, "not one of the endings .c3d, .npz"),
+        (text, "not an .npz archive"),
+        (array, "not an .npz archive"),
+        (video, "the suffix is not one of .c3d, .npz"),
         (tmp_path / "none.c3d", "No such file"),
-        (tmp_path, "endings|directory"),
+        (tmp_path, "suffix|directory"),
     ):
         with pytest.raises(RecordingError, match=words):
             read_recording(path)

@@ -110,5 +110,5 @@ def test_the_key_is_that_of_rmw_zenoh() -> None:
     assert ros_key("/joint_states") == "0/joint_states/sensor_msgs::msg::dds_::JointState_/*"
     assert ros_key("ur5/joint_states/", 7) == "7/ur5/joint_states/sensor_msgs::msg::dds_::JointState_/*"
     for topic in ("", "/", "a//b", "a/**", "a b", "7up", "a/$*", "é"):
-        with pytest.raises(SampleError, match="is no ROS topic"):
+        with pytest.raises(SampleError, match="is not a ROS topic"):
             ros_key(topic)

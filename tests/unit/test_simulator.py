@@ -306,7 +306,7 @@ def test_bad_arguments_are_refused(options, words):
     ("old", "new", "words"),
     [
         ("dim = 2", "dim = 4", "dim"),
-        ("dim = 2", "dim =", "no TOML"),
+        ("dim = 2", "dim =", "not valid TOML"),
         ("dim = 2", "dim = 3", "size needs 3 numbers"),
         ("features = 40", "features = -1", r"bodies\.0\.features"),
         ("sigma = 0.01", "sigma = 0.01\nsgima = 1.0", r"bodies\.0\.sgima"),

@@ -64,7 +64,7 @@ def external_camera(
     _metrics: options.Metrics = None,
 ) -> None:
     """Publish what a second, fixed camera sees: features, and fiducial markers with their orientation."""
-    from comotion_sources.klt.options import CameraOptions, Wire
+    from comotion_sources.klt.options import CameraOptions, Connection
     from comotion_sources.klt.pacing import Pacing
     from comotion_sources.klt.process import run
     from comotion_sources.markers import MarkerOptions
@@ -83,5 +83,7 @@ def external_camera(
         share_preview=share_preview,
         markers=None if marker_size is None else MarkerOptions(marker_size, dictionary),
     )
-    wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)
-    run(what, settings, wire)
+    connection = Connection(
+        scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file
+    )
+    run(what, settings, connection)

@@ -51,7 +51,7 @@ def klt(
     _metrics: options.Metrics = None,
 ) -> None:
     """Track the features of a camera, video or RGB-D recording and publish them."""
-    from comotion_sources.klt.options import CameraOptions, Wire
+    from comotion_sources.klt.options import CameraOptions, Connection
     from comotion_sources.klt.pacing import Pacing
     from comotion_sources.klt.process import run
 
@@ -67,5 +67,7 @@ def klt(
         preview=preview,
         share_preview=share_preview,
     )
-    wire = Wire(scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file)
-    run(what, settings, wire)
+    connection = Connection(
+        scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file
+    )
+    run(what, settings, connection)

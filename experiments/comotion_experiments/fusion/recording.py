@@ -28,7 +28,7 @@ _SESSION = "0" * 16
 _WORLD = CameraSpace("world", "m", 3)
 _COVERED = ".covered"
 _MAKERS = (
-    *(f"klt.{name}" for name in ("anchor", "config", "corners", "depth", "flow", "observer", "tracker")),
+    *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "template", "tracker")),
     *(f"proprioception.{name}" for name in ("kinematics", "packer")),
     *(
         f"workcell.{name}"

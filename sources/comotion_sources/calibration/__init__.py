@@ -1,4 +1,4 @@
-"""Calibration of cameras: models, files, and extrinsics from a target seen by two cameras."""
+"""Camera calibration: models, files, and the extrinsics of two cameras that observe one target."""
 
 from .files import Calibration, CalibrationError, format_calibration, read_calibration
 from .model import Extrinsics, Intrinsics

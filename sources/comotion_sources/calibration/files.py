@@ -1,6 +1,6 @@
-"""Calibration files: ours (TOML), OpenCV's and ROS camera_info's (YAML).
+"""Reads and writes calibration files: comotion (TOML), OpenCV and ROS camera_info (YAML).
 
-Ours::
+The comotion format::
 
     [intrinsics]
     width = 640
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from .model import Extrinsics, Intrinsics
 
 _MAX_BYTES = 1_000_000
+"""A larger file is not a calibration, and parsing it as YAML would take seconds."""
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "d")
 _WIDTH = ("image_width", "image_Width", "width")
@@ -38,24 +39,24 @@ _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 class CalibrationError(ValueError):
-    """A calibration that is missing, malformed or does not fit its camera; the message is one line."""
+    """A calibration is missing, is malformed or does not fit its camera; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a calibration file says; a part it does not hold is None."""
+    """Content of a calibration file; a part that is not in the file is None."""
 
     intrinsics: Intrinsics | None = None
     extrinsics: Extrinsics | None = None
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file: ``.toml``, or OpenCV's or ROS's ``.yaml``/``.yml``.
+    """Read a calibration file: comotion ``.toml``, or OpenCV or ROS ``.yaml``/``.yml``.
 
     Raises
     ------
     CalibrationError
-        If it cannot be read, or is none of these.
+        If the file cannot be read or has another format.
     """
     text = _text(path)
     try:
@@ -74,12 +75,12 @@ def _text(path: Path) -> str:
     try:
         return raw.decode()
     except UnicodeDecodeError:
-        raise CalibrationError(f"{path}: no text file, so no calibration") from None
+        raise CalibrationError(f"{path}: not a text file, so not a calibration") from None
 
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        return f"no YAML: {error.problem} in line {error.problem_mark.line + 1}"
+        return f"not valid YAML: {error.problem} in line {error.problem_mark.line + 1}"
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
@@ -88,12 +89,12 @@ def _from_toml(text: str) -> Calibration:
 
 
 def calibration_of(content: Mapping[str, Any]) -> Calibration:
-    """Build a calibration from the content of our TOML.
+    """Build a calibration from the parsed content of a comotion TOML file.
 
     Raises
     ------
     ValueError
-        If it is not well formed.
+        If a table or key is missing, unknown or has a wrong type.
     """
     if not content.keys() & {"intrinsics", "extrinsics"}:
         raise ValueError("neither [intrinsics] nor [extrinsics]")
@@ -112,16 +113,16 @@ def _table(name: str, value: object) -> Mapping[str, Any]:
 
 def _require(table: Mapping[str, Any], name: str, allowed: set[str], needed: tuple[str, ...]) -> None:
     if unknown := sorted(table.keys() - allowed - set(needed)):
-        raise ValueError(f"[{name}] has no {unknown[0]!r}")
+        raise ValueError(f"[{name}]: unknown key {unknown[0]!r}")
     if missing := [key for key in needed if key not in table]:
-        raise ValueError(f"[{name}] lacks {missing[0]!r}")
+        raise ValueError(f"[{name}]: missing key {missing[0]!r}")
 
 
 def _intrinsics_of(table: Mapping[str, Any]) -> Intrinsics:
     _require(table, "intrinsics", {"distortion"}, ("width", "height", "fx", "fy", "cx", "cy"))
     return Intrinsics(
-        _whole("width", table["width"]),
-        _whole("height", table["height"]),
+        _integer("width", table["width"]),
+        _integer("height", table["height"]),
         float(table["fx"]),
         float(table["fy"]),
         float(table["cx"]),
@@ -134,37 +135,37 @@ def _extrinsics_of(table: Mapping[str, Any]) -> Extrinsics:
     _require(table, "extrinsics", {"frame"}, ("translation", "quaternion"))
     frame = table.get("frame", "world")
     if not isinstance(frame, str):
-        raise ValueError("frame must be a text")
+        raise ValueError("frame must be a string")
     return Extrinsics.from_quaternion(table["quaternion"], table["translation"], frame)
 
 
-def _whole(name: str, value: object) -> int:
+def _integer(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
-        raise ValueError(f"{name} is no whole number: {value!r}"[:200])
+        raise ValueError(f"{name} is not a whole number: {value!r}"[:200])
     return int(value)
 
 
 def _from_yaml(text: str) -> Calibration:
-    # "%YAML:1.0", as OpenCV heads its files, is no directive that YAML knows.
+    # OpenCV files start with "%YAML:1.0", which is not a valid YAML directive.
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
     content = yaml.load(body, _Loader)  # noqa: S506 - a SafeLoader
     if not isinstance(content, dict):
-        raise ValueError("no map of names and values, so no calibration")
+        raise ValueError("not a map of names and values, so not a calibration")
     matrix = _numbers(_first(content, _MATRIX, "camera matrix"))
     model = content.get("distortion_model") or _ROS_MODELS[0]
     if model not in _ROS_MODELS:
         raise ValueError(f"distortion model {model!r} is not one of {', '.join(_ROS_MODELS)}")
     if matrix.size != 9:
         raise ValueError(f"the camera matrix has {matrix.size} numbers instead of 9")
-    width = _whole("the image width", _first(content, _WIDTH, "image width"))
-    height = _whole("the image height", _first(content, _HEIGHT, "image height"))
+    width = _integer("the image width", _first(content, _WIDTH, "image width"))
+    height = _integer("the image height", _first(content, _HEIGHT, "image height"))
     distortion = next((_numbers(content[name]) for name in _DISTORTION if name in content), np.zeros(0))
     fx, _, cx, _, fy, cy, *_ = matrix.tolist()
     return Calibration(Intrinsics(width, height, fx, fy, cx, cy, distortion))
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Plain YAML, and the tag that OpenCV gives its matrices."""
+    """Loads plain YAML and the tag of OpenCV matrices."""
 
 
 def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
@@ -180,20 +181,20 @@ def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any
     for name in names:
         if name in content:
             return content[name]
-    raise ValueError(f"no {what} ({', '.join(names[:3])} ...): neither OpenCV's nor ROS's calibration")
+    raise ValueError(f"no {what} ({', '.join(names[:3])} ...): neither an OpenCV nor a ROS calibration")
 
 
 def _numbers(value: Any) -> NDArray[np.float64]:
-    """Numbers of an OpenCV or ROS matrix (its ``data``) or of a plain list, float64 [M]."""
+    """Flatten an OpenCV or ROS matrix (its ``data``) or a plain list to float64 [M]."""
     data = value.get("data") if isinstance(value, dict) else value
     if not isinstance(data, list):
-        raise ValueError("a matrix is neither a list of numbers nor has one as data")
-    # YAML 1.1 reads 1e-5 as a text: float() does as ROS and OpenCV mean it.
+        raise ValueError("a matrix is neither a list of numbers nor a map with a list 'data'")
+    # YAML 1.1 parses 1e-5 as a string; float() gives the number that ROS and OpenCV wrote.
     return np.array([float(entry) for row in data for entry in (row if isinstance(row, list) else [row])])
 
 
 def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | None) -> str:
-    """Write our TOML; what is None is left out."""
+    """Format a comotion TOML file; a part that is None is left out."""
     parts = []
     if intrinsics is not None:
         parts.append(_intrinsics_text(intrinsics))
@@ -203,9 +204,9 @@ def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | N
 
 
 def format_camera_info(camera: Intrinsics) -> str:
-    """Write intrinsics as ROS's camera_info YAML."""
+    """Format intrinsics as ROS camera_info YAML."""
     matrix = ", ".join(repr(float(value)) for value in camera.matrix.ravel())
-    # ROS has 5 coefficients where there are none; longer ones are those of its rational model.
+    # ROS writes 5 zeros for a camera without distortion; more than 5 belong to its rational model.
     coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
     model = _ROS_MODELS[0] if coefficients.size <= 5 else _ROS_MODELS[1]
     return (

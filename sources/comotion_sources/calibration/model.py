@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 Vectors = NDArray[np.float64]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV accepts
-_ORTHONORMAL_TOLERANCE = 1e-6
+_ORTHONORMAL_TOLERANCE = 1e-6  # largest entry of |R R^T - I|: six decimals in a file pass
 
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """Pinhole camera with OpenCV's distortion ("plumb_bob" and "rational_polynomial" in ROS).
+    """Pinhole camera with the distortion model of OpenCV ("plumb_bob", "rational_polynomial" in ROS).
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Intrinsics:
     Raises
     ------
     ValueError
-        For sizes or focal lengths that are not above zero, numbers that are not finite, or a number
-        of distortion coefficients that OpenCV does not know.
+        If a size or focal length is not above zero, a number is not finite, or OpenCV does not
+        support this number of distortion coefficients.
     """
 
     width: int
@@ -57,7 +57,7 @@ class Intrinsics:
         if self.fx <= 0 or self.fy <= 0:
             raise ValueError(f"focal lengths {self.fx}, {self.fy} are not above zero")
         if distortion.size not in _DISTORTION_LENGTHS:
-            raise ValueError(f"{distortion.size} distortion coefficients; OpenCV knows 4, 5, 8, 12 or 14")
+            raise ValueError(f"{distortion.size} distortion coefficients; OpenCV accepts 4, 5, 8, 12 or 14")
 
     @property
     def matrix(self) -> Vectors:
@@ -65,7 +65,7 @@ class Intrinsics:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def rays(self, pixels: ArrayLike) -> Vectors:
-        """Directions with z = 1 in the camera's frame, float64 [N, 3], of distorted pixels [N, 2]."""
+        """Convert distorted pixels [N, 2] to rays with z = 1 in the camera frame, float64 [N, 3]."""
         given = np.asarray(pixels, np.float64).reshape(-1, 2)
         if self.distortion.any() and len(given):
             flat = cv2.undistortPoints(given[:, None], self.matrix, self.distortion).reshape(-1, 2)
@@ -74,11 +74,11 @@ class Intrinsics:
         return np.column_stack([flat, np.ones(len(flat))])
 
     def lift(self, pixels: ArrayLike, depth: ArrayLike) -> Vectors:
-        """Points in the camera's frame, float64 [N, 3] in metres, of pixels [N, 2] at depth z [N]."""
+        """Convert pixels [N, 2] at depth z [N] to points in the camera frame, float64 [N, 3] in metres."""
         return self.rays(pixels) * np.asarray(depth, np.float64)[:, None]
 
     def project(self, points: ArrayLike) -> Vectors:
-        """Distorted pixels, float64 [N, 2], of points [N, 3] in the camera's frame (z > 0)."""
+        """Project points [N, 3] of the camera frame (z > 0) to distorted pixels, float64 [N, 2]."""
         given = np.asarray(points, np.float64).reshape(-1, 3)
         if not len(given):
             return np.empty((0, 2))
@@ -88,21 +88,21 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class Extrinsics:
-    """Where a camera is: x_world = rotation · x_camera + translation.
+    """Pose of a camera: x_world = rotation · x_camera + translation.
 
     Attributes
     ----------
     rotation
-        float64 [3, 3], a proper rotation.
+        float64 [3, 3], orthonormal with determinant 1.
     translation
         float64 [3], metres.
     frame
-        Name of the frame it leads to.
+        Name of the target frame.
 
     Raises
     ------
     ValueError
-        If the rotation is none, or a number is not finite.
+        If the rotation is not a proper rotation matrix, or a number is not finite.
     """
 
     rotation: Vectors = field(default_factory=lambda: np.eye(3))
@@ -124,7 +124,22 @@ class Extrinsics:
 
     @classmethod
     def from_quaternion(cls, quaternion: ArrayLike, translation: ArrayLike, frame: str = "world") -> Self:
-        """Build from a quaternion (x, y, z, w; any norm above zero) and a translation in metres."""
+        """Build from a quaternion and a translation.
+
+        Parameters
+        ----------
+        quaternion
+            [4], (x, y, z, w), of any norm above zero.
+        translation
+            [3], metres.
+        frame
+            Name of the target frame.
+
+        Raises
+        ------
+        ValueError
+            If the quaternion is zero, or a number is not finite.
+        """
         values = np.asarray(quaternion, np.float64)
         if values.shape != (4,) or not np.isfinite(values).all() or np.linalg.norm(values) < 1e-9:
             raise ValueError("a quaternion is 4 finite numbers that are not all zero")
@@ -136,11 +151,11 @@ class Extrinsics:
         return np.asarray(Rotation.from_matrix(self.rotation).as_quat(canonical=True), np.float64)
 
     def apply(self, points: ArrayLike) -> Vectors:
-        """Points [N, 3] of the camera's frame in the world, float64 [N, 3]."""
+        """Transform points [N, 3] from the camera frame to the target frame, float64 [N, 3]."""
         return np.asarray(points, np.float64).reshape(-1, 3) @ self.rotation.T + self.translation
 
     def inverse(self, frame: str = "camera") -> "Extrinsics":
-        """World to camera."""
+        """Return the transformation from the target frame to the camera."""
         return Extrinsics(self.rotation.T, -self.rotation.T @ self.translation, frame)
 
     def after(self, inner: "Extrinsics") -> "Extrinsics":

@@ -1,4 +1,4 @@
-"""The two poses that a flat target may have, from its points in one image."""
+"""Poses of a flat target from its points in one image; up to two poses fit nearly as well."""
 
 from typing import Any
 
@@ -12,34 +12,35 @@ from .model import Extrinsics, Intrinsics
 Floats = NDArray[np.float64]
 
 _FAILED_PX = 2.0
+"""A reprojection error above this means that IPPE failed; corners are found to a few tenths of a pixel."""
 
 
 def planar_poses(camera: Intrinsics, points: Floats, pixels: Floats) -> list[tuple[float, Extrinsics]]:
-    """Find the poses (target to camera) that explain a flat target, best first.
+    """Find the poses (target to camera) that fit the image of a flat target, best first.
 
     Parameters
     ----------
     camera
-        Its intrinsics.
+        Intrinsics of the camera.
     points
-        float64 [M, 3], M >= 4, with z = 0, in m.
+        float64 [M, 3], M >= 4, points of the target with z = 0, in m.
     pixels
-        float64 [M, 2].
+        float64 [M, 2], the same points in the image.
 
     Returns
     -------
-    Root mean square reprojection error in px and pose; at most three, none behind the camera.
+    At most three pairs: root mean square reprojection error in px, and pose. None is behind the camera.
     """
     poses = _solve(camera, points, pixels, cv2.SOLVEPNP_IPPE)
-    # OpenCV's IPPE breaks down where the target's symmetry meets the optical axis: reprojection errors
-    # of 20 to 80 px for exact corners (5 of 216 poses tried; IPPE_SQUARE: 11).
+    # OpenCV's IPPE fails where the symmetry axis of the target meets the optical axis: reprojection
+    # errors of 20 to 80 px for exact corners (5 of 216 poses; IPPE_SQUARE: 11 of 216).
     if not poses or poses[0][0] > _FAILED_PX:
         poses += _solve(camera, points, pixels, cv2.SOLVEPNP_ITERATIVE)
     return sorted(poses, key=lambda found: found[0])
 
 
 def reprojection(camera: Intrinsics, pose: Extrinsics, points: Floats, pixels: Floats) -> Floats:
-    """Reprojection errors, float64 [M, 2] px; large where a point would lie behind the camera."""
+    """Reprojection errors, float64 [M, 2] px; 10⁴ px if a point is behind the camera."""
     seen = pose.apply(points)
     if (seen[:, 2] <= 0).any():
         return np.full((len(points), 2), 1e4)

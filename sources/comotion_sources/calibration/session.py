@@ -1,4 +1,4 @@
-"""Calibrating a pair of cameras: collect views of a target, solve, and say how good it is."""
+"""Calibrates a pair of cameras: frames of both -> views of a target -> extrinsics of camera B."""
 
 import time
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from .model import Extrinsics, Intrinsics
 from .solve import PairedView, RelativePose, relative_pose
 from .targets import Target
 
-_LEAST_COMMON = 4
-_SPACING_NS = 300_000_000
+_MIN_COMMON_POINTS = 4  # a pose of a flat target needs four
+_VIEW_INTERVAL_NS = 300_000_000  # a target moved by hand looks different after 0.3 s
 
 
 @dataclass(frozen=True, eq=False)
 class PairCalibration:
-    """Extrinsics of B, how well they fit, and how many views they rest on."""
+    """Extrinsics of camera B, the relative pose with its errors, and the number of views used."""
 
     extrinsics: Extrinsics
     fit: RelativePose
@@ -34,25 +34,25 @@ def calibrate_pair(
     extrinsics_a: Extrinsics | None = None,
     most_views: int = 30,
 ) -> PairCalibration:
-    """Find where camera B is, from frames of both.
+    """Estimate the extrinsics of camera B from frames of both cameras.
 
     Parameters
     ----------
     frames
-        Pairs taken at the same time, or of a target that stands still.
+        Pairs taken at the same time, or of a target at rest.
     target
-        What both see.
+        The target that both cameras observe.
     camera_a, camera_b
-        Their intrinsics.
+        Intrinsics of the cameras.
     extrinsics_a
-        Where A is; None: A is the origin of ``world``.
+        Extrinsics of camera A; None: A is the origin of ``world``.
     most_views
-        Stop after so many views of the target by both.
+        Stop after this number of common views.
 
     Raises
     ------
     CalibrationError
-        If the target is never seen by both, or the images do not fit the intrinsics.
+        If no frame pair shows the target to both cameras, or an image size does not match.
     """
     views: list[PairedView] = []
     for frame_a, frame_b in frames:
@@ -67,13 +67,13 @@ def calibrate_pair(
 
 
 def paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> list[PairedView]:
-    """Find the target in both frames; the points that both see."""
+    """Find the target in both frames and return the points that are in both."""
     found_a, found_b = target.find(frame_a.image), target.find(frame_b.image)
     views = []
     for name in sorted(found_a.keys() & found_b.keys()):
         a, b = found_a[name], found_b[name]
         common = sorted(a.keys() & b.keys())
-        if len(common) >= _LEAST_COMMON:
+        if len(common) >= _MIN_COMMON_POINTS:
             views.append(
                 PairedView(
                     np.array([a[i][0] for i in common]),
@@ -85,7 +85,14 @@ def paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> list[PairedV
 
 
 def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
-    """Pair the frames of two cameras: files one by one, devices as they come, some a second.
+    """Pair the frames of two cameras: every frame of image files, else one pair each 0.3 s.
+
+    Parameters
+    ----------
+    camera_a, camera_b
+        The cameras.
+    timeout
+        Seconds after which the pairs of a live camera end.
 
     Raises
     ------
@@ -98,7 +105,7 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
     for frame_a, frame_b in zip(camera_a, camera_b, strict=False):
         if (camera_a.live or camera_b.live) and time.monotonic() > deadline:
             return
-        if spaced and last is not None and frame_a.stamp_ns - last < _SPACING_NS:
+        if spaced and last is not None and frame_a.stamp_ns - last < _VIEW_INTERVAL_NS:
             continue
         last = frame_a.stamp_ns
         yield frame_a, frame_b
@@ -113,7 +120,7 @@ def _check_size(name: str, frame: Frame, camera: Intrinsics) -> None:
 
 
 def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:
-    """Return the intrinsics of a camera: the user's, or its own.
+    """Return the intrinsics from the user, or else those of the camera.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where camera B is as seen from camera A, from targets that both see at the same time."""
+"""Estimates the pose of camera B in the frame of camera A from common views of a target."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from .planar import planar_poses, reprojection, rms
 
 Floats = NDArray[np.float64]
 
-_ROBUST_PX = 1.0
-_MOST_CANDIDATES = 60
+_ROBUST_PX = 1.0  # soft L1: larger reprojection errors count linearly
+_MAX_CANDIDATES = 60  # start values that are scored: 15 views with two poses in each image
 
 
 @dataclass(frozen=True, eq=False)
 class PairedView:
-    """One target seen by both: its points float64 [M, 3] in m, and the pixels [M, 2] in A and in B."""
+    """One view of a target by both cameras: points float64 [M, 3] in m, pixels [M, 2] in A and in B."""
 
     points: Floats
     pixels_a: Floats
@@ -29,7 +29,7 @@ class PairedView:
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """Result: B to A, and the root mean square reprojection error in px, in A and in B."""
+    """Transformation from B to A, and root mean square reprojection errors in px in A and in B."""
 
     b_to_a: Extrinsics
     error_a: float
@@ -37,15 +37,23 @@ class RelativePose:
 
 
 def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[PairedView]) -> RelativePose:
-    """Estimate where B is in A's frame: all views share it, each has its target's own pose.
+    """Estimate the pose of camera B in the frame of camera A.
 
-    The poses of each view alone give candidates; the best one is refined by least squares over the
+    Each view alone gives candidates for the pose. The candidate with the least median error over
+    all views is refined, together with the pose of the target in each view, by least squares over the
     reprojection errors in both images (robust: soft L1 beyond 1 px).
+
+    Parameters
+    ----------
+    camera_a, camera_b
+        Intrinsics.
+    views
+        Common views of the target.
 
     Raises
     ------
     CalibrationError
-        If there is no view, or none that gives a pose.
+        If there is no view, or no view gives a pose.
     """
     if not views:
         raise CalibrationError("the target was never seen by both cameras")
@@ -55,8 +63,8 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
         a.after(b.inverse()) for pa, pb in zip(poses_a, poses_b, strict=True) for a in pa for b in pb
     ]
     if not candidates:
-        raise CalibrationError("no pose explains what the cameras see of the target; is its size right?")
-    chosen = candidates[:: max(1, len(candidates) // _MOST_CANDIDATES)]
+        raise CalibrationError("no pose fits the images of the target; is its size right?")
+    chosen = candidates[:: max(1, len(candidates) // _MAX_CANDIDATES)]
     scored = [(_score(c, camera_b, views, poses_a), i) for i, c in enumerate(chosen)]
     start = chosen[min(scored)[1]]
     targets = [_best_target(start, camera_b, view, poses) for view, poses in zip(views, poses_a, strict=True)]

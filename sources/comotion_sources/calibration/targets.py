@@ -1,4 +1,4 @@
-"""Calibration targets: chessboard, ChArUco board and single markers, found in an image."""
+"""Calibration targets: image -> points of a chessboard, ChArUco board or single marker."""
 
 from typing import Any, Protocol
 
@@ -11,11 +11,12 @@ from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detecto
 from .files import CalibrationError
 
 Floats = NDArray[np.float64]
-Sightings = dict[str, dict[int, tuple[Floats, Floats]]]
-"""By name of the rigid target: number of the point -> (point [3] in the target's frame in m, pixel [2])."""
+TargetPoints = dict[str, dict[int, tuple[Floats, Floats]]]
+"""Name of the rigid target -> number of the point -> (point [3] in the target frame in m, pixel [2])."""
 
 _SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
-_LEAST_CORNERS = 6
+_MIN_CORNERS = 6
+"""ChArUco: fewer corners may lie nearly on a line, which leaves the pose open."""
 FORMS = (
     "chessboard:9x6:0.025 (inner corners), charuco:7x5:0.03:0.022[:DICTIONARY] (squares), "
     "marker:0.05[:DICTIONARY]"
@@ -25,17 +26,17 @@ FORMS = (
 class Target(Protocol):
     """A target that can be found in an image."""
 
-    def find(self, image: Image) -> Sightings:
-        """Find what is seen of the target; empty if nothing."""
+    def find(self, image: Image) -> TargetPoints:
+        """Find the visible points of the target; empty if there is none."""
 
 
 def parse_target(text: str) -> Target:
-    """Read a target: its kind, size in squares or corners, and lengths in metres.
+    """Parse a target description: kind, size in squares or corners, lengths in metres.
 
     Raises
     ------
     CalibrationError
-        If it is not well formed.
+        If the text has none of the forms in :data:`FORMS`.
     """
     kind, *values = text.split(":")
     try:
@@ -49,7 +50,7 @@ def parse_target(text: str) -> Target:
         raise
     except ValueError as error:
         raise CalibrationError(f"target {text!r}: {error}") from None
-    raise CalibrationError(f"target {text!r} is none of {FORMS}")
+    raise CalibrationError(f"target {text!r} is not one of {FORMS}")
 
 
 def _grid(text: str) -> tuple[int, int]:
@@ -62,15 +63,15 @@ def _grid(text: str) -> tuple[int, int]:
 def _length(text: str) -> float:
     value = float(text)
     if not 0 < value < 100:
-        raise ValueError(f"{text} is no length in metres")
+        raise ValueError(f"{text} is not a length in metres")
     return value
 
 
 class Chessboard:
     """A chessboard with one even and one odd number of inner corners.
 
-    A board with both even or both odd looks the same upside down: two cameras could disagree about
-    which corner is the first, and nothing in the result would tell.
+    A board with two even or two odd numbers looks the same upside down. Two cameras could then number
+    its corners from opposite ends, and the result would not show the error.
     """
 
     def __init__(self, columns: int, rows: int, square: float) -> None:
@@ -85,8 +86,8 @@ class Chessboard:
         y, x = np.mgrid[:rows, :columns]
         self._points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * square
 
-    def find(self, image: Image) -> Sightings:
-        """Find all inner corners, or nothing."""
+    def find(self, image: Image) -> TargetPoints:
+        """Find the inner corners; empty unless all are visible."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
@@ -97,7 +98,7 @@ class Chessboard:
         return {"board": {i: (self._points[i], pixels[i]) for i in range(len(pixels))}}
 
     def _upright(self, grey: Image, pixels: Floats) -> Floats:
-        """Order the corners so that the square beside the first one is dark; it is light at the last."""
+        """Order the corners so that the square at the first one is dark and at the last one light."""
         columns, rows = self._size
         grid = pixels.reshape(rows, columns, 2)
         first = grid[:2, :2].mean(axis=(0, 1))
@@ -112,7 +113,7 @@ def _brightness(grey: Image, place: Floats) -> float:
 
 
 class Charuco:
-    """A ChArUco board; parts of it are enough."""
+    """A ChArUco board, which may be partly visible."""
 
     def __init__(
         self, columns: int, rows: int, square: float, marker: float, dictionary: str = DEFAULT_DICTIONARY
@@ -123,10 +124,10 @@ class Charuco:
         self._points = np.asarray(board.getChessboardCorners(), np.float64)
         self._detector = cv2.aruco.CharucoDetector(board)
 
-    def find(self, image: Image) -> Sightings:
-        """Find the corners whose markers are seen."""
+    def find(self, image: Image) -> TargetPoints:
+        """Find the corners whose markers are visible; empty with fewer than 6."""
         corners, numbers, _, _ = self._detector.detectBoard(image)
-        if numbers is None or len(numbers) < _LEAST_CORNERS:
+        if numbers is None or len(numbers) < _MIN_CORNERS:
             return {}
         pixels = np.asarray(corners, np.float64).reshape(-1, 2)
         flat = [int(n) for n in np.ravel(numbers)]
@@ -134,15 +135,15 @@ class Charuco:
 
 
 class SingleMarkers:
-    """Markers of one size; each is a target of its own."""
+    """Markers of one size; each marker is a separate target."""
 
     def __init__(self, size: float, dictionary: str = DEFAULT_DICTIONARY) -> None:
         half = size / 2
         self._points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
         self._detector: Any = make_detector(find_dictionary(dictionary))
 
-    def find(self, image: Image) -> Sightings:
-        """Find the markers that are seen once."""
+    def find(self, image: Image) -> TargetPoints:
+        """Find the markers whose number occurs once in the image."""
         found, numbers, _ = self._detector.detectMarkers(image)
         flat = [] if numbers is None else [int(n) for n in np.ravel(numbers)]
         return {

@@ -1,4 +1,4 @@
-"""Cameras: everything that yields frames, behind one interface and one function that opens it."""
+"""Cameras: one interface and one opening function for devices, streams, videos and folders."""
 
 from .opening import open_frames
 from .types import Camera, CameraError, Frame, SceneCamera

@@ -1,4 +1,4 @@
-"""Recorded images: video files and folders of images. Stamps are media time, from 0 on."""
+"""Recorded images: video file or folder of images -> frames, stamped with media time from 0 on."""
 
 import logging
 import math
@@ -14,21 +14,22 @@ from .types import CameraError, Frame, Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"})
 DEFAULT_RATE = 30.0
+"""Frames per second where a file states none."""
 _log = logging.getLogger(__name__)
 
 
 class VideoFile:
-    """A video file; each iteration plays it from the start.
+    """A video file; each iteration starts at its beginning.
 
     Parameters
     ----------
     path
-        Anything OpenCV's FFMPEG reads.
+        A file that the FFMPEG backend of OpenCV reads.
 
     Raises
     ------
     CameraError
-        If it is missing or no video.
+        If the file is missing or is not a video.
     """
 
     live = False
@@ -40,8 +41,8 @@ class VideoFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         capture = self._open()
-        said = float(capture.get(cv2.CAP_PROP_FPS))
-        self.rate: float | None = said if 0 < said <= 1000 else DEFAULT_RATE
+        stated = float(capture.get(cv2.CAP_PROP_FPS))
+        self.rate: float | None = stated if 0 < stated <= 1000 else DEFAULT_RATE
         capture.release()
         self.counters = {"unreadable": 0}
         self._closed = False
@@ -60,7 +61,7 @@ class VideoFile:
     def _open(self) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
-            raise CameraError(f"{self._path}: no video that can be read")
+            raise CameraError(f"{self._path}: not a readable video")
         return capture
 
     def _frames(self, capture: cv2.VideoCapture) -> Iterator[Frame]:
@@ -71,9 +72,10 @@ class VideoFile:
             ok, image = capture.read()
             if not ok:
                 break
-            said = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6
-            # Broken containers repeat time stamps; the frames are still one after the other.
-            stamp = round(said) if math.isfinite(said) and said > last else last + round(period_ns)
+            media_ns = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6
+            # Broken containers repeat time stamps although the frames differ.
+            valid = math.isfinite(media_ns) and media_ns > last
+            stamp = round(media_ns) if valid else last + round(period_ns)
             count, last = count + 1, stamp
             yield Frame(stamp, np.asarray(image, np.uint8))
         if not self._closed and expected > count + 1:
@@ -84,14 +86,14 @@ class VideoFile:
 class ImageFiles:
     """Images in natural order of their names, at a fixed rate.
 
-    Names that are times in seconds (``1305031102.175304.png``) give the stamps.
+    If the names are times in seconds (``1305031102.175304.png``), these are the stamps.
 
     Parameters
     ----------
     files
-        At least one.
+        Paths of at least one image.
     rate
-        Frames per second; None: 30, or what the names say.
+        Frames per second; None: the times in the names, or else 30.
     """
 
     live = False
@@ -115,7 +117,7 @@ class ImageFiles:
             image = read_image(path)
             if image is None:
                 self.counters["unreadable"] += 1
-                _log.warning("%s: no image that can be read; skipped", path)
+                _log.warning("%s: not a readable image; skipped", path)
                 continue
             stamp = round(number * 1e9 / (self.rate or DEFAULT_RATE))
             yield Frame(stamp if self._stamps is None else self._stamps[number], image)
@@ -126,13 +128,13 @@ class ImageFiles:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Find the images directly in a folder."""
+    """List the images directly in a folder."""
     return [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
 
 
 def read_image(path: Path) -> Image | None:
-    """Read an image as uint8 BGR; None if it cannot be read."""
-    # By NumPy: cv2.imread complains on standard error by itself and swallows the reason.
+    """Read an image as uint8 [H, W, 3] (BGR); None if it cannot be read."""
+    # Read by NumPy: cv2.imread prints to standard error and hides the reason.
     try:
         raw = np.fromfile(path, np.uint8)
     except OSError:
@@ -142,16 +144,16 @@ def read_image(path: Path) -> Image | None:
 
 
 def stamp_ns(text: str) -> int:
-    """Seconds in decimal as nanoseconds, exactly; a float would lose the last digits.
+    """Convert seconds in decimal notation to nanoseconds exactly; a float would lose digits.
 
     Raises
     ------
     ValueError
-        If it is no such number.
+        If the text is not such a number.
     """
     match = re.fullmatch(r"(\d{1,10})(?:\.(\d*))?", text)
     if match is None:
-        raise ValueError(f"{text!r} is no time in seconds")
+        raise ValueError(f"{text!r} is not a time in seconds")
     return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
 
 
@@ -160,6 +162,6 @@ def _seconds(text: str) -> float | None:
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Order img_2 before img_10."""
+    """Sort key that puts img_2 before img_10."""
     chunks = re.split(r"(\d+)", path.name)
     return [(1, int(chunk), "") if chunk.isdigit() else (0, 0, chunk) for chunk in chunks]

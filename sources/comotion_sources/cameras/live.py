@@ -1,4 +1,4 @@
-"""Devices and network streams: frames at their own pace, always the newest, never a stale queue."""
+"""Live cameras: device or network stream -> newest frame; older unread frames are dropped."""
 
 import threading
 import time
@@ -11,33 +11,35 @@ import numpy as np
 from ..calibration.model import Extrinsics, Intrinsics
 from .types import CameraError, Frame
 
-_TIMEOUT_MS = 5_000
-_SILENCE_S = 10.0
-_JOIN_S = 2 * _TIMEOUT_MS / 1000
-_PLAUSIBLE_AGE_NS = 2_000_000_000
+READ_TIMEOUT_MS = 5_000
+"""How long a driver may wait for a frame or a connection."""
+PLAUSIBLE_AGE_NS = 2_000_000_000
+"""A stamp that makes a frame older than this at its arrival is from another clock."""
+_SILENCE_S = 10.0  # without a frame for this long a camera counts as lost
+_JOIN_S = 2 * READ_TIMEOUT_MS / 1000
 
 
 class Device(Protocol):
-    """What a driver does: wait for the next frame, and be closed. Both run in one thread."""
+    """Interface of a driver; one thread calls both methods."""
 
     def read(self) -> Frame | None:
-        """Wait for the next frame; None when the device is gone."""
+        """Wait for the next frame; None when the device has ended."""
 
     def close(self) -> None:
         """Free the device."""
 
 
 class LiveCamera:
-    """Reads a device in a thread and yields the newest frame; what nobody took in time is counted.
+    """Reads a device in a thread and yields the newest frame; counts the frames it drops.
 
     Parameters
     ----------
     what
-        How the user named it, for messages.
+        The camera as the user named it, for messages.
     device
         The opened device.
     has_depth, rate, intrinsics
-        What the device tells about itself.
+        Properties that the device reports.
     """
 
     live = True
@@ -71,7 +73,7 @@ class LiveCamera:
             yield frame
 
     def close(self) -> None:
-        """Stop reading and free the device; a reader that waits for a frame is released."""
+        """Stop reading, free the device, and end an iteration that waits for a frame."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -79,13 +81,13 @@ class LiveCamera:
 
     def _next(self) -> Frame | None:
         with self._changed:
-            heard = self._changed.wait_for(lambda: self._newest or self._closed or self._lost, _SILENCE_S)
+            changed = self._changed.wait_for(lambda: self._newest or self._closed or self._lost, _SILENCE_S)
             if self._closed:
                 return None
             if self._newest is not None:
                 frame, self._newest = self._newest, None
                 return frame
-            if not heard:
+            if not changed:
                 raise CameraError(f"{self._what}: no frame for {_SILENCE_S:g} s")
             raise CameraError(f"{self._what}: {self._lost}")
 
@@ -94,10 +96,10 @@ class LiveCamera:
         try:
             while not self._closed and (frame := self._device.read()) is not None:
                 self._offer(frame)
-        except Exception as error:  # whatever a driver raises, the reader must learn of it
+        except Exception as error:  # drivers raise many types; the iterating thread reports all of them
             lost = " ".join(str(error).split())[:300] or type(error).__name__
         finally:
-            # In this thread: freeing a capture while another thread reads it crashes OpenCV.
+            # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
             self._device.close()
         with self._changed:
             self._lost = lost
@@ -111,16 +113,16 @@ class LiveCamera:
 
 
 class CaptureDevice:
-    """An OpenCV capture as a device."""
+    """Adapts an OpenCV capture to :class:`Device`."""
 
     def __init__(self, capture: Any, clock: Callable[[], int] = time.time_ns) -> None:
         self._capture = capture
         self._clock = clock
-        # Video4Linux stamps its buffers with the monotonic clock; no other backend says when.
+        # Video4Linux stamps its buffers with the monotonic clock; other backends give no time.
         self._stamped = str(capture.getBackendName()) == "V4L2"
 
     def read(self) -> Frame | None:
-        """Wait for the next frame; stamped by the device where it does, else at grab."""
+        """Wait for the next frame; its stamp is that of the device, or else the time of the grab."""
         if not self._capture.grab():
             return None
         stamp = self._stamp_ns()
@@ -136,8 +138,8 @@ class CaptureDevice:
         if not self._stamped:
             return now
         age = time.monotonic_ns() - round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        # Some drivers count from elsewhere: then the time of the grab is the better one.
-        return now - age if 0 <= age < _PLAUSIBLE_AGE_NS else now
+        # Some drivers use another clock; the time of the grab is then closer to the truth.
+        return now - age if 0 <= age < PLAUSIBLE_AGE_NS else now
 
 
 def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
@@ -146,7 +148,7 @@ def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
     Raises
     ------
     CameraError
-        If there is none, or it is in use.
+        If there is no such device, or it is in use.
     """
     capture = cv2.VideoCapture(index, cv2.CAP_V4L2)
     if not capture.isOpened():
@@ -162,12 +164,17 @@ def open_stream(url: str) -> LiveCamera:
     Raises
     ------
     CameraError
-        If nothing answers there, or it is no video.
+        If nothing answers at the URL, or it is not a video.
     """
-    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _TIMEOUT_MS]
+    limits = [
+        cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+        READ_TIMEOUT_MS,
+        cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+        READ_TIMEOUT_MS,
+    ]
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
-        raise CameraError(f"{_without_password(url)}: nothing answers there, or it is no video")
+        raise CameraError(f"{_without_password(url)}: nothing answers at this URL, or it is not a video")
     return LiveCamera(_without_password(url), CaptureDevice(capture), rate=_rate(capture))
 
 
@@ -177,7 +184,7 @@ def _rate(capture: Any) -> float | None:
 
 
 def _without_password(url: str) -> str:
-    """Leave out the user and password of a URL, which must not end up in logs."""
+    """Remove user and password from a URL; they must not be logged."""
     scheme, _, rest = url.partition("://")
     host, slash, path = rest.partition("/")
     return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"

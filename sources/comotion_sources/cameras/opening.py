@@ -1,4 +1,4 @@
-"""One function that opens whatever the user names."""
+"""Opens a camera by the text that the user gives: device, stream, file or folder."""
 
 import os
 import re
@@ -12,7 +12,7 @@ from .live import open_stream, open_webcam
 from .tum import TumFolder, is_tum_folder
 from .types import Camera, CameraError
 
-_ERRORS_ONLY = 2
+_ERRORS_ONLY = 2  # cv2.utils.logging.LOG_LEVEL_ERROR
 FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:CAMERA"
 
 
@@ -26,14 +26,15 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
         ``realsense:SERIAL``; ``workcell:CAMERA``: a camera of the simulated workcell; a folder with
         ``rgb.txt``: TUM RGB-D; another folder: its images; an image; any other file: video.
     rate
-        Frames per second: asked of a device, assumed for a folder of images. None: theirs.
+        Frames per second: requested from a device, assumed for a folder of images. None: the default
+        of the device or file.
 
     Raises
     ------
     CameraError
-        If there is no such thing or it cannot be read.
+        If it does not exist or cannot be read.
     """
-    _hush_opencv()
+    _silence_opencv()
     if match := re.fullmatch(r"(?:/dev/video)?(\d{1,3})", what):
         return open_webcam(int(match[1]), rate)
     if re.match(r"(?i)(rtsps?|rtmps?|https?|udp|tcp)://", what):
@@ -48,11 +49,11 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
     return _open_path(what, rate)
 
 
-def _hush_opencv() -> None:
-    """Keep OpenCV from writing to standard error what we report ourselves."""
+def _silence_opencv() -> None:
+    """Stop OpenCV from writing errors to standard error that are reported as exceptions."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if "OPENCV_LOG_LEVEL" not in os.environ:
-        # OpenCV 5 has moved what OpenCV 4 has at its top.
+        # OpenCV 5 has moved setLogLevel into cv2.utils.logging.
         (cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging).setLogLevel(_ERRORS_ONLY)
 
 
@@ -73,7 +74,7 @@ def _open_path(what: str, rate: float | None) -> Camera:
 
 def _open_workcell(rest: str) -> Camera:
     try:
-        # By name: MuJoCo is an extra that a real camera does not need.
+        # Imported on demand: MuJoCo is an extra that real cameras do not need.
         camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
     except ModuleNotFoundError as error:
         raise CameraError(f"{error.name} is not installed: pip install 'comotion[sim3d]'") from None

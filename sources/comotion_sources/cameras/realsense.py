@@ -1,4 +1,4 @@
-"""Intel RealSense cameras; needs pyrealsense2."""
+"""Intel RealSense camera -> frames with registered depth; needs pyrealsense2."""
 
 import time
 from typing import Any
@@ -6,16 +6,14 @@ from typing import Any
 import numpy as np
 
 from ..calibration.model import Intrinsics
-from .live import LiveCamera
+from .live import PLAUSIBLE_AGE_NS, READ_TIMEOUT_MS, LiveCamera
 from .types import CameraError, Frame
 
-_WIDTH, _HEIGHT, _RATE = 640, 480, 30
-_TIMEOUT_MS = 5_000
-_PLAUSIBLE_AGE_NS = 2_000_000_000
+_WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
 
 class RealSenseDevice:
-    """A started pipeline as a device: colour, and depth registered to it."""
+    """Adapts a started pipeline to :class:`Device`: colour, and depth registered to it."""
 
     def __init__(self, library: Any, pipeline: Any, depth_scale: float) -> None:
         self._library = library
@@ -24,8 +22,8 @@ class RealSenseDevice:
         self._align = library.align(library.stream.color)
 
     def read(self) -> Frame | None:
-        """Wait for the next pair of colour and depth; the library raises when the camera is gone."""
-        frames = self._align.process(self._pipeline.wait_for_frames(_TIMEOUT_MS))
+        """Wait for the next pair of colour and depth; the library raises when the camera is lost."""
+        frames = self._align.process(self._pipeline.wait_for_frames(READ_TIMEOUT_MS))
         colour, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not colour:
             return None
@@ -38,16 +36,16 @@ class RealSenseDevice:
 
     def _stamp_ns(self, frame: Any) -> int:
         now, domain = time.time_ns(), self._library.timestamp_domain
-        said = round(float(frame.get_timestamp()) * 1e6)
+        reported = round(float(frame.get_timestamp()) * 1e6)
         if frame.get_frame_timestamp_domain() in {domain.system_time, domain.global_time} and (
-            abs(now - said) < _PLAUSIBLE_AGE_NS
+            abs(now - reported) < PLAUSIBLE_AGE_NS
         ):
-            return said
+            return reported
         return now
 
 
 def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
-    """Open the RealSense camera of a serial number, or the only one.
+    """Open the RealSense camera with a serial number, or the only camera.
 
     Raises
     ------
@@ -58,7 +56,7 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
         import pyrealsense2 as library
     except ModuleNotFoundError:
         raise CameraError("pyrealsense2 is not installed: pip install pyrealsense2") from None
-    except ImportError as error:  # it is there, a library of the system is not
+    except ImportError as error:  # it is installed, but a library of the system is missing
         raise CameraError(f"pyrealsense2 cannot be loaded: {' '.join(str(error).split())}") from None
     config, pipeline = library.config(), library.pipeline()
     if serial:
@@ -79,6 +77,6 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
 
 
 def _intrinsics(given: Any) -> Intrinsics:
-    # The colour stream's coefficients are Brown-Conrady's, in OpenCV's order.
+    # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
     coefficients = np.array(given.coeffs, np.float64)
     return Intrinsics(given.width, given.height, given.fx, given.fy, given.ppx, given.ppy, coefficients)

@@ -1,12 +1,12 @@
-"""TUM RGB-D folders: read, and written by simulated cameras.
+"""Reads and writes TUM RGB-D folders.
 
-::
+The layout::
 
     rgb.txt   depth.txt     lines "time file": time in seconds, file relative to the folder
     rgb/*.png depth/*.png   8-bit colour; 16-bit depth in 1/5000 m, 0 = missing
     groundtruth.txt         lines "time tx ty tz qx qy qz qw": the camera (optical axes) in the world
 
-Beside them, optional, what the layout has no place for::
+Optional files that the TUM format does not define::
 
     camera_info.yaml        intrinsics, as ROS writes them
     objects.txt             lines "number name": the true objects
@@ -31,9 +31,8 @@ from .types import CameraError, Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
-"""Longest time between an image and the depth that is taken for it."""
-
-_MOVED = 1e-3
+"""Longest time between an image and its depth image; the default of the TUM associate tool."""
+_MOVED = 1e-3  # m, or parts of a unit quaternion: a camera that moves by more is not fixed
 _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
 _log = logging.getLogger(__name__)
 
@@ -41,22 +40,21 @@ Listing = list[tuple[int, Path]]
 
 
 def is_tum_folder(folder: Path) -> bool:
-    """Whether a folder says that it holds such a recording."""
+    """Whether a folder has the list of images of such a recording."""
     return (folder / "rgb.txt").is_file()
 
 
 class TumFolder:
-    """A TUM RGB-D folder; each image gets the depth nearest in time, within 20 ms.
+    """A TUM RGB-D folder; each image gets the depth image nearest in time, within 20 ms.
 
-    Frames come in the order of ``rgb.txt``, late and repeated ones included.
+    Frames come in the order of ``rgb.txt``, including late and repeated ones. The intrinsics are
+    those of ``camera_info.yaml``. The extrinsics are those of ``groundtruth.txt`` if the camera does
+    not move.
 
     Raises
     ------
     CameraError
-        If a list is missing or malformed, or the calibration in it is.
-
-    The intrinsics are those of ``camera_info.yaml``; the extrinsics those of ``groundtruth.txt`` if
-    the camera stands still all the time.
+        If a list or calibration file is missing or malformed.
     """
 
     live = False
@@ -84,7 +82,7 @@ class TumFolder:
             image = read_image(path)
             if image is None:
                 self.counters["unreadable"] += 1
-                _log.warning("%s: no image that can be read; skipped", path)
+                _log.warning("%s: not a readable image; skipped", path)
                 continue
             depth = self._depth(stamp, image.shape[:2])
             self.counters["depth_missing"] += depth is None
@@ -104,7 +102,7 @@ class TumFolder:
 
 
 class _Nearest:
-    """Finds the file nearest in time, None beyond 20 ms."""
+    """Finds the file nearest in time; None if it is more than 20 ms away."""
 
     def __init__(self, listing: Listing) -> None:
         self._listing = sorted(listing)
@@ -118,11 +116,11 @@ class _Nearest:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines of a list with their numbers, without comments."""
+    """Return the lines of a list with their numbers, without comments."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "no text file"
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
         raise CameraError(f"{path}: {reason}") from None
     return (
         (number, line.strip())
@@ -160,7 +158,7 @@ def _read_intrinsics(path: Path) -> Intrinsics | None:
 
 
 def _read_still_pose(path: Path) -> Extrinsics | None:
-    """Read the pose of a camera that does not move, None for one that does."""
+    """Read the pose of a fixed camera; None if the camera moves."""
     poses = []
     for number, line in _rows(path) if path.is_file() else ():
         try:
@@ -174,7 +172,7 @@ def _read_still_pose(path: Path) -> Extrinsics | None:
 
 
 def _read_16_bit(path: Path | None, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
-    """Read a 16-bit image of that shape; anything else counts as missing."""
+    """Read a 16-bit image of the given shape; None for anything else."""
     if path is None or not path.is_file():
         return None
     raw = np.fromfile(path, np.uint8)
@@ -190,9 +188,9 @@ class TumWriter:
     Parameters
     ----------
     folder
-        Made if need be; must not hold a recording yet.
+        Folder to write; it is made if it does not exist and must be empty.
     intrinsics, extrinsics, objects
-        Written along, so that the folder can be used by itself.
+        Written into the optional files.
 
     Raises
     ------
@@ -228,16 +226,16 @@ class TumWriter:
         self._put("rgb", time, frame.image)
         if frame.depth is not None:
             units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
-            # What does not fit is beyond the sensor's range: missing.
+            # A depth beyond 16 bits (13 m) is out of range: missing.
             units[(units < 0) | (units > 65535)] = 0
             self._put("depth", time, units.astype(np.uint16))
         if frame.objects is not None:
             self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
         if self._pose:
-            self._note("groundtruth", f"{time} {self._pose}")
+            self._append("groundtruth", f"{time} {self._pose}")
 
     def close(self) -> None:
-        """Finish the lists."""
+        """Close the lists."""
         for file in self._lists.values():
             file.close()
 
@@ -256,12 +254,12 @@ class TumWriter:
         return self._lists[kind]
 
     def _put(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        self._note(kind, f"{time} {self._write_image(kind, time, image)}")
+        self._append(kind, f"{time} {self._write_image(kind, time, image)}")
 
-    def _note(self, kind: str, line: str) -> None:
+    def _append(self, kind: str, line: str) -> None:
         listing = self._list(kind)
         listing.write(f"{line}\n")
-        # Line by line, so that a recording that is cut short can be read up to there.
+        # Flush every line: a recording that is cut short can then be read up to that point.
         listing.flush()
 
     def _write_image(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:

@@ -1,4 +1,4 @@
-"""What every camera yields, whatever it is: the interface between adapters and trackers."""
+"""The camera interface: what camera adapters yield and trackers use."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -39,21 +39,21 @@ class Frame:
 
 @runtime_checkable
 class Camera(Protocol):
-    """A stream of frames and what is known about the camera that took them.
+    """A stream of frames with the properties of its camera.
 
-    Iterating yields the frames and ends when the stream ends; a live camera that fails meanwhile
-    raises :class:`CameraError`. `close` frees the device and may be called at any time, twice too.
+    Iteration yields frames and ends when the stream ends; a live camera that fails raises
+    :class:`CameraError`. `close` frees the device; it may be called at any time and repeatedly.
 
     Attributes
     ----------
     live
-        Frames come at the device's own pace; they can neither be slowed down nor repeated.
+        Frames come at the rate of the device; they can neither be slowed down nor repeated.
     has_depth
-        Frames come with depth, though single ones may lack it.
+        Frames have depth, although single frames may lack it.
     rate
-        Nominal frames per second, None when unknown.
+        Nominal frames per second; None: unknown.
     intrinsics, extrinsics
-        The camera's own calibration, None when it has none; a calibration file given by the user wins.
+        Calibration that the camera reports; None: unknown. A file from the user takes precedence.
     objects
         Names of the true objects by number; empty without truth.
     """
@@ -73,11 +73,11 @@ class Camera(Protocol):
 
 @runtime_checkable
 class SceneCamera(Camera, Protocol):
-    """A camera that sees the scene over the wire, such as a simulated one."""
+    """A camera that receives the state of the scene over Zenoh, such as a simulated camera."""
 
     def attach(self, session: zenoh.Session, keys: Keys) -> None:
-        """Use this session; called once, before the first frame is asked for."""
+        """Use this session; called once, before the first frame is read."""
 
 
 class CameraError(ValueError):
-    """A camera, file or stream that cannot be opened or read; the message is one line."""
+    """A camera, file or stream cannot be opened or read; the message is one line."""

@@ -1,4 +1,4 @@
-"""The KLT camera: a pure tracker core, and the process that feeds it from a camera."""
+"""The KLT camera source: a pure feature tracker, and the process that runs it on a camera."""
 
 from .config import TrackerConfig
 from .tracker import Tracker, Tracks

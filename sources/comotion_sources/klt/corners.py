@@ -1,4 +1,4 @@
-"""Where new features start: Shi-Tomasi corners in empty grid cells, spread over the image."""
+"""Detects new features: image and existing features -> Shi-Tomasi corners, spread over the image."""
 
 from collections.abc import Callable
 
@@ -11,26 +11,27 @@ from .config import TrackerConfig
 from .flow import Pixels
 
 Usable = Callable[[Pixels], NDArray[np.bool_]]
-_SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
-_SUBPIX_HALF = 3
+_SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)  # iterations, px
+_SUBPIX_HALF = 3  # half the edge of the search window, px
 
 
 def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usable | None = None) -> Pixels:
-    """Choose new features: the best corners in cells that hold none, until the budget is used up.
+    """Choose the best corners in empty cells as new features, up to the feature budget.
 
-    Every tile of the image may fill its even share of the budget first, so that a textured floor
-    does not take it all; what other tiles leave goes to the best of the rest.
+    Corners are ranked by the number of features already in their tile, then by quality. A textured
+    floor therefore does not use up the budget of the other tiles.
 
     Parameters
     ----------
     grey
         uint8 [H, W].
     present
-        float32 [N, 2], the features there are.
+        float32 [N, 2], existing features.
     config
         Budget, grid and quality.
     usable
-        Says which of some pixels [M, 2] can be used, e.g. have depth; None: all.
+        Maps pixels [M, 2] to a mask bool [M] of those that can be used, e.g. that have depth;
+        None: all.
 
     Returns
     -------
@@ -43,12 +44,12 @@ def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usa
     candidates = _best_per_cell(_corners(grey, config), present, grey.shape, config)
     if usable is not None and len(candidates):
         candidates = candidates[usable(candidates)]
-    chosen = candidates[_fair_order(candidates, present, grey.shape, config)[:room]]
+    chosen = candidates[_balanced_order(candidates, present, grey.shape, config)[:room]]
     return _apart(_refined(grey, chosen, config), present, config.min_distance)
 
 
 def _corners(grey: Image, config: TrackerConfig) -> Pixels:
-    """Find all corners of the image, best first, without regard to what is there already."""
+    """Find all corners of the image, best first, ignoring the existing features."""
     everywhere = np.full(grey.shape, 255, np.uint8)
     found, quality = cv2.goodFeaturesToTrackWithQuality(grey, 0, config.quality, 0.0, everywhere)
     if found is None:
@@ -74,10 +75,10 @@ def _best_per_cell(corners: Pixels, present: Pixels, shape: tuple[int, ...], con
     return corners[free[np.sort(first)]]
 
 
-def _fair_order(
+def _balanced_order(
     candidates: Pixels, present: Pixels, shape: tuple[int, ...], config: TrackerConfig
 ) -> NDArray[np.intp]:
-    """Order by the place within the tile, counting what the tile has already, then by quality."""
+    """Order candidates by their rank within the tile, counting its existing features, then by quality."""
     size_x, size_y = shape[1] / config.tiles, shape[0] / config.tiles
     held = np.bincount(_grid(present, config.tiles, size_x, size_y), minlength=config.tiles**2)
     tiles = _grid(candidates, config.tiles, size_x, size_y)
@@ -89,16 +90,16 @@ def _fair_order(
 
 
 def _refined(grey: Image, corners: Pixels, config: TrackerConfig) -> Pixels:
-    """Move corners to their sub-pixel place; one that wanders off stays where it was found."""
+    """Refine corners to sub-pixel positions; keep the original where the refinement diverges."""
     if not len(corners):
         return corners
     half = (_SUBPIX_HALF, _SUBPIX_HALF)
     fine = cv2.cornerSubPix(grey, corners[:, None].copy(), half, (-1, -1), _SUBPIX).reshape(-1, 2)
-    strayed = ~np.isfinite(fine).all(axis=1) | (np.abs(fine - corners).max(axis=1) > _SUBPIX_HALF)
+    diverged = ~np.isfinite(fine).all(axis=1) | (np.abs(fine - corners).max(axis=1) > _SUBPIX_HALF)
     border = config.window // 2
     height, width = grey.shape
     outside = (fine < border).any(axis=1) | (fine > (width - 1 - border, height - 1 - border)).any(axis=1)
-    return np.where((strayed | outside)[:, None], corners, fine).astype(np.float32)
+    return np.where((diverged | outside)[:, None], corners, fine).astype(np.float32)
 
 
 def _apart(corners: Pixels, present: Pixels, distance: float) -> Pixels:
@@ -107,15 +108,27 @@ def _apart(corners: Pixels, present: Pixels, distance: float) -> Pixels:
 
 
 def crowded(pixels: Pixels, distance: float) -> NDArray[np.bool_]:
-    """Which features, listed oldest first, lie closer than `distance` to an older one; bool [N]."""
+    """Mark features that are too close to an older one.
+
+    Parameters
+    ----------
+    pixels
+        float32 [N, 2], oldest first.
+    distance
+        Least distance, px.
+
+    Returns
+    -------
+    bool [N]; of each group of close features the oldest remains.
+    """
     from scipy.spatial import KDTree
 
-    taken = np.zeros(len(pixels), bool)
+    removed = np.zeros(len(pixels), bool)
     if len(pixels) < 2 or distance <= 0:
-        return taken
+        return removed
     pairs = KDTree(pixels).query_pairs(distance, output_type="ndarray")
-    # From the oldest on: a feature that goes itself crowds out nobody.
+    # From the oldest on: a feature that is itself removed removes no other.
     for older, younger in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]:
-        if not taken[older]:
-            taken[younger] = True
-    return taken
+        if not removed[older]:
+            removed[younger] = True
+    return removed

@@ -1,7 +1,8 @@
-"""Depth of a feature: a plane through its neighbourhood, so that edges are seen and noise averages.
+"""Depth of features: depth image and pixels -> depth and noise.
 
-Over a plane the inverse depth is linear in the pixel coordinates, whatever the plane's tilt; what
-departs from that is an edge, where image and depth do not agree about what is seen.
+A plane is fitted to the neighbourhood of a feature, which averages noise. The inverse depth of a plane
+is linear in the pixel coordinates for every tilt; a deviation from it is a depth edge, where the image
+feature and the depth may belong to different surfaces.
 """
 
 from dataclasses import dataclass
@@ -18,20 +19,22 @@ DepthImage = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 LOOKUP_RADIUS = 2
+"""Neighbourhood of an existing feature, px to each side."""
 BIRTH_RADIUS = 5
-_LEAST_SHARE = 0.5
+"""Neighbourhood of a new feature, px to each side: wider, so that none starts beside a depth edge."""
+_MIN_VALID_SHARE = 0.5  # of the neighbourhood: fewer valid pixels do not determine a plane well
 
 
 @dataclass(frozen=True, slots=True)
 class DepthLookup:
-    """Depth under features.
+    """Depth of N features.
 
     Attributes
     ----------
     z
         float64 [N], metres, NaN where missing or at an edge.
     edge
-        bool [N], there is depth, but a step in it.
+        bool [N], the depth is valid but has an edge.
     """
 
     z: Floats
@@ -45,7 +48,19 @@ def _offsets(radius: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: int) -> DepthLookup:
-    """Depth of pixels [N, 2] by a plane over (2·radius + 1)² pixels of `depth` [H, W] (0/NaN missing)."""
+    """Look up the depth of features by a plane fit.
+
+    Parameters
+    ----------
+    depth
+        float32 [H, W], metres, 0 or NaN where missing.
+    pixels
+        float32 [N, 2].
+    config
+        Thresholds.
+    radius
+        The plane is fitted to (2·radius + 1)² pixels.
+    """
     dy, dx = _offsets(radius)
     height, width = depth.shape
     near = np.rint(pixels).astype(np.int64)
@@ -53,9 +68,9 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
     columns = np.clip(near[:, 0, None] + dx, 0, width - 1)
     z = depth[rows, columns].astype(np.float64)
     valid = np.isfinite(z) & (z > 0)
-    enough = valid.sum(axis=1) >= _LEAST_SHARE * dy.size
+    enough = valid.sum(axis=1) >= _MIN_VALID_SHARE * dy.size
     inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
-    # The pixel may lie half a pixel from the middle of its patch: the plane is evaluated there.
+    # Evaluate the plane at the exact position, up to half a pixel from the centre of the patch.
     sub = pixels.astype(np.float64) - near
     fitted, residual = _plane(inverse, valid, sub, dx, dy)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,7 +83,7 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
 def _plane(
     inverse: Floats, valid: NDArray[np.bool_], sub: Floats, dx: NDArray[np.int64], dy: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Fit 1/z = a + b·dx + c·dy to each patch; its value at `sub` [N] and the residuals [N, P]."""
+    """Fit 1/z = a + b·dx + c·dy to each patch; return its value at `sub` and the residuals [N, P]."""
     design = np.column_stack([np.ones(dx.size), dx, dy]).astype(np.float64)
     weights = valid.astype(np.float64)
     products = (design[:, :, None] * design[:, None, :]).reshape(dx.size, 9)
@@ -80,12 +95,26 @@ def _plane(
 
 
 def depth_sigma(z: Floats, config: TrackerConfig) -> Floats:
-    """One-sigma noise of depths z [N], m: structured light and stereo err with the square of depth."""
+    """One-sigma noise of depths z [N], m; that of structured light and stereo grows with z²."""
     return np.maximum(config.depth_floor, config.depth_noise * z**2)
 
 
 def point_sigma(z: Floats, pixel_sigma: Floats, intrinsics: Intrinsics, config: TrackerConfig) -> Floats:
-    """Isotropic one-sigma noise of lifted points [N], m: two axes across the ray, one along it."""
+    """Isotropic one-sigma noise [N] of lifted points, m.
+
+    Parameters
+    ----------
+    z
+        float64 [N], depth, m.
+    pixel_sigma
+        float64 [N], one-sigma noise in the image, px.
+    intrinsics, config
+        Focal lengths; noise of the depth.
+
+    Returns
+    -------
+    float64 [N]: root mean square over two axes across the ray and one along it.
+    """
     across = pixel_sigma * z * 2.0 / (intrinsics.fx + intrinsics.fy)
     along = depth_sigma(z, config)
     return np.sqrt((2.0 * across**2 + along**2) / 3.0)

@@ -1,4 +1,4 @@
-"""The hypotheses of a camera's own features, as the service publishes them."""
+"""Receives the hypotheses of one camera's features from the service."""
 
 from typing import Any
 
@@ -9,11 +9,12 @@ from comotion_schemas import DecodeError, HypothesisUpdate, Keys, decode_as
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import UNDETERMINED
 
-_RING = 64
+_RING_UPDATES = 64
+"""Updates kept between two polls: 6 s at 10 Hz."""
 
 
 class HypothesisFeed:
-    """Remembers the hypothesis of each feature of one source; polled, never blocking.
+    """Holds the newest hypothesis of each feature of one source; reading never blocks.
 
     Parameters
     ----------
@@ -22,36 +23,36 @@ class HypothesisFeed:
     source
         Name of the source whose features are looked up.
     source_session
-        Its session.
+        Session of that source.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, source: str, source_session: str) -> None:
         self._source = (source, source_session)
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING)
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING_UPDATES)
         self._subscriber: Any = declare_subscriber(session, keys.hypotheses, "hypotheses", ring)
         self.stamp_ns: int | None = None
-        """Up to when the newest update is fused; None before the first."""
+        """Watermark of the newest update; None before the first."""
         self._hypotheses: dict[int, int] = {}
 
     def poll(self) -> None:
-        """Take in what has come since the last time."""
+        """Process the updates that arrived since the last call."""
         while (sample := self._subscriber.handler.try_recv()) is not None:
             try:
                 update = decode_as(HypothesisUpdate, sample.payload.to_bytes())
             except DecodeError:
                 continue
             if self.stamp_ns is None or update.stamp_ns >= self.stamp_ns:
-                self._take(update)
+                self._apply(update)
 
     def hypothesis(self, feature: int) -> int:
-        """Look up a feature's hypothesis; UNDETERMINED where the service has not said."""
+        """Return the hypothesis of a feature; UNDETERMINED if the service has not listed it."""
         return self._hypotheses.get(feature, UNDETERMINED)
 
     def close(self) -> None:
         """End the subscription."""
         self._subscriber.undeclare()
 
-    def _take(self, update: HypothesisUpdate) -> None:
+    def _apply(self, update: HypothesisUpdate) -> None:
         self.stamp_ns = update.stamp_ns
         mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == self._source]
         rows = np.isin(update.track_source, mine)

@@ -1,4 +1,4 @@
-"""Pyramidal Lucas-Kanade with the forward-backward check."""
+"""Pyramidal Lucas-Kanade with forward-backward check: two images and positions -> new positions."""
 
 from dataclasses import dataclass
 
@@ -11,25 +11,25 @@ from .config import TrackerConfig
 
 Pixels = NDArray[np.float32]
 
-_LEAST_EIGENVALUE = 1e-6
-# OpenCV's units of difference and eigenvalue to px: measured on shifted textures of known noise, where
+_MIN_EIGENVALUE = 1e-6  # keeps the division finite on a window without texture
+# Converts OpenCV's residual and eigenvalue to px: measured on shifted textures of known noise, where
 # windows of 11, 15 and 21 px gave 0.043, 0.050 and 0.056.
 _NOISE_SCALE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Where features went.
+    """Result of tracking N features into the next image.
 
     Attributes
     ----------
     pixels
-        float32 [N, 2], positions in the new image.
+        float32 [N, 2], positions in the next image.
     noise
-        float32 [N], one-sigma noise of the step as the images tell it, px: what the window differs by,
-        over how well its texture fixes it, and how far the way back misses the start.
+        float32 [N], estimated one-sigma noise of the step, px: from the residual and texture of the
+        window, and from the forward-backward error.
     kept
-        bool [N], found in both directions and consistent.
+        bool [N], found in both directions, and the two agree.
     """
 
     pixels: Pixels
@@ -40,23 +40,32 @@ class Flow:
 def forward_backward(
     start: Pixels, there: Pixels, back: Pixels, relative: float, absolute: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Check the way there against the way back (thesis 4.2, after Sundaram, Brox and Keutzer 2010).
+    """Forward-backward check (thesis 4.2, after Sundaram, Brox and Keutzer 2010).
 
-    Kept while ‖w + ŵ‖² < relative·(‖w‖² + ‖ŵ‖²) + absolute with w = x_{t+1} − x_t and
-    ŵ = x̂_t − x_{t+1}. The thesis prints the inequality for "stop", and x̂_t − x_t as ŵ; both are slips.
+    A feature is kept while ‖w + ŵ‖² < relative·(‖w‖² + ‖ŵ‖²) + absolute, with w = x_{t+1} − x_t and
+    ŵ = x̂_t − x_{t+1}. The thesis prints this inequality for "stop", and x̂_t − x_t as ŵ; both are errata.
+
+    Parameters
+    ----------
+    start, there, back
+        float32 [N, 2], px: positions before, tracked forward, and tracked back again.
+    relative
+        Share of the squared motions that is allowed.
+    absolute
+        Constant part of the limit, px².
 
     Returns
     -------
-    bool [N], kept, and float32 [N], ‖w + ŵ‖ in px.
+    bool [N], kept; float32 [N], the error ‖w + ŵ‖ in px.
     """
     w, w_back = there - start, back - there
-    miss = ((w + w_back) ** 2).sum(axis=1)
+    error_sq = ((w + w_back) ** 2).sum(axis=1)
     allowed = relative * ((w**2).sum(axis=1) + (w_back**2).sum(axis=1)) + absolute
-    return miss < allowed, np.sqrt(miss)
+    return error_sq < allowed, np.sqrt(error_sq)
 
 
 def track(before: Image, after: Image, pixels: Pixels, config: TrackerConfig) -> Flow:
-    """Follow features from one grey image to the next and back.
+    """Track features from one grey image to the next and back.
 
     Parameters
     ----------
@@ -69,11 +78,11 @@ def track(before: Image, after: Image, pixels: Pixels, config: TrackerConfig) ->
         return Flow(pixels, np.empty(0, np.float32), np.empty(0, bool))
     there, found, difference = _lucas_kanade(before, after, pixels, config)
     back, found_back, texture = _lucas_kanade(after, before, there, config, cv2.OPTFLOW_LK_GET_MIN_EIGENVALS)
-    kept, miss = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
+    kept, error = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
     kept &= found & found_back & _inside(there, after.shape, config.window // 2)
     # Cramér-Rao: σ = σ_image / sqrt(n λ_min), λ_min of the mean structure tensor.
-    share = _NOISE_SCALE / config.window * difference / np.sqrt(np.maximum(texture, _LEAST_EIGENVALUE))
-    return Flow(there, np.hypot(share, miss / 2).astype(np.float32), kept)
+    share = _NOISE_SCALE / config.window * difference / np.sqrt(np.maximum(texture, _MIN_EIGENVALUE))
+    return Flow(there, np.hypot(share, error / 2).astype(np.float32), kept)
 
 
 def _lucas_kanade(
@@ -92,14 +101,14 @@ def _lucas_kanade(
         flags=flags,
     )
     positions = moved.reshape(-1, 2)
-    # OpenCV leaves the numbers of a lost feature as they come; they must not reach the arithmetic.
+    # OpenCV leaves arbitrary numbers for a lost feature; replace them.
     found = (status.ravel() == 1) & np.isfinite(positions).all(axis=1)
-    told = np.where(found, measure.ravel(), 0.0).astype(np.float32)
-    return np.where(found[:, None], positions, pixels).astype(np.float32), found, told
+    residual = np.where(found, measure.ravel(), 0.0).astype(np.float32)
+    return np.where(found[:, None], positions, pixels).astype(np.float32), found, residual
 
 
 def _inside(pixels: Pixels, shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:
-    """Away from the image's border, where half the window has no image."""
+    """Mask of pixels [N, 2] at least `border` px away from the border of the image."""
     height, width = shape[:2]
     x, y = pixels[:, 0], pixels[:, 1]
     return (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)

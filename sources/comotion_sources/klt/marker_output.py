@@ -1,4 +1,4 @@
-"""The markers a camera sees, as a source of their own: metric where its features may not be."""
+"""Publishes the markers in a camera's images as a separate, metric source."""
 
 from typing import Any
 
@@ -19,11 +19,11 @@ class MarkerOutput:
     name
         Name of the source.
     markers
-        Which markers.
+        Dictionary and size of the markers.
     intrinsics, extrinsics
-        Of the camera; the extrinsics say in which space the poses are.
-    presence
-        What else :class:`CameraPublisher` takes.
+        Of the camera; the poses are in the target frame of the extrinsics.
+    options
+        Further arguments of :class:`CameraPublisher`.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class MarkerOutput:
         markers: MarkerOptions,
         intrinsics: Intrinsics | None,
         extrinsics: Extrinsics,
-        **presence: Any,
+        **options: Any,
     ) -> None:
         if intrinsics is None:
             raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
@@ -51,11 +51,14 @@ class MarkerOutput:
             unit="m",
             dim=3,
             message=f"{markers.dictionary} markers of {markers.size:g} m",
-            **presence,
+            **options,
         )
 
     def publish(self, frame: Frame) -> None:
-        """Publish the poses of the markers in a frame; a frame without any says that time goes on."""
+        """Publish the poses of the markers in a frame; an empty batch if there are none.
+
+        The empty batch keeps the watermark of the scene moving.
+        """
         markers = self._detector.detect(frame.image)
         self._counters["refused"] += markers.refused
         poses = [self._extrinsics.after(pose) for pose in markers.poses]

@@ -1,4 +1,4 @@
-"""From the frames of one camera to the messages of one source. Pure: offline and live send the same."""
+"""Tracks of one camera -> messages of one source. Pure: a live process and offline runs send the same."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,16 +17,16 @@ from .tracker import Tracks
 
 @dataclass(frozen=True)
 class CameraSpace:
-    """The coordinate space a camera publishes in, and what leads there.
+    """The coordinate space that a camera publishes in, and the transformation to it.
 
     Attributes
     ----------
     name, unit, dim
         As in ObservationBatch.
     intrinsics
-        Lift to 3-D with these; None in pixel space.
+        Used to lift pixels to 3-D; None in pixel space.
     extrinsics
-        Camera to the space; None where the space is the camera's own.
+        Camera to the space; None if the space is the frame of the camera.
     """
 
     name: str
@@ -44,15 +44,26 @@ def choose_space(
     extrinsics: Extrinsics | None,
     name: str | None = None,
 ) -> CameraSpace:
-    """Decide where a camera publishes.
+    """Choose the coordinate space that a camera publishes in.
 
-    Without depth: pixels, in ``<source>/pixels``. With depth: metres, in the frame its extrinsics lead
-    to, or else in its own, ``<source>/optical``. A `name` given by the user wins.
+    Without depth: pixels, in ``<source>/pixels``. With depth: metres, in the target frame of the
+    extrinsics, or without extrinsics in the camera frame ``<source>/optical``.
+
+    Parameters
+    ----------
+    source
+        Name of the source.
+    has_depth
+        Whether frames have depth.
+    intrinsics, extrinsics
+        Calibration of the camera, if known.
+    name
+        Name of the space; None: as above.
 
     Raises
     ------
     CameraError
-        If there is depth but no intrinsics to lift it with.
+        If there is depth but no intrinsics.
     """
     if not has_depth:
         return CameraSpace(name or f"{source}/pixels", "px", 2)
@@ -64,12 +75,12 @@ def choose_space(
 
 
 class Observer:
-    """Turns tracks into messages: one batch per frame, and the truth of newborn features.
+    """Builds one batch per frame from tracks, and the truth of newborn features.
 
     Parameters
     ----------
     space
-        Where to publish.
+        Coordinate space of the messages.
     builder
         Builds the messages; of the same space.
     objects
@@ -84,7 +95,7 @@ class Observer:
         self._objects = dict(objects or {})
 
     def messages(self, tracks: Tracks, frame: Frame) -> Iterator[TruthBatch | ObservationBatch]:
-        """Build the messages of a frame; features without depth in it are left out of the batch."""
+        """Build the messages of a frame; its batch leaves out features without depth."""
         if frame.objects is not None and tracks.born.any():
             ids = tracks.ids[tracks.born]
             objects = objects_under(frame.objects, tracks.pixels[tracks.born])
@@ -101,7 +112,7 @@ class Observer:
         )
 
     def ending(self, ids: NDArray[np.uint64], stamp_ns: int) -> ObservationBatch:
-        """Build the batch that ends features, as at a cut or the end."""
+        """Build the batch that ends features, as after a cut or at the end of the stream."""
         nothing = np.empty((0, self._space.dim), np.float32)
         return self._builder.observation(
             stamp_ns=stamp_ns, ids=np.empty(0, np.uint64), positions=nothing, ended=ids
@@ -116,7 +127,19 @@ class Observer:
 
 
 def objects_under(objects: NDArray[np.int32], pixels: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Look up the true objects int32 [N] under pixels [N, 2]; ambiguous outside of the image."""
+    """Look up the true objects of features.
+
+    Parameters
+    ----------
+    objects
+        int32 [H, W], true object of each pixel.
+    pixels
+        float32 [N, 2].
+
+    Returns
+    -------
+    int32 [N]; :data:`AMBIGUOUS` outside the image.
+    """
     height, width = objects.shape
     column, row = np.rint(pixels).astype(np.int64).T
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)

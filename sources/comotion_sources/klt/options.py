@@ -1,4 +1,4 @@
-"""What a user says about a camera source, and the space that follows from it."""
+"""Options of a camera source, and the coordinate space that follows from them."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,34 +17,34 @@ from .pacing import Pacing
 
 @dataclass(frozen=True, kw_only=True)
 class CameraOptions:
-    """What a user says about a camera source.
+    """Options of a camera source.
 
     Attributes
     ----------
     name
-        Name of the source; markers are a source of their own, ``<name>-markers``.
+        Name of the source; its markers are the separate source ``<name>-markers``.
     tracker
         Parameters of the tracker.
     pacing
-        How frames become observations.
+        When frames are due, and their stamps.
     calibration
-        Wins over what the camera knows about itself.
+        Takes precedence over the calibration that the camera reports.
     use_depth
-        False: publish pixels even if there is depth.
+        False: publish pixels although there is depth.
     space
         Name of the space; None: see :func:`choose_space`.
     fixed
-        The camera must know where it is: refuse to publish metres without extrinsics.
+        Require extrinsics for publishing metres.
     loop
-        Start a recording again at its end.
+        Repeat a recording from its start.
     reconnect
-        Open a device again when it is lost.
+        Reopen a device that is lost.
     preview
-        Annotated video or folder of PNGs to write.
+        Path of an annotated video, or a folder for PNG images; None: none.
     share_preview
-        Most images a second for those who subscribe to them; 0: none.
+        Most images per second that subscribers get; 0: none.
     markers
-        Fiducial markers to look for; None: none.
+        Fiducial markers to detect; None: none.
     """
 
     name: str = "klt"
@@ -62,8 +62,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wire:
-    """Where a source publishes, and whom it tells that it does."""
+class Connection:
+    """Scene and router of a source, and the file that signals readiness."""
 
     scene: str = DEFAULT_SCENE
     settings: SessionSettings | None = None
@@ -73,14 +73,14 @@ class Wire:
 def space_of(
     camera: Camera, options: CameraOptions, intrinsics: Intrinsics | None, extrinsics: Extrinsics | None
 ) -> CameraSpace:
-    """Choose the space that a camera publishes in, calibrated as it is.
+    """Choose the coordinate space of a camera; see :func:`choose_space`.
 
     Raises
     ------
     CalibrationError
-        If a fixed camera that needs its extrinsics has none.
+        If a fixed camera has no extrinsics but publishes metres.
     CameraError
-        If there is depth but no intrinsics to lift it with.
+        If there is depth but no intrinsics.
     """
     has_depth = camera.has_depth and options.use_depth
     if options.fixed and extrinsics is None and (has_depth or options.markers is not None):

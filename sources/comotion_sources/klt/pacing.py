@@ -1,4 +1,4 @@
-"""When the frames of a recording are due, which are left out, and what stamps they get."""
+"""Pacing: stamps of frames -> when they are due, which are left out, and their published stamps."""
 
 import time
 from collections.abc import Callable
@@ -8,31 +8,31 @@ from typing import Literal
 Stamps = Literal["now", "original"]
 
 LATE_NS = 200_000_000
-"""A frame of a recording may be late by this."""
+"""A frame of a recording that is late by more is left out."""
 
 CLOCK_STEP_NS = 1_000_000_000
-"""A frame of a device that is older than the last one by more is of a clock that has been set back."""
+"""If a device's stamp goes back by more than this, its clock was set back."""
 
-PATIENCE = 5
-"""Frames left out in a row to catch up; then the recording is slower than the clock, and so is the play."""
+MAX_SKIPPED = 5
+"""Most consecutive frames left out to catch up; then the recording is played more slowly instead."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pacing:
-    """How a stream of frames becomes a stream of observations.
+    """Which frames are published, when, and with which stamps.
 
     Attributes
     ----------
     realtime
-        Play recordings at their own pace, or slower where the machine is; False: as fast as they can
-        be tracked, leaving none out.
+        Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as
+        they can be tracked, with every frame.
     stamps
-        Of recordings: ``now``, as if taken while played, or ``original``, the file's own (media time
-        from 0 where it has none).
+        Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media
+        time from 0 if it has none).
     rate
-        Track at most so many frames a second; None: all.
+        Most frames per second; None: all.
     offset_ns
-        Added to every stamp, for a device whose clock is known to be off.
+        Added to every stamp, for a device with a known clock offset.
     """
 
     realtime: bool = True
@@ -43,14 +43,14 @@ class Pacing:
 
 @dataclass
 class Pacer:
-    """Decides about one frame after the other.
+    """Decides for each frame when it is due, or that it is left out.
 
     Parameters
     ----------
     pacing
-        What the user wants.
+        Options of the user.
     live
-        A device: its frames are due when they come, and its stamps are true.
+        Whether the camera is a device: its frames are due on arrival and keep their stamps.
     wait
         Waits for a number of seconds.
     wall, monotonic
@@ -77,12 +77,12 @@ class Pacer:
     _missed: int = 0
 
     def admit(self, stamp_ns: int) -> int | None:
-        """Wait until a frame is due; its published stamp, or None when it is left out.
+        """Wait until a frame is due and return its published stamp; None if it is left out.
 
-        A frame that is not newer than the one before is late or comes twice: it cannot be tracked.
+        A frame that is not newer than the one before cannot be tracked and is left out.
         """
         if self.live and self._last_ns is not None and stamp_ns < self._last_ns - CLOCK_STEP_NS:
-            # The device's clock has been set back: waiting for it to catch up would be for ever.
+            # The clock of the device was set back: waiting for the old stamps could last for ever.
             self.counters["clock_steps"] += 1
             self._last_ns = self._next_ns = None
         if self._last_ns is not None and stamp_ns <= self._last_ns:
@@ -96,7 +96,7 @@ class Pacer:
         return None if published is None else published + self.pacing.offset_ns
 
     def rewind(self, period_ns: int) -> None:
-        """Go on with a new pass of the recording, a period after the last frame of this one."""
+        """Start a new pass of the recording, one period after the last frame of this pass."""
         if self._last_ns is not None and self._pass_first_ns is not None:
             self._elapsed_ns += self._last_ns - self._pass_first_ns + period_ns
         self._last_ns = self._next_ns = self._pass_first_ns = None
@@ -112,15 +112,15 @@ class Pacer:
         return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
 
     def _in_time(self, played: int) -> bool:
-        """Wait until a frame is due; whether it is to be shown."""
+        """Wait until a frame is due; False if it is left out."""
         early = self._start_ns + played - self.monotonic()
         if early >= -LATE_NS:
             self._missed = 0
             if early > 0:
                 self.wait(early / 1e9)
             return True
-        # With stamps of its own a recording may be played late; with those of now it must catch up.
-        if self.pacing.stamps == "now" and self._missed < PATIENCE:
+        # Original stamps allow late playing; stamps of now require catching up.
+        if self.pacing.stamps == "now" and self._missed < MAX_SKIPPED:
             self._missed += 1
             self.counters["overruns"] += 1
             return False
@@ -134,7 +134,7 @@ class Pacer:
         if self.pacing.rate is None:
             return False
         period = 1e9 / self.pacing.rate
-        # A tenth of jitter must not cost a frame that is as good as due.
+        # Tolerate jitter of a tenth of a period.
         if self._next_ns is not None and stamp_ns < self._next_ns - period / 10:
             return True
         due = stamp_ns if self._next_ns is None else self._next_ns

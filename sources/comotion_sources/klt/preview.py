@@ -1,4 +1,4 @@
-"""Annotated images: every feature with its tail, in the colour of its hypothesis."""
+"""Annotated images: frames and tracks -> images with coloured features and their recent paths."""
 
 from collections import deque
 from collections.abc import Callable
@@ -15,10 +15,11 @@ from .tracker import Tracks
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov"})
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
-_TAIL = 10
-_RADIUS = 4
+_TAIL = 10  # frames
+_RADIUS = 4  # px
 _RIM = (0, 0, 0)
-# The hues of Okabe and Ito ("Color Universal Design", 2008), in the order of the other tools.
+# Okabe and Ito, "Color Universal Design", 2008; the same colours as comotion_clients.colours, which this
+# package must not import (a test compares the two).
 _HUES = (
     (0, 114, 178),
     (230, 159, 0),
@@ -35,7 +36,7 @@ BGR = tuple[int, int, int]
 
 
 def colour(hypothesis: int) -> BGR:
-    """Colour of a hypothesis as (blue, green, red); the same in every tool, grey for undetermined."""
+    """Colour of a hypothesis as (blue, green, red) in 0..255; grey for undetermined."""
     if hypothesis == UNDETERMINED:
         return _GREY
     shade = _SHADES[hypothesis // len(_HUES) % len(_SHADES)]
@@ -47,13 +48,13 @@ def colour(hypothesis: int) -> BGR:
 
 
 class Annotator:
-    """Draws features into images; remembers where each has been."""
+    """Draws features and their recent paths into images."""
 
     def __init__(self) -> None:
         self._tails: dict[int, deque[tuple[int, int]]] = {}
 
     def draw(self, image: Image, tracks: Tracks, hypothesis: Callable[[int], int]) -> Image:
-        """Return an image uint8 [H, W, 3] with the features of this frame drawn into it."""
+        """Return a copy of an image, uint8 [H, W, 3], with the features of this frame."""
         canvas = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
         places = np.rint(tracks.pixels).astype(int).tolist()
         tails = {}
@@ -70,19 +71,19 @@ class Annotator:
 
 
 class PreviewFile:
-    """Writes images to a video file, or as PNGs into a folder.
+    """Writes images to a video file, or as PNG files to a folder.
 
     Parameters
     ----------
     path
-        A name that ends like a video's, else a folder, which is made.
+        Path of a video, by its suffix, or else of a folder, which is made.
     rate
         Frames per second of a video.
 
     Raises
     ------
     CameraError
-        If it cannot be written.
+        If the path cannot be written.
     """
 
     def __init__(self, path: Path, rate: float) -> None:
@@ -105,7 +106,7 @@ class PreviewFile:
         self._count += 1
 
     def close(self) -> None:
-        """Finish the file."""
+        """Close the video."""
         if self._video is not None:
             self._video.release()
 
@@ -120,18 +121,18 @@ class PreviewFile:
 
 
 class DelayedPreview:
-    """Holds frames back until the service has said what their features are, or is not going to.
+    """Delays frames until the service has fused them, or a time limit has passed.
 
     Parameters
     ----------
     file
-        Where the annotated images go.
+        Output of the annotated images.
     hypothesis
-        Looks up the hypothesis of a feature.
+        Maps a feature id to its hypothesis.
     fused_ns
-        Up to when the service has fused; None: there is no service.
-    patience_ns
-        Longest that a frame is held back behind the newest one.
+        Returns the watermark of the service; None: there is no service.
+    max_delay_ns
+        Longest delay of a frame behind the newest one.
     """
 
     def __init__(
@@ -139,31 +140,31 @@ class DelayedPreview:
         file: PreviewFile,
         hypothesis: Callable[[int], int],
         fused_ns: Callable[[], int | None],
-        patience_ns: int = 1_500_000_000,
+        max_delay_ns: int = 1_500_000_000,
     ) -> None:
         self._file = file
         self._hypothesis = hypothesis
         self._fused_ns = fused_ns
-        self._patience_ns = patience_ns
+        self._max_delay_ns = max_delay_ns
         self._annotator = Annotator()
         self._held: deque[tuple[Image, Tracks]] = deque()
 
     @property
     def waiting(self) -> bool:
-        """Whether frames are held back that the service may still say something about."""
+        """Whether the newest delayed frame may still be fused."""
         return bool(self._held) and self._fused_ns() is not None and not self._is_due(self._held[-1][1])
 
     def add(self, image: Image, tracks: Tracks) -> None:
-        """Take a frame, and write those that are due."""
+        """Add a frame and write the frames that are due."""
         self._held.append((image, tracks))
         newest = tracks.stamp_ns
         while self._held and (
-            self._is_due(self._held[0][1]) or newest - self._held[0][1].stamp_ns > self._patience_ns
+            self._is_due(self._held[0][1]) or newest - self._held[0][1].stamp_ns > self._max_delay_ns
         ):
             self._write()
 
     def close(self) -> None:
-        """Write what is left and finish the file."""
+        """Write the remaining frames and close the file."""
         while self._held:
             self._write()
         self._file.close()

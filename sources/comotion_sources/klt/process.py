@@ -1,4 +1,4 @@
-"""The process of a camera source: a camera, a tracker and a place on the wire."""
+"""The process of a camera source: camera -> tracker -> publisher."""
 
 import logging
 import threading
@@ -14,37 +14,48 @@ from ..cameras.types import Camera, CameraError, Frame, SceneCamera
 from .feed import HypothesisFeed
 from .marker_output import MarkerOutput
 from .observer import Observer
-from .options import CameraOptions, Wire, space_of
+from .options import CameraOptions, Connection, space_of
 from .pacing import Pacer
 from .preview import DelayedPreview, PreviewFile
 from .publisher import CameraPublisher, PreviewStream
 from .tracker import Tracker, Tracks
 
-_RETRY_S = 1.0
-_FLUSH_S = 2.0
+_RETRY_S = 1.0  # between two attempts to reopen a lost device
+_FLUSH_S = 2.0  # longest wait for the hypotheses of the last frames of a preview
 _DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
 
 
-def run(what: str, options: CameraOptions, wire: Wire) -> None:
-    """Publish what a camera sees until it ends or a signal comes.
+def run(what: str, options: CameraOptions, connection: Connection) -> None:
+    """Publish the observations of a camera until it ends or a signal arrives.
+
+    Parameters
+    ----------
+    what
+        The camera, as in :func:`open_frames`.
+    options
+        Options of the source.
+    connection
+        Scene and router.
 
     Raises
     ------
     CameraError
-        If the camera cannot be opened, a recording cannot be read, or the calibration does not fit.
+        If the camera or recording cannot be opened or read.
+        brationError
+        If the calibration is missing or does not fit the images.
     ValueError
-        If a name is no valid chunk of a key.
+        If the name of the scene or source is not valid.
     """
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-    CameraProcess(what, open_frames(what, options.pacing.rate), options, wire).run()
+    CameraProcess(what, open_frames(what, options.pacing.rate), options, connection).run()
 
 
 class CameraProcess:
-    """One camera source from start to end; see :func:`run`."""
+    """One camera source; see :func:`run`."""
 
-    def __init__(self, what: str, camera: Camera, options: CameraOptions, wire: Wire) -> None:
-        self._what, self._camera, self._options, self._wire = what, camera, options, wire
+    def __init__(self, what: str, camera: Camera, options: CameraOptions, connection: Connection) -> None:
+        self._what, self._camera, self._options, self._connection = what, camera, options, connection
         given = options.calibration
         self._intrinsics = given.intrinsics or camera.intrinsics
         self._extrinsics = given.extrinsics or camera.extrinsics
@@ -60,7 +71,7 @@ class CameraProcess:
         self._stream: PreviewStream | None = None
 
     def run(self) -> None:
-        """Publish until the camera ends or the process is told to stop."""
+        """Publish until the camera ends or the process is stopped."""
         with ExitStack() as stack:
             stack.callback(self._close_camera)
             self._connect(stack)
@@ -68,11 +79,11 @@ class CameraProcess:
             self._play()
             self._flush_preview()
             self._end_features()
-        told = {name: count for name, count in self._counters().items() if count}
-        _log.info("%s: ended; %s", self._what, ", ".join(f"{n} {count}" for n, count in told.items()))
+        counts = ", ".join(f"{name} {count}" for name, count in self._counters().items() if count)
+        _log.info("%s: ended; %s", self._what, counts)
 
     def _connect(self, stack: ExitStack) -> None:
-        options, wire = self._options, self._wire
+        options, connection = self._options, self._connection
         rate = options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
             self._markers = MarkerOutput(
@@ -80,12 +91,12 @@ class CameraProcess:
                 options.markers,
                 self._intrinsics,
                 self._extrinsics or Extrinsics(frame=f"{options.name}/optical"),
-                scene=wire.scene,
-                settings=wire.settings,
+                scene=connection.scene,
+                settings=connection.settings,
                 rate=rate,
             )
             stack.enter_context(self._markers.publisher)
-        # The source entered last is the one that signals reach.
+        # Signals reach the component that was entered last.
         self._publisher = stack.enter_context(
             CameraPublisher(
                 options.name,
@@ -93,9 +104,9 @@ class CameraProcess:
                 space=self._space.name,
                 unit=self._space.unit,
                 dim=self._space.dim,
-                scene=wire.scene,
-                settings=wire.settings,
-                ready_file=wire.ready_file,
+                scene=connection.scene,
+                settings=connection.settings,
+                ready_file=connection.ready_file,
                 rate=rate,
                 message=f"{self._what} in {self._space.name}",
             )
@@ -115,7 +126,7 @@ class CameraProcess:
             self._preview = DelayedPreview(file, feed.hypothesis, lambda: feed.stamp_ns)
             stack.callback(self._preview.close)
         self._attach()
-        # A camera that waits for a frame is released by closing it.
+        # Closing the camera ends its wait for a frame.
         threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
 
     def _attach(self) -> None:
@@ -125,7 +136,7 @@ class CameraProcess:
             self._pacer.live = self._camera.live
 
     def _close_camera(self) -> None:
-        self._camera.close()  # the one there is now: a lost one has been replaced
+        self._camera.close()  # read here: a lost camera was replaced
 
     def _close_on_stop(self) -> None:
         self._publisher.stop.wait()
@@ -136,7 +147,7 @@ class CameraProcess:
 
     def _counters(self) -> dict[str, int]:
         camera = dict(getattr(self._camera, "counters", {}))
-        camera.pop("depth_missing", None)  # counted here, for every kind of camera
+        camera.pop("depth_missing", None)  # self._events counts it for every kind of camera
         return {"tracks": self._tracker.count} | camera | self._pacer.counters | self._events
 
     def _play(self) -> None:
@@ -144,7 +155,7 @@ class CameraProcess:
         while not stop.is_set():
             try:
                 for frame in self._camera:
-                    self._take(frame)
+                    self._process(frame)
                     if stop.is_set():
                         return
             except CameraError as error:
@@ -157,14 +168,14 @@ class CameraProcess:
             self._end_features()
             self._pacer.rewind(round(1e9 / (self._camera.rate or _DEFAULT_RATE)))
 
-    def _take(self, frame: Frame) -> None:
+    def _process(self, frame: Frame) -> None:
         stamp = self._pacer.admit(frame.stamp_ns)
         if stamp is None or self._publisher.stop.is_set():
             return
         if self._stamp_ns is not None and stamp <= self._stamp_ns:
-            self._end_features()  # the device's clock has been set back
+            self._end_features()  # the clock of the device was set back
         self._check_size(frame)
-        self._note_depth(frame)
+        self._check_depth(frame)
         self._events["frames"] += 1
         self._stamp_ns = stamp
         depth = frame.depth if self._space.dim == 3 else None
@@ -181,7 +192,7 @@ class CameraProcess:
         if size == self._size:
             return
         if self._size is not None:
-            _log.warning("%s: the image size has changed; all features start anew", self._what)
+            _log.warning("%s: the image size has changed; all features end", self._what)
             self._events["resets"] += 1
             self._end_features()
         self._size = size
@@ -192,13 +203,13 @@ class CameraProcess:
                 f"but the calibration is for {needed.width} x {needed.height}"
             )
 
-    def _note_depth(self, frame: Frame) -> None:
+    def _check_depth(self, frame: Frame) -> None:
         if self._space.dim == 2:
             return
         missing = frame.depth is None or not (frame.depth > 0).any()
         self._events["depth_missing"] += missing
-        if missing != bool(self._publisher.trouble):
-            self._publisher.trouble = f"{self._what}: frames come without depth" if missing else ""
+        if missing != bool(self._publisher.fault):
+            self._publisher.fault = f"{self._what}: frames come without depth" if missing else ""
             _log.warning("%s: %s", self._what, "no depth" if missing else "depth is back")
 
     def _show(self, frame: Frame, tracks: Tracks) -> None:
@@ -209,7 +220,7 @@ class CameraProcess:
             self._preview.add(frame.image, tracks)
 
     def _flush_preview(self) -> None:
-        """Wait for what the service says about the last frames, unless a signal ends the process."""
+        """Wait for the hypotheses of the last frames, unless a signal ends the process."""
         end = time.monotonic() + _FLUSH_S
         while self._preview is not None and self._feed is not None and time.monotonic() < end:
             self._feed.poll()
@@ -222,9 +233,9 @@ class CameraProcess:
             self._publisher.put(self._observer.ending(ended, self._stamp_ns))
 
     def _recover(self, error: CameraError) -> None:
-        """Wait for a lost device to come back, or for the end of the process."""
+        """Reopen a lost device, or return when the process is stopped."""
         _log.warning("%s; trying again every %g s", error, _RETRY_S)
-        self._publisher.trouble = f"lost: {error}"
+        self._publisher.fault = f"lost: {error}"
         self._end_features()
         self._camera.close()
         while not self._publisher.stop.wait(_RETRY_S):
@@ -233,7 +244,7 @@ class CameraProcess:
             except CameraError:
                 continue
             self._attach()
-            self._publisher.trouble = ""
+            self._publisher.fault = ""
             self._events["reconnects"] += 1
             _log.warning("%s: is back", self._what)
             break

@@ -1,4 +1,4 @@
-"""What a camera source adds to the presence of a source: its counters and its troubles."""
+"""The publisher of a camera source: Status with the counters of the camera, and preview images."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -18,43 +18,43 @@ from ..runtime import SourcePublisher
 from .flow import Pixels
 from .tracker import Tracks
 
-_PREVIEW_EDGE = 960
-_JPEG_QUALITY = 80
+_PREVIEW_EDGE = 960  # px
+_JPEG_QUALITY = 80  # 0 to 100
 
 
 class CameraPublisher(SourcePublisher):
-    """A source whose Status also tells what happened to its camera.
+    """A source whose Status includes the counters and faults of its camera.
 
     Attributes
     ----------
-    trouble
-        One line while the camera is lost or gives no depth; empty when all is well.
+    fault
+        One line while the camera is lost or gives no depth; else empty.
     """
 
     def __init__(self, name: str, counters: Callable[[], Mapping[str, int]], **options: Any) -> None:
         super().__init__(name, **options)
-        self.trouble = ""
+        self.fault = ""
         self._more = counters
 
     def _status(self) -> StatusFields:
         fields = super()._status()
         counters = fields.counters | dict(self._more())
-        if not self.trouble:
+        if not self.fault:
             return replace(fields, counters=counters)
-        return replace(fields, counters=counters, state="degraded", message=self.trouble)
+        return replace(fields, counters=counters, state="degraded", message=self.fault)
 
 
 class PreviewStream:
-    """Publishes images with their features while somebody subscribes; a large one is made smaller.
+    """Publishes images with their features while there is a subscriber; reduces large images.
 
     Parameters
     ----------
     session, key
-        An open session, and where to publish.
+        An open session, and the key to publish on.
     source, source_session
-        Whose features these are.
+        The source of the features and its session.
     rate
-        Most images a second.
+        Most images per second.
     """
 
     def __init__(
@@ -92,13 +92,21 @@ class PreviewStream:
 
 
 def reduced(image: Image, pixels: Pixels) -> tuple[Image, Pixels]:
-    """Make an image no longer than 960 px, and move the features [N, 2] in it along."""
+    """Reduce an image to at most 960 px and scale the features in it.
+
+    Parameters
+    ----------
+    image
+        uint8 [H, W] or [H, W, 3].
+    pixels
+        float32 [N, 2], features.
+    """
     height, width = image.shape[:2]
     scale = _PREVIEW_EDGE / max(height, width)
     if scale >= 1:
         return image, pixels
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    # A pixel's middle is at whole numbers: the image begins at -0.5.
+    # Pixel centres have integer coordinates: the image starts at -0.5.
     shares = np.array([size[0] / width, size[1] / height], np.float32)
     return small, (pixels + 0.5) * shares - 0.5

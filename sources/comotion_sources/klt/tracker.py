@@ -1,8 +1,11 @@
-"""The KLT tracker: frames in, tracks out. Pure: no device, no clock, no wire.
+"""The KLT tracker: frames -> tracks. Pure: no device, no clock, no I/O.
 
-Per frame (thesis 4.2): follow every feature by Lucas-Kanade, drop what fails the forward-backward
-check, put it where its birth patch is, drop what no longer looks like that, lift to 3-D where there is
-depth, drop what jumps, and every n frames look for new corners.
+Steps per frame (thesis, section 4.2):
+
+1. Track every feature by Lucas-Kanade; end those that fail the forward-backward check.
+2. Align the templates of the features; end those that no longer match.
+3. Lift the features to 3-D where there is depth; end those that jump.
+4. Every `respawn_every` frames detect new corners.
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,44 +16,44 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
-from .anchor import Anchors, align, joined, no_anchors, take
 from .config import TrackerConfig
 from .corners import crowded, new_corners
 from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
 from .flow import Pixels, track
+from .template import Templates, align, concatenated, extract, no_templates
 
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
 
 _NOMINAL_PERIOD_NS = 1e9 / 30
-_LONGEST_GAP_NS = 0.5e9
-_NOISE_MEMORY = 0.7
-_GREY_NOISE = 2.0
+_LONGEST_GAP_NS = 0.5e9  # the allowed 3-D step grows with the time since the last point, up to this
+_NOISE_DECAY = 0.7  # per frame, of the variance of a feature
+_GREY_NOISE = 2.0  # grey levels, one sigma, as in TrackerConfig.birth_sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """All features of one frame.
+    """The features of one frame.
 
     Attributes
     ----------
     stamp_ns
         Acquisition time of the frame.
     ids
-        uint64 [N], ascending; never used twice by one tracker.
+        uint64 [N], ascending; a tracker never reuses an id.
     pixels
         float32 [N, 2], px.
     pixel_sigma
         float64 [N], one-sigma noise of `pixels`, px.
     points
-        float64 [N, 3] in the camera's optical frame, m; rows of NaN: no depth in this frame. None for
-        a tracker without intrinsics.
+        float64 [N, 3] in the optical frame of the camera, m; rows of NaN: no depth in this frame. None
+        for a tracker without intrinsics.
     sigma
         float64 [N], isotropic one-sigma noise of `points`, m. None like `points`.
     born
         bool [N], new in this frame.
     ended
-        uint64 [M], lost for good since the frame before.
+        uint64 [M], ended since the frame before.
     """
 
     stamp_ns: int
@@ -65,10 +68,10 @@ class Tracks:
 
 @dataclass
 class _Features:
-    """Columns of the features there are, oldest first.
+    """Columns of the current features, oldest first.
 
-    `noise` is what the recent steps say about it in px, `points` the last known point, seen at
-    `seen_ns`, `missing` the frames in a row whose depth had none, `lifted` whether this frame gave the point.
+    `noise` is the estimated noise in px, `points` the last known point, observed at `seen_ns`,
+    `missing` the number of consecutive frames without depth, `lifted` whether this frame gave the point.
     """
 
     ids: Ids = field(default_factory=lambda: np.empty(0, np.uint64))
@@ -78,7 +81,7 @@ class _Features:
     seen_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     missing: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     lifted: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
-    anchors: Anchors = field(default_factory=no_anchors)
+    templates: Templates = field(default_factory=no_templates)
 
     def select(self, keep: NDArray[np.bool_]) -> "_Features":
         return _Features(**{name: column[keep] for name, column in vars(self).items()})
@@ -87,9 +90,9 @@ class _Features:
         both = {
             name: np.concatenate([column, getattr(new, name)])
             for name, column in vars(self).items()
-            if name != "anchors"
+            if name != "templates"
         }
-        return _Features(**both, anchors=joined(self.anchors, new.anchors))
+        return _Features(**both, templates=concatenated(self.templates, new.templates))
 
 
 class Tracker:
@@ -100,7 +103,7 @@ class Tracker:
     config
         Parameters.
     intrinsics
-        Lift to 3-D: every frame should then have depth. None: image coordinates only.
+        For lifting to 3-D; every frame should then have depth. None: image coordinates only.
     """
 
     def __init__(self, config: TrackerConfig | None = None, intrinsics: Intrinsics | None = None) -> None:
@@ -114,7 +117,7 @@ class Tracker:
 
     @property
     def count(self) -> int:
-        """Features there have ever been."""
+        """Number of features so far, including ended ones."""
         return self._next_id
 
     def step(self, frame: Frame) -> Tracks:
@@ -123,7 +126,7 @@ class Tracker:
         Raises
         ------
         ValueError
-            If the frame is not newer than the one before, or of another size.
+            If the frame is not newer than the one before, or has another size.
         """
         if self._stamp_ns is not None and frame.stamp_ns <= self._stamp_ns:
             raise ValueError("frames must come in order of their stamps")
@@ -142,7 +145,7 @@ class Tracker:
         return self._tracks(frame.stamp_ns, kept, ended)
 
     def reset(self) -> Ids:
-        """End all features, as after a cut: the next frame starts anew. Answers with their ids."""
+        """End all features, as after a cut, and return their ids."""
         ended, self._features = self._features.ids, _Features()
         self._grey, self._stamp_ns, self._frames = None, None, 0
         return ended
@@ -152,20 +155,20 @@ class Tracker:
         if self._grey is None or not len(features.ids):
             return
         flow = track(self._grey, grey, features.pixels, self._config)
-        found = align(grey, flow.pixels, features.anchors, self._config.window)
+        found = align(grey, flow.pixels, features.templates, self._config.window)
         strayed = np.abs(found.pixels - flow.pixels).max(axis=1) > self._config.anchor_reach
         features.pixels = found.pixels
-        features.anchors = replace(features.anchors, shape=found.shape)
+        features.templates = replace(features.templates, shape=found.shape)
         noise = np.hypot(flow.noise, found.noise)
-        features.noise = np.sqrt(_NOISE_MEMORY * features.noise**2 + (1 - _NOISE_MEMORY) * noise**2)
+        features.noise = np.sqrt(_NOISE_DECAY * features.noise**2 + (1 - _NOISE_DECAY) * noise**2)
         features = features.select(flow.kept & ~strayed & (found.correlation > self._config.likeness))
         self._features = features.select(~crowded(features.pixels, self._config.min_distance))
 
     def _lift(self, frame: Frame) -> None:
-        """Give each feature its 3-D point; end those that jump or are without depth for too long."""
+        """Compute the 3-D points; end features that jump or have no depth for too long."""
         features = self._features
         features.lifted = np.zeros(len(features.ids), bool)
-        # A frame without any depth says nothing against a single feature.
+        # A frame without any depth image does not count as missing depth.
         if self._intrinsics is None or frame.depth is None or not len(features.ids):
             return
         z = look_up(frame.depth, features.pixels, self._config, LOOKUP_RADIUS).z
@@ -178,7 +181,7 @@ class Tracker:
         self._features = features.select(keep & (features.missing <= self._config.max_missing))
 
     def _jumped(self, points: Floats, z: Floats, stamp_ns: int) -> NDArray[np.bool_]:
-        """Whether the step since the last known point is longer than a body could have moved."""
+        """Mask of features whose step since the last known point is longer than allowed."""
         gap = np.clip(stamp_ns - self._features.seen_ns, _NOMINAL_PERIOD_NS, _LONGEST_GAP_NS)
         limit = self._config.max_step * gap / _NOMINAL_PERIOD_NS + 4.0 * depth_sigma(z, self._config)
         step = np.linalg.norm(points - self._features.points, axis=1)
@@ -190,7 +193,7 @@ class Tracker:
             return
 
         def usable(pixels: Pixels) -> NDArray[np.bool_]:
-            noise = _GREY_NOISE * np.sqrt(take(grey, pixels, self._config.window).spread)
+            noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
             chosen = np.asarray(noise < self._config.birth_sigma)
             if self._intrinsics is not None and depth is not None:
                 chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
@@ -215,7 +218,7 @@ class Tracker:
                 seen_ns=np.full(count, stamp_ns),
                 missing=np.zeros(count, np.int64),
                 lifted=np.asarray(np.isfinite(points).all(axis=1)),
-                anchors=take(grey, pixels, self._config.window),
+                templates=extract(grey, pixels, self._config.window),
             )
         )
         self._next_id += count

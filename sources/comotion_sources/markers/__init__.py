@@ -1,4 +1,4 @@
-"""Fiducial markers: ArUco and AprilTag as 6-DoF features."""
+"""Fiducial markers: ArUco and AprilTag markers as 6-DoF features."""
 
 from .detector import MarkerDetector, MarkerOptions, Markers, dictionary_names, find_dictionary
 

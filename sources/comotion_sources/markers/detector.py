@@ -1,4 +1,4 @@
-"""Finds fiducial markers in an image and their poses. Pure but for the last orientation of each."""
+"""Marker detection: image -> numbers and poses of fiducial markers."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,16 +15,16 @@ Floats = NDArray[np.float64]
 
 DEFAULT_DICTIONARY = "4x4_50"
 _PREFIX = "DICT_"
-_AMBIGUITY = 1.5
-_LEAST_ERROR_PX = 0.1
-# Sub-pixel corners of a square lie inside of it by 0.2 to 0.4 px (measured on rendered markers), at every
-# distance alike: the reprojection error does not show it, the distance does.
+_AMBIGUITY = 1.5  # two poses whose reprojection errors differ by less than this factor are ambiguous
+_MIN_ERROR_PX = 0.1  # smaller reprojection errors do not distinguish poses
+# Sub-pixel corners of a square are 0.2 to 0.4 px inside it, at every distance (measured on rendered
+# markers). The reprojection error does not show this bias, but the distance has it.
 _CORNER_SIGMA_PX = 0.3
 
 
 @dataclass(frozen=True)
 class MarkerOptions:
-    """Which markers to look for: name of the dictionary, edge of the black square in m."""
+    """The markers to detect: edge of the black square in m, name of the dictionary."""
 
     size: float
     dictionary: str = DEFAULT_DICTIONARY
@@ -37,20 +37,20 @@ class MarkerOptions:
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers of one image.
+    """The markers of one image.
 
     Attributes
     ----------
     numbers
         uint64 [N], numbers in the dictionary, ascending.
     corners
-        float32 [N, 4, 2], px, clockwise from the marker's upper left.
+        float32 [N, 4, 2], px, clockwise from the upper left corner of the marker.
     poses
-        [N], marker to camera (optical axes); the marker's z axis leaves its face, x goes right, y up.
+        [N], marker to camera (optical axes); marker axes: x right, y up, z out of its face.
     sigma
         float64 [N], isotropic one-sigma noise of the position, m.
     refused
-        Markers seen twice in the image, or whose two mirrored poses cannot be told apart.
+        Number of markers that occur twice or whose two mirrored poses are ambiguous.
     """
 
     numbers: NDArray[np.uint64]
@@ -61,19 +61,19 @@ class Markers:
 
 
 def dictionary_names() -> list[str]:
-    """List the dictionaries there are, e.g. ``4x4_50`` and ``apriltag_36h11``."""
+    """List the names of the available dictionaries, e.g. ``4x4_50`` and ``apriltag_36h11``."""
     return sorted(
         {name.removeprefix(_PREFIX).lower() for name in vars(cv2.aruco) if name.startswith(_PREFIX)}
     )
 
 
 def find_dictionary(name: str) -> Any:
-    """Look up a dictionary of OpenCV by its name, with or without ``DICT_``, in any case.
+    """Look up an OpenCV dictionary by its name, with or without ``DICT_``, ignoring case.
 
     Raises
     ------
     CameraError
-        If there is none of that name.
+        If there is no dictionary of that name.
     """
     wanted = name.upper().removeprefix(_PREFIX)
     for known, value in vars(cv2.aruco).items():
@@ -83,7 +83,7 @@ def find_dictionary(name: str) -> Any:
 
 
 def make_detector(dictionary: Any) -> Any:
-    """Build OpenCV's detector with sub-pixel corners."""
+    """Build an OpenCV detector with sub-pixel corners."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     return cv2.aruco.ArucoDetector(dictionary, parameters)
@@ -91,10 +91,11 @@ def make_detector(dictionary: Any) -> Any:
 
 @dataclass
 class MarkerDetector:
-    """Finds the markers of a dictionary, of one size, in the images of one camera.
+    """Detects the markers of one dictionary and size in the images of one camera.
 
-    A square seen from afar fits two mirrored poses: the better one is taken where it is clearly
-    better, else the one next to the marker's last orientation, else none.
+    A distant square fits two mirrored poses. The detector takes the pose with the clearly smaller error,
+    or else the one closest to the last orientation of the marker. Without a last orientation it
+    refuses the marker.
     """
 
     options: MarkerOptions
@@ -130,19 +131,19 @@ class MarkerDetector:
         if not candidates:
             return None
         error, best = candidates[0]
-        rivals = [pose for e, pose in candidates if e < _AMBIGUITY * max(error, _LEAST_ERROR_PX)]
-        if len(rivals) > 1:
+        similar = [pose for e, pose in candidates if e < _AMBIGUITY * max(error, _MIN_ERROR_PX)]
+        if len(similar) > 1:
             last = self._last.get(number)
             if last is None:
                 return None
-            best = max(rivals, key=lambda pose: float(np.trace(pose.rotation.T @ last)))
+            best = max(similar, key=lambda pose: float(np.trace(pose.rotation.T @ last)))
         self._last[number] = best.rotation
         return Extrinsics(best.rotation, best.translation, "camera"), self._sigma(
             corners, best.translation[2], error
         )
 
     def _sigma(self, corners: NDArray[np.float32], z: float, error: float) -> float:
-        """First-order noise: the place in the image across the ray, the apparent size along it."""
+        """First-order noise, m: image position gives the axes across the ray, apparent size the one along."""
         pixel = max(error, _CORNER_SIGMA_PX)
         side = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).mean())
         across = pixel * z * 2 / (self.intrinsics.fx + self.intrinsics.fy) / 2  # mean of four corners

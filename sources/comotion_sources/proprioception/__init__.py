@@ -1,4 +1,4 @@
-"""Proprioception: what a robot knows of its own links, as 6-DoF features."""
+"""Proprioception: the links of a robot as 6-DoF features, from its joint positions."""
 
 from .kinematics import Encoders, Kinematics, LinkPoses
 from .model import load_model

@@ -1,4 +1,4 @@
-"""ROS 2 ``sensor_msgs/msg/JointState`` in CDR, decoded and encoded with rosbags (extra ``ros``)."""
+"""ROS 2 ``sensor_msgs/msg/JointState`` in CDR <-> joint samples, by rosbags (extra ``ros``)."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -33,20 +33,20 @@ def decode_message(raw: bytes) -> Any:
     Raises
     ------
     SampleError
-        If it is no JointState.
+        If the payload is not a JointState.
     """
     if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
-        raise SampleError("no CDR payload")
+        raise SampleError("not a CDR payload")
     try:
         return ros_types().deserialize_cdr(raw, JOINT_STATE)
     except SampleError:
         raise
-    except Exception as error:  # rosbags lets whatever its unpacking meets through
-        raise SampleError(f"no {JOINT_STATE}: {type(error).__name__}") from None
+    except Exception as error:  # rosbags raises many types on malformed bytes
+        raise SampleError(f"not a {JOINT_STATE}: {type(error).__name__}") from None
 
 
 def from_message(message: Any, received_ns: int) -> JointSample:
-    """Reading of a JointState message; one without a stamp has the time at which it was received.
+    """Convert a JointState message; one without a stamp gets the time of its receipt.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def from_message(message: Any, received_ns: int) -> JointSample:
 
 
 def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> bytes:
-    """Encode a reading as a little-endian CDR JointState, as ROS 2 publishes it."""
+    """Encode a sample as a little-endian CDR JointState, as ROS 2 publishes it."""
     types = ros_types().types
     sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
     time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
@@ -74,20 +74,20 @@ def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> byte
 
 
 def ros_key(topic: str, domain: int = 0) -> str:
-    """Key expression on which rmw_zenoh publishes a topic of joint states.
+    """Return the key expression on which rmw_zenoh publishes a topic of joint states.
 
-    rmw_zenoh's layout is ``<domain>/<topic without the outer slashes>/<DDS type>/<type hash>``; the hash
-    differs between distributions and is left open.
+    The layout of rmw_zenoh is ``<domain>/<topic without outer slashes>/<DDS type>/<type hash>``. The
+    hash differs between ROS distributions; the key expression matches all of them.
 
     Raises
     ------
     SampleError
-        If the topic is no ROS name.
+        If the topic is not a valid ROS name.
     """
     name = topic.strip("/")
     chunks = name.split("/")
     if not all(chunk and (chunk[0].isalpha() or chunk[0] == "_") for chunk in chunks) or not all(
         character.isascii() and (character.isalnum() or character in "_/") for character in name
     ):
-        raise SampleError(f"{topic!r} is no ROS topic")
+        raise SampleError(f"{topic!r} is not a ROS topic")
     return f"{domain}/{name}/sensor_msgs::msg::dds_::JointState_/*"

@@ -1,4 +1,4 @@
-"""Forward kinematics: joint positions in, poses of chosen links with their noise out. Pure."""
+"""Forward kinematics: joint positions -> poses of chosen links with their noise. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ Vectors = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoders:
-    """Resolution of the joint encoders and what they do not see.
+    """Resolution of the joint encoders, and the noise that they do not measure.
 
     Attributes
     ----------
     angular
-        rad per count (default: 16 bits a turn).
+        rad per count (default: 16 bits per turn).
     linear
         m per count.
     floor
-        m; least one-sigma noise of a link: play, compliance and calibration of the robot.
+        m; least one-sigma noise of a link, from backlash, compliance and calibration of the robot.
     """
 
     angular: float = 2 * np.pi / 2**16
@@ -50,7 +50,7 @@ class LinkPoses:
 
 
 class Kinematics:
-    """Poses of links of one robot.
+    """Computes the poses of links of one robot.
 
     Parameters
     ----------
@@ -59,21 +59,22 @@ class Kinematics:
     links
         Bodies to report; None: every link that a joint moves.
     base
-        Where the model's world is in the scene's.
+        Transformation from the model's world frame to that of the scene; None: identity.
     encoders
-        What the noise follows from.
+        Encoder resolutions, for the noise.
 
     Attributes
     ----------
     links
         Names of the links, in the order of the poses.
     joints
-        Names of the joints that move them: what a sample must hold. Coupled ones follow their driver.
+        Names of the joints that move the links: a sample must contain them. Coupled joints are
+        computed from their driving joint.
 
     Raises
     ------
     SceneError
-        If there is no such link, none at all, or one hangs on a joint of more than one degree of freedom.
+        If a link does not exist, no link moves, or a joint has more than one degree of freedom.
     """
 
     def __init__(
@@ -103,12 +104,12 @@ class Kinematics:
         self._counts = self._resolutions() / np.sqrt(12.0)  # one sigma of a rounding error
 
     def poses(self, sample: JointSample) -> LinkPoses:
-        """Poses of the links for a reading of the joints; other joints in it are ignored.
+        """Compute the poses of the links for a joint sample; other joints in it are ignored.
 
         Raises
         ------
         SampleError
-            If it lacks one of :attr:`joints`.
+            If one of :attr:`joints` is missing.
         """
         self._place(sample)
         places = self._data.xpos[self._bodies]
@@ -117,9 +118,9 @@ class Kinematics:
         return LinkPoses(self._base.apply(places), turned.as_quat(canonical=True), self._sigma())
 
     def encoded(self, sample: JointSample) -> JointSample:
-        """Round a reading to whole counts of the encoders, as a real robot's are.
+        """Round a sample to whole encoder counts, as a real robot reports them.
 
-        Joints that move none of the links are left as they are.
+        Joints that move none of the links are not changed.
         """
         counts = {
             joint: step
@@ -144,7 +145,7 @@ class Kinematics:
         self._mujoco.mj_comPos(self._model, self._data)  # the Jacobian needs it
 
     def _sigma(self) -> Vector:
-        """Encoder noise carried through the Jacobian, isotropic: the mean of the three variances."""
+        """Encoder noise propagated by the Jacobian; isotropic: root of the mean of the three variances."""
         sigma = np.empty(len(self._bodies))
         jacobian = np.zeros((3, self._model.nv))
         for row, body in enumerate(self._bodies):
@@ -159,7 +160,7 @@ class Kinematics:
         return sigma
 
     def _find_joints(self) -> list[int]:
-        """Joints between the world and the links; a coupled one is replaced by its driver."""
+        """Indices of the joints between the world and the links, coupled ones replaced by their driver."""
         model, found = self._model, set[int]()
         for body in self._bodies:
             while body:
@@ -172,11 +173,11 @@ class Kinematics:
         for joint in needed:
             if int(model.jnt_type[joint]) not in single:
                 name = model.joint(joint).name
-                raise SceneError(f"joint {name!r} is neither a hinge nor a slide: a reading cannot place it")
+                raise SceneError(f"joint {name!r} is neither a hinge nor a slide")
         return needed
 
     def _resolutions(self) -> Vector:
-        """Counts [nv] in rad or m."""
+        """Encoder resolution of each degree of freedom [nv], rad or m; 0 for joints that are not used."""
         hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
         counts = np.zeros(self._model.nv)
         for joint in self._needed:

@@ -1,4 +1,4 @@
-"""Robot models for kinematics: MJCF as it is, URDF stripped to its joints."""
+"""Robot models for kinematics: MJCF or URDF file -> MuJoCo model."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -11,13 +11,13 @@ from ..workcell.extra import require_mujoco
 def load_model(path: Path) -> Any:
     """Load an ``mjModel`` from an MJCF or URDF file.
 
-    A URDF is stripped of its meshes, which kinematics need not have and which are seldom where the file
-    says, and keeps links on fixed joints, such as tool frames.
+    Meshes of a URDF are removed: kinematics does not need them, and their paths are often wrong. Links
+    on fixed joints, such as tool frames, are kept.
 
     Raises
     ------
     SceneError
-        If the file cannot be read as either, and when MuJoCo is missing; the message is one line.
+        If the file is neither, or MuJoCo is not installed; the message is one line.
     """
     mujoco = require_mujoco()
     try:
@@ -32,7 +32,7 @@ def load_model(path: Path) -> Any:
 
 
 def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
-    """Joint equalities: (dependent joint, driving joint, coefficients of the polynomial, lowest first)."""
+    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
     kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
     return [
         (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
@@ -49,7 +49,7 @@ def _kinematics_only(robot: ET.Element) -> str:
     for old in robot.findall("mujoco"):
         robot.remove(old)
     extension = ET.SubElement(robot, "mujoco")
-    # Links without mass are refused where they move; the mass has no part in kinematics.
+    # MuJoCo refuses moving links without mass; the value does not affect kinematics.
     ET.SubElement(
         extension, "compiler", fusestatic="false", boundmass="1", boundinertia="1", balanceinertia="true"
     )

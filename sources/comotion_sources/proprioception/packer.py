@@ -1,4 +1,4 @@
-"""Poses of several instants packed into batches. Pure: time comes with the samples."""
+"""Joint samples -> batches with the link poses of several instants. Pure: time is in the samples."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from .samples import JointSample
 
 @dataclass(frozen=True, kw_only=True)
 class Packing:
-    """How readings become batches.
+    """How joint samples are grouped into batches.
 
     Attributes
     ----------
     rate
-        Hz; most instants per second, others are thinned out.
+        Most instants per second; further samples are left out.
     span
-        Seconds of instants in one batch.
+        Time covered by one batch, seconds.
     """
 
     rate: float = 200.0
@@ -26,7 +26,7 @@ class Packing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pack:
-    """The columns of one batch: rows are instants times links, oldest first.
+    """The columns of one batch: one row per instant and link, oldest first.
 
     `ids` uint64 [N], the numbers of the links; `positions` [N, 3]; `quaternions` [N, 4]; `sigma` [N];
     `stamps_ns` int64 [N].
@@ -45,14 +45,14 @@ class Pack:
 
 
 class Packer:
-    """Turns readings into batches.
+    """Groups joint samples into batches.
 
     Attributes
     ----------
     stale
-        Readings that were not newer than the one before.
+        Number of samples that were not newer than the one before.
     thinned
-        Readings left out because of the rate.
+        Number of samples left out because of the rate.
     """
 
     def __init__(self, kinematics: Kinematics, packing: Packing | None = None) -> None:
@@ -60,46 +60,46 @@ class Packer:
         packing = packing or Packing()
         self._period_ns = round(1e9 / packing.rate)
         self._span_ns = round(packing.span * 1e9)
-        self._waiting: list[tuple[int, LinkPoses]] = []
+        self._pending: list[tuple[int, LinkPoses]] = []
         self._newest: int | None = None
         self._due = 0
         self.stale = self.thinned = 0
 
     def add(self, sample: JointSample) -> Pack | None:
-        """Take in a reading; answers with a batch when one is full.
+        """Add a sample; returns a batch when one is full, else None.
 
         Raises
         ------
         SampleError
-            If the reading lacks a joint.
+            If a joint is missing in the sample.
         """
         if self._newest is not None and sample.stamp_ns <= self._newest:
             self.stale += 1
             return None
-        # A reading that the jitter of a clock brings a little early is still of the wanted rate.
+        # Tolerate jitter of a quarter of a period.
         if sample.stamp_ns < self._due - self._period_ns // 4:
             self.thinned += 1
             return None
-        self._waiting.append((sample.stamp_ns, self._kinematics.poses(sample)))
+        self._pending.append((sample.stamp_ns, self._kinematics.poses(sample)))
         self._newest = sample.stamp_ns
         self._due = max(self._due + self._period_ns, sample.stamp_ns + self._period_ns // 2)
-        full = sample.stamp_ns - self._waiting[0][0] + 5 * self._period_ns // 4 >= self._span_ns
+        full = sample.stamp_ns - self._pending[0][0] + 5 * self._period_ns // 4 >= self._span_ns
         return self.flush() if full else None
 
     def flush(self) -> Pack | None:
-        """Answer with what waits, None when nothing does."""
-        waiting, self._waiting = self._waiting, []
-        if not waiting:
+        """Return the pending instants as a batch; None if there are none."""
+        pending, self._pending = self._pending, []
+        if not pending:
             return None
         links = len(self._kinematics.links)
         return Pack(
-            ids=np.tile(np.arange(links, dtype=np.uint64), len(waiting)),
-            positions=np.concatenate([poses.positions for _, poses in waiting]),
-            quaternions=np.concatenate([poses.quaternions for _, poses in waiting]),
-            sigma=np.concatenate([poses.sigma for _, poses in waiting]),
-            stamps_ns=np.repeat(np.array([stamp for stamp, _ in waiting], np.int64), links),
+            ids=np.tile(np.arange(links, dtype=np.uint64), len(pending)),
+            positions=np.concatenate([poses.positions for _, poses in pending]),
+            quaternions=np.concatenate([poses.quaternions for _, poses in pending]),
+            sigma=np.concatenate([poses.sigma for _, poses in pending]),
+            stamps_ns=np.repeat(np.array([stamp for stamp, _ in pending], np.int64), links),
         )
 
     def restart(self) -> None:
-        """Forget the last stamp: the clock of the readings has been set back."""
-        self._waiting, self._newest, self._due = [], None, 0
+        """Discard pending instants and the last stamp: the clock of the samples was set back."""
+        self._pending, self._newest, self._due = [], None, 0

@@ -1,4 +1,4 @@
-"""One reading of a robot's joints, whatever it came from."""
+"""Joint samples: the joint positions of a robot at one instant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ class JointSample:
     Attributes
     ----------
     stamp_ns
-        Acquisition time, nanoseconds since the Unix epoch (of a log: its own clock).
+        Acquisition time, nanoseconds since the Unix epoch (in a log: the clock of the log).
     names
         Names of the joints.
     positions
-        float64 [J], rad or m.
+        float64 [J], rad (hinge) or m (slide).
     """
 
     stamp_ns: int
@@ -29,11 +29,11 @@ class JointSample:
 
 
 class SampleError(ValueError):
-    """An input that is no reading of joints; the message is one line."""
+    """An input is not a valid joint sample; the message is one line."""
 
 
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> JointSample:
-    """Build a sample from parts that come from outside.
+    """Build and validate a sample.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Readers of recordings: what was observed once, to be published again or evaluated offline."""
+"""Readers of recordings: file -> observations, for replay and offline evaluation."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches",
 
 
 def read_recording(path: str | Path) -> Recording:
-    """Read a recording: ``.c3d`` or ``.npz``, by its ending.
+    """Read a recording: ``.c3d`` or ``.npz``, by its suffix.
 
     Raises
     ------
     RecordingError
-        If the file is missing, truncated, empty or no recording; one line that names the file.
+        If the file is missing, truncated, empty or not a recording; one line that names the file.
     """
     path = Path(path)
     try:
@@ -35,5 +35,5 @@ def _read(path: Path) -> Recording:
     readers = {".c3d": read_c3d, ".npz": read_npz}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise RecordingError(f"not one of the endings {', '.join(readers)}")
+        raise RecordingError(f"the suffix is not one of {', '.join(readers)}")
     return reader(path)

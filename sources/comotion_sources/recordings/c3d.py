@@ -1,4 +1,4 @@
-"""Reader of C3D recordings: Intel, DEC and SGI, integer and real (extra ``mocap``)."""
+"""Reads C3D recordings: Intel, DEC and SGI, integer and real (extra ``mocap``)."""
 
 import importlib.util
 import io
@@ -12,19 +12,19 @@ from ..errors import RecordingError
 from .npz import METRES
 from .recording import Recording, clean
 
-_TIMEOUT_S = 120.0
+_TIMEOUT_S = 120.0  # a damaged file may keep the native library busy without end
 
 
 def read_c3d(path: Path) -> Recording:
     """Read a C3D recording.
 
-    Lengths are brought to metres; a file that names no unit is taken to be in mm, the format's
-    convention. Markers with a negative residual, NaN or exactly at the origin are unobserved.
+    Lengths are converted to metres; a file without a unit is in mm, the convention of the format.
+    Markers with a negative residual, with NaN or exactly at the origin are unobserved.
 
     Raises
     ------
     RecordingError
-        If the file is truncated, empty or no C3D file, or the extra ``mocap`` is not installed.
+        If the file is truncated, empty or not a C3D file, or the extra ``mocap`` is not installed.
     """
     for library in ("ezc3d", "c3d"):
         if importlib.util.find_spec(library) is None:
@@ -46,13 +46,13 @@ def read_c3d(path: Path) -> Recording:
 
 
 def _parse(path: Path) -> bytes:
-    # By its path, and without that folder on the search path: the parser needs nothing of ours, and
-    # `c3d` must be the library.
+    # Run by its path with -P: the module search path then does not contain this folder, and `import c3d`
+    # finds the library.
     command = [sys.executable, "-P", str(Path(__file__).with_name("c3d_parser.py")), str(path)]
     try:
         done = subprocess.run(command, capture_output=True, timeout=_TIMEOUT_S, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
-        raise RecordingError(f"it is damaged: no end after {_TIMEOUT_S:g} s") from None
+        raise RecordingError(f"it is damaged: not read after {_TIMEOUT_S:g} s") from None
     if done.returncode == 0:
         return done.stdout
     if done.returncode < 0:

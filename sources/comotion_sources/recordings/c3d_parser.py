@@ -1,8 +1,8 @@
-"""Parses one C3D file in a process of its own: ``c3d_parser.py FILE`` writes an .npz.
+"""Parses one C3D file in a separate process: ``c3d_parser.py FILE`` writes an .npz to standard output.
 
-ezc3d is native code and ends the process on some damaged files (measured: 5 of 146 with a few bytes
-of the parameters changed), and it does not know the SGI encoding, for which the package c3d is used.
-Neither tells when data are missing at the end of a file; the header does.
+ezc3d is native code and crashes on some damaged files (measured: 5 of 146 files with a few changed
+bytes in the parameters). It does not support the SGI encoding, for which the package c3d is used. Neither
+reports missing data at the end of a file; the frame count in the header shows it.
 """
 
 import io
@@ -16,23 +16,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# From the C3D specification: block size in bytes, key byte, processor types and their byte order, and
+# the largest frame number that the header can hold.
 _BLOCK = 512
 _MAGIC = 0x50
 _SGI = 86
 _PROCESSORS = {84: "<", 85: "<", _SGI: ">"}
 _SATURATED = 0xFFFF
-_MEMORY = 4 << 30
-# Model outputs that are no positions but share the list of points.
+_MEMORY = 4 << 30  # bytes; ten minutes of 300 markers at 200 Hz take about 1 GiB
+# Model outputs in the list of points that are not positions.
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
 class NotReadableError(ValueError):
-    """What is wrong with the file, in words for its user."""
+    """The file cannot be read; the message is for the user."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """Processor type, and how many frames there should be (None: more than the header can say)."""
+    """Processor type and expected number of frames (None: more than the header can hold)."""
 
     processor: int
     frames: int | None
@@ -40,7 +42,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Points:
-    """Points as the file has them: positions [F, N, 3] and residuals [F, N] (below 0: invalid)."""
+    """Content of the file: positions [F, N, 3] in `unit`, residuals [F, N] (below 0: invalid)."""
 
     positions: NDArray[np.float64]
     residuals: NDArray[np.float64]
@@ -51,15 +53,15 @@ class Points:
 
 
 def read_header(raw: bytes) -> Header:
-    """Read what the first blocks say.
+    """Parse the header and the start of the parameter section.
 
     Raises
     ------
     NotReadableError
-        If this is no C3D file.
+        If this is not a C3D file.
     """
     if len(raw) < _BLOCK or raw[1] != _MAGIC:
-        raise NotReadableError("it is no C3D file")
+        raise NotReadableError("it is not a C3D file")
     processor_at = (raw[0] - 1) * _BLOCK + 3
     processor = raw[processor_at] if 0 <= processor_at < len(raw) else 0
     if processor not in _PROCESSORS:
@@ -69,12 +71,12 @@ def read_header(raw: bytes) -> Header:
 
 
 def parse(path: Path) -> dict[str, Any]:
-    """Arrays of the recording: positions (missing ones NaN), rate, unit and labels.
+    """Read positions (NaN where missing), rate and unit.
 
     Raises
     ------
     NotReadableError
-        If the file is no C3D file or truncated.
+        If the file is not a C3D file, or is truncated.
     """
     with path.open("rb") as file:
         header = read_header(file.read(256 * _BLOCK))
@@ -83,7 +85,7 @@ def parse(path: Path) -> dict[str, Any]:
     if header.frames is not None and frames < header.frames:
         raise NotReadableError(f"it is truncated: {frames} of {header.frames} frames")
     wanted = [label not in points.others for label in points.labels]
-    # Exporters write a lost marker with a negative residual, as NaN, or at exactly the origin.
+    # Exporters write a lost marker with a negative residual, as NaN, or exactly at the origin.
     lost = (points.residuals < 0) | np.all(points.positions == 0, axis=2)
     positions = np.where(lost[..., None], np.nan, points.positions)[:, wanted]
     return {"positions": positions, "rate": points.rate, "unit": points.unit}
@@ -93,7 +95,7 @@ def _with_ezc3d(path: Path) -> Points:
     import ezc3d
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy's, about means of nothing
+        warnings.simplefilter("ignore")  # of NumPy, about means of empty arrays
         content = ezc3d.c3d(str(path))
     point = content["parameters"]["POINT"]
     positions = np.moveaxis(content["data"]["points"][:3], 0, -1).swapaxes(0, 1)
@@ -135,7 +137,7 @@ def _pad(labels: list[str], count: int) -> list[str]:
 
 
 def _limit_memory() -> None:
-    """Counts in a damaged header may ask for any amount."""
+    """Limit the memory: a damaged header may request any amount."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
@@ -146,7 +148,7 @@ def main(arguments: list[str]) -> int:
     _limit_memory()
     try:
         arrays = parse(Path(arguments[0]))
-    except Exception as error:  # the readers raise many types on damaged files
+    except Exception as error:  # the libraries raise many types on damaged files
         message = str(error) if isinstance(error, NotReadableError) else f"it is damaged ({error})"
         sys.stderr.write(" ".join(message.split()) + "\n")
         return 1

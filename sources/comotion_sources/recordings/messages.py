@@ -1,4 +1,4 @@
-"""Reader of MCAP recordings: the messages of a scene as they came. Needs the extra `record`."""
+"""Reads MCAP recordings: file -> messages of a scene in the order of receipt. Needs the extra `record`."""
 
 import struct
 import zlib
@@ -21,7 +21,7 @@ from comotion_schemas.types import is_name
 
 from ..errors import RecordingError
 
-# What reading damaged bytes raises.
+# Raised by mcap and its decompressors on damaged bytes.
 _DAMAGED = (
     McapError,
     CRCValidationError,
@@ -35,14 +35,14 @@ _DAMAGED = (
     MemoryError,
     OverflowError,
 )
-_LARGEST_RECORD = 512 * 1024 * 1024
+_MAX_RECORD_BYTES = 512 * 1024 * 1024  # a recorder's chunks have 1 MiB plus one message of at most 16 MiB
 
 
 @dataclass(frozen=True, slots=True)
 class Logged:
-    """One recorded payload: what it is, whose, when it was received (ns), and the bytes.
+    """One recorded payload with its time of receipt (ns since the Unix epoch).
 
-    `name` is that of the source or component; of the service's updates, the scene's.
+    `name` is the name of the source or component, or the name of the scene for updates of the service.
     """
 
     kind: Kind
@@ -51,7 +51,7 @@ class Logged:
     payload: bytes
 
     def decode(self) -> Message | None:
-        """What it says; None where it is not valid, or not of its key."""
+        """Decode the message; None if it is invalid or its source does not match its key."""
         try:
             message = decode(self.payload)
         except DecodeError:
@@ -70,13 +70,13 @@ class MessageLog:
     start_ns, end_ns
         Receipt of the first and of the last message, nanoseconds since the Unix epoch.
     sources
-        Names of those that observed, told the truth, sent joint states or previews; sorted.
+        Sorted names of the publishers of observations, truth, joint states and previews.
 
     Raises
     ------
     RecordingError
-        If it is missing, damaged, was never completed, or holds no message of a scene. Also from
-        reading on.
+        If the file is missing, damaged, incomplete, or holds no message of a scene; reading may also
+        raise it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,7 +98,7 @@ class MessageLog:
             for channel in summary.channels.values()
             if channel.message_encoding == MESSAGE_ENCODING
             and (kind := kind_of(channel.topic))
-            # Anybody can publish on any key; no source may have such a name.
+            # Ignore keys that do not end in a valid name.
             and is_name(last_chunk(channel.topic))
         }
         streams = {"obs", "truth", "joints", "preview"}
@@ -106,7 +106,7 @@ class MessageLog:
 
     @property
     def seconds(self) -> float:
-        """Time from the first message to the last."""
+        """Seconds from the first message to the last."""
         return (self.end_ns - self.start_ns) / 1e9
 
     def messages(
@@ -117,9 +117,9 @@ class MessageLog:
         Parameters
         ----------
         kinds
-            Which; all by default.
+            Kinds of messages; None: all.
         start_ns, end_ns
-            Receipt not before and not after.
+            Range of the time of receipt, inclusive; None: no limit.
         """
         topics = [key for key, kind in self._topics.items() if kinds is None or kind in kinds]
         try:
@@ -143,7 +143,7 @@ class MessageLog:
 
     def _open(self) -> tuple[SeekingReader, Summary]:
         try:
-            reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=_LARGEST_RECORD)
+            reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
             summary = reader.get_summary()
         except (*_DAMAGED, OSError, ValueError) as error:
             raise self._damaged(error) from None
@@ -161,7 +161,7 @@ class MessageLog:
 
 
 def logged_batches(path: str | Path) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
-    """Yield (receipt in ns, message) of a recording's observations and truth, as far as they are valid.
+    """Yield (receipt in ns, message) for all valid observations and truth of a recording.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Reader of ``.npz`` recordings.
+"""Reads ``.npz`` recordings.
 
-Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, ``times`` (F,) in seconds, optionally
-``labels`` (N,), the number of the true object from 1 on, ``segment_names`` or ``label_names``, and
-``units`` (``m``, ``cm`` or ``mm``; m by default). Two dimensions are pixels.
+Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, and ``times`` (F,) in seconds. Optional:
+``labels`` (N,), number of the true object from 1 on; ``segment_names`` or ``label_names``; ``units``
+(``m``, ``cm`` or ``mm``; m by default). Positions with two coordinates are in pixels.
 """
 
 import struct
@@ -18,7 +18,7 @@ from ..errors import RecordingError
 from .recording import Recording, clean, clean_labels
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-# What zipfile, zlib and NumPy raise on bytes that are no sound archive.
+# Raised by zipfile, zlib and NumPy on damaged archives.
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -32,7 +32,7 @@ _DAMAGED = (
     SyntaxError,
     TypeError,
 )
-_LARGEST = np.iinfo(np.int32).max
+_MAX_LABEL = np.iinfo(np.int32).max
 
 
 def read_npz(path: Path) -> Recording:
@@ -41,22 +41,22 @@ def read_npz(path: Path) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is truncated, empty or holds no such arrays.
+        If the file is truncated or empty, or lacks these arrays.
     OSError
         If it cannot be opened.
     """
     try:
         with path.open("rb") as file:
-            # Pickled arrays run code when they are read.
+            # Loading pickled arrays would execute code from the file.
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise RecordingError("it is no .npz archive")
+                raise RecordingError("it is not an .npz archive")
             return _recording(path.stem, archive)
     except RecordingError:
         raise
     except _DAMAGED as error:
         raise RecordingError(
-            f"it is no .npz archive, or damaged or truncated ({type(error).__name__})"
+            f"it is not an .npz archive, or is damaged or truncated ({type(error).__name__})"
         ) from None
 
 
@@ -90,8 +90,8 @@ def _numbers(archive: Any, name: str, rank: int) -> NDArray[np.float64]:
 
 def _array(archive: Any, name: str) -> NDArray[Any]:
     array = archive[name]
-    if not isinstance(array, np.ndarray):  # a member of the archive that is no array comes as bytes
-        raise RecordingError(f"its member {name!r} is no array")
+    if not isinstance(array, np.ndarray):  # NumPy returns other members of the archive as bytes
+        raise RecordingError(f"its member {name!r} is not an array")
     return array
 
 
@@ -101,13 +101,13 @@ def _labels(archive: Any, markers: int) -> NDArray[np.int64] | None:
     labels = _array(archive, "labels")
     if labels.shape != (markers,) or labels.dtype.kind not in "iu":
         raise RecordingError(f"its labels are not {markers} integers")
-    if labels.size and int(labels.max()) > _LARGEST:
+    if labels.size and int(labels.max()) > _MAX_LABEL:
         raise RecordingError("a label exceeds 2147483647")
     return clean_labels(labels.astype(np.int64))
 
 
 def _label_names(archive: Any) -> dict[int, str]:
-    """`segment_names` starts with object 1, `label_names` with object 0."""
+    """Object number -> name; `segment_names` starts with object 1, `label_names` with object 0."""
     for key, first in (("segment_names", 1), ("label_names", 0)):
         names = _array(archive, key) if key in archive else np.empty(0)
         if names.ndim == 1 and names.dtype.kind == "U":

@@ -1,4 +1,4 @@
-"""A recording: the positions of every marker or track at every instant, with the truth if known."""
+"""Recordings: positions of every marker or track at every instant, with the truth if known -> frames."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from ..frames import AMBIGUOUS, Frame
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
-    """What a file holds.
+    """The content of a recording.
 
     Attributes
     ----------
     name
-        Name of the file without its ending.
+        Name of the file without its suffix.
     times
         float64 [F], seconds, increasing, the first is 0.
     positions
@@ -55,7 +55,7 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        """Hz, from the median interval."""
+        """Instants per second, from the median interval."""
         return 1.0 / self.period
 
     @property
@@ -65,7 +65,7 @@ class Recording:
 
     @property
     def length(self) -> float:
-        """Seconds after which the recording may be repeated: to the last instant and one period more."""
+        """Seconds after which the recording may be repeated: time of the last instant plus one period."""
         return float(self.times[-1]) + self.period
 
     def __len__(self) -> int:
@@ -80,10 +80,19 @@ class Recording:
             raise RecordingError("it holds no observation")
 
 
-def thin(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
-    """Choose the frames that remain when a recording is brought down to a rate (Hz) by dropping.
+def decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
+    """Choose the frames that remain when the rate is reduced by dropping frames.
 
-    The first frame that reaches each multiple of the period is kept; without a rate all are.
+    Parameters
+    ----------
+    times
+        float64 [F], seconds, increasing.
+    rate
+        Hz; None: keep all.
+
+    Returns
+    -------
+    intp [K]: of each period of the new rate, the first frame.
 
     Raises
     ------
@@ -93,7 +102,7 @@ def thin(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
     if rate is None:
         return np.arange(len(times))
     native = 1.0 / float(np.median(np.diff(times)))
-    # A nominal 50 Hz may be recorded as 49.99.
+    # Tolerate nominal rates: 50 Hz may be recorded as 49.99 Hz.
     if rate > native * 1.01:
         raise RecordingError(f"a rate of {rate:g} Hz exceeds the {native:.4g} Hz of the recording")
     ticks = np.floor((times - times[0]) * rate + 1e-3)
@@ -101,18 +110,18 @@ def thin(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
 
 
 class RecordedFrames:
-    """The frames of some markers of a recording at some of its instants; iterated anew each time.
+    """The frames of some markers of a recording at some of its instants; may be iterated repeatedly.
 
-    A marker's id is its number in the recording. It ends with its last observation.
+    The id of a feature is the number of its marker. A feature ends with its last observation.
 
     Parameters
     ----------
     recording
-        Where from.
+        The recording.
     markers
-        intp [M], the markers.
+        intp [M], numbers of the markers.
     instants
-        intp [K], the frames.
+        intp [K], numbers of the instants.
     time_scale
         Factor on the times.
     """
@@ -131,7 +140,7 @@ class RecordedFrames:
         self._ids = markers.astype(np.uint64)
         labels = recording.labels
         self._objects = None if labels is None else labels[markers].astype(np.int32)
-        # Where the last observation is; -1 where there is none.
+        # Index of the last observation; -2 where there is none, so that the feature never ends.
         last = len(instants) - 1 - np.argmax(self._seen[::-1], axis=0)
         self._last = np.where(self._seen.any(axis=0), last, -2)
 
@@ -151,7 +160,7 @@ class RecordedFrames:
 
 
 def clean(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make every row that is not wholly finite, or beyond float32, a row of NaN."""
+    """Replace rows with a coordinate that is not finite, or beyond float32, by rows of NaN."""
     limit = np.finfo(np.float32).max
     with np.errstate(invalid="ignore"):
         known: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
@@ -159,10 +168,20 @@ def clean(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def clean_labels(labels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Objects are numbered from 1; what recordings say with 0 and below (outlier, joint) is ambiguous."""
+    """Replace labels below 1 (outliers, joints) by ambiguous; objects are numbered from 1."""
     return np.where(labels >= 1, labels, AMBIGUOUS)
 
 
-def divide(count: int, parts: int) -> Sequence[NDArray[np.intp]]:
-    """Deal markers out to sources in turn, so that every source sees every body."""
+def split_markers(count: int, parts: int) -> Sequence[NDArray[np.intp]]:
+    """Divide markers among sources in turn, so that every source observes every body.
+
+    Parameters
+    ----------
+    count, parts
+        Number of markers; number of sources.
+
+    Returns
+    -------
+    Per source intp [M], its markers.
+    """
     return [np.arange(part, count, parts) for part in range(parts)]

@@ -1,4 +1,4 @@
-"""Recordings as streams: markers divided among sources of different rates."""
+"""Recording -> streams: the markers divided among sources of different rates."""
 
 from collections.abc import Iterator, Sequence
 
@@ -6,7 +6,7 @@ from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..parts import Part, rate_of
 from ..streams import OFFLINE_SESSION, Stream, merged, numbered
-from .recording import RecordedFrames, Recording, divide, thin
+from .recording import RecordedFrames, Recording, decimate, split_markers
 
 DEFAULT_NAME = "replay"
 
@@ -19,19 +19,19 @@ def recording_streams(
     source: str = DEFAULT_NAME,
     time_scale: float = 1.0,
 ) -> list[Stream]:
-    """Divide a recording among sources.
+    """Divide the markers of a recording among sources.
 
     Parameters
     ----------
     recording
-        What to publish.
+        The recording.
     split
-        Number of sources; markers are dealt out to them in turn.
+        Number of sources; each gets every `split`-th marker.
     rates
-        Hz, one for all sources or one for each, brought about by dropping frames. By default the
-        k-th source has 1/k of the recording's rate.
+        Hz, one for all sources or one for each, obtained by dropping frames. None: the k-th source
+        has 1/k of the rate of the recording.
     source
-        Name of the source; of several, the k-th is ``<source>-k``.
+        Name of the source; with several sources, the k-th is ``<source>-k``.
     time_scale
         Factor on the times.
 
@@ -40,7 +40,7 @@ def recording_streams(
     RecordingError
         If a rate is above that of the recording.
     ValueError
-        If there are neither as many rates as sources nor a single one.
+        If the number of rates is neither one nor the number of sources.
     """
     wanted: Sequence[float | None]
     if rates is None:
@@ -59,11 +59,11 @@ def recording_streams(
             frames=RecordedFrames(
                 recording,
                 markers=markers,
-                instants=thin(recording.times, wanted[part]),
+                instants=decimate(recording.times, wanted[part]),
                 time_scale=time_scale,
             ),
         )
-        for part, markers in enumerate(divide(recording.positions.shape[1], split))
+        for part, markers in enumerate(split_markers(recording.positions.shape[1], split))
     ]
 
 
@@ -76,9 +76,16 @@ def recording_batches(
     session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
 ) -> Iterator[TruthBatch | ObservationBatch]:
-    """Yield what the replay of a recording publishes, in time order, stamped from `epoch_ns` on.
+    """Yield the messages that a replay of the recording publishes, in time order.
 
-    Parameters and errors are those of :func:`recording_streams`; `session` is that of every source.
+    Parameters
+    ----------
+    recording, split, rates, source
+        As in :func:`recording_streams`, as are the errors.
+    session
+        Session of every source.
+    epoch_ns
+        Stamp of the first instant.
     """
     streams = recording_streams(recording, split=split, rates=rates, source=source)
     return merged(streams, session=session, epoch_ns=epoch_ns)

@@ -1,4 +1,4 @@
-"""The simulator: scenes of rigid bodies whose truth is known."""
+"""The simulator: scenes of rigid bodies with known truth."""
 
 from .motion import Poses
 from .offline import batches, stream

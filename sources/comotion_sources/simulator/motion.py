@@ -1,4 +1,4 @@
-"""Realised motions: where a body is at given times. Pure functions of the scene and the seed."""
+"""Motion of bodies: motion specification, random numbers and times -> poses."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from .spec import KeyStates, Motion, Rest, Sines
 
 Array: TypeAlias = NDArray[np.float64]
-_SINES = 2
+_SINES = 2  # per axis, as the class Sines documents
 _AMPLITUDE_FACTOR = (0.7, 1.3)
 
 
@@ -31,16 +31,16 @@ class Poses:
 
 
 class Path:
-    """The motion of one body with everything random in it drawn.
+    """The motion of one body; random parameters are drawn at construction.
 
     Parameters
     ----------
     motion
-        What the scene says.
+        Specification of the motion.
     dim
         2 or 3.
     rng
-        Draws places, frequencies, phases and amplitudes.
+        Generator for places, frequencies, phases and amplitudes.
     """
 
     def __init__(self, motion: Motion, dim: int, rng: np.random.Generator) -> None:
@@ -56,13 +56,13 @@ class Path:
             self._draw_sines(motion, rng)
 
     def at(self, times: Array) -> Poses:
-        """Poses at times [T] in seconds of the scene."""
+        """Compute the poses at times float64 [T], seconds of the scene."""
         times = np.atleast_1d(np.asarray(times, np.float64))
         state = self._state(times)
         return Poses(_rotations(state[:, self._dim :]), state[:, : self._dim])
 
     def _state(self, times: Array) -> Array:
-        """Position and rotation coordinates [T, dim + 1 or 3]."""
+        """Position and rotation coordinates: [T, 2 + 1] or [T, 3 + 3]."""
         if isinstance(self._motion, KeyStates):
             knots = self._states[:, 0]
             return np.stack([np.interp(times, knots, column) for column in self._states.T[1:]], axis=1)
@@ -70,7 +70,7 @@ class Path:
         if isinstance(self._motion, Rest):
             return np.tile(rest, (len(times), 1))
         shift = self._swing(np.maximum(times - self._motion.start, 0.0))
-        if self._motion.start > 0:  # it starts where it has rested
+        if self._motion.start > 0:  # the motion starts at the place of rest
             shift = shift - self._swing(np.zeros(1))
         return rest + shift
 
@@ -87,7 +87,7 @@ class Path:
 
 
 def _rotations(turn: Array) -> Array:
-    """Rotation matrices of angles [T, 1] or rotation vectors [T, 3]."""
+    """Convert angles [T, 1] or rotation vectors [T, 3] to rotation matrices."""
     if turn.shape[1] == 3:
         return np.asarray(Rotation.from_rotvec(turn).as_matrix(), np.float64)
     cos, sin = np.cos(turn[:, 0]), np.sin(turn[:, 0])
@@ -95,7 +95,7 @@ def _rotations(turn: Array) -> Array:
 
 
 def seen_from(body: Poses, camera: Poses) -> Poses:
-    """Express poses of a body in the frame of a moving camera."""
+    """Transform poses of a body to the frame of a moving camera; both at the same T times."""
     back = np.swapaxes(camera.rotations, 1, 2)
     return Poses(
         back @ body.rotations,

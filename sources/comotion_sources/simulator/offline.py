@@ -1,4 +1,4 @@
-"""Simulated sources as streams of messages, without processes or clocks."""
+"""Simulations -> streams of messages, without processes or clocks."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,7 +11,15 @@ DEFAULT_NAME = "simulator"
 
 
 def stream(simulation: Simulation, name: str | None = None) -> Stream:
-    """Describe one simulated source; `simulator`, or `simulator-k` for part k of several, by default."""
+    """Build the stream of one simulated source.
+
+    Parameters
+    ----------
+    simulation
+        The source.
+    name
+        Name of the source; None: ``simulator``, or ``simulator-k`` for part k of several.
+    """
     spec = simulation.spec
     return Stream(
         name=name or numbered(DEFAULT_NAME, simulation.part, simulation.parts),
@@ -33,18 +41,18 @@ def batches(
     epoch_ns: int = 0,
     publish_sigma: bool = False,
 ) -> Iterator[TruthBatch | ObservationBatch]:
-    """Yield what simulated sources publish, in time order: the truth of features, then their states.
+    """Yield the messages of simulated sources in time order: the truth of features, then observations.
 
     Parameters
     ----------
     simulations
-        One, or those of several sources of the same scene.
+        One source, or several of the same scene.
     source
-        Name of the source; of several, the k-th of n is ``<source>-k``.
+        Name of the source; with several sources, the k-th is ``<source>-k``.
     session
         Session of every source, 16 hexadecimal digits.
     epoch_ns
-        Acquisition time of the scene's start, nanoseconds since the Unix epoch.
+        Stamp of the start of the scene, nanoseconds since the Unix epoch.
     publish_sigma
         Publish the true noise of every feature.
     """

@@ -1,4 +1,4 @@
-"""The simulator as a process: one scene published live, as one source or several."""
+"""The simulator process: publishes a scene live, as one source or several."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -26,23 +26,23 @@ def choose_sources(
     time_scale: float = 1.0,
     split: Split = "features",
 ) -> list[Simulation]:
-    """Build the sources that one process is to publish.
+    """Build the sources that one process publishes.
 
     Parameters
     ----------
     spec
         The scene.
     part
-        Publish this part only; all parts by default.
+        Publish only this part; None: all parts.
     rates
-        Hz of each source, or of all; by default what the scene says.
+        Hz of each source, or of all; None: those of the scene.
     seed, noise, time_scale, split
         As in :class:`Simulation`.
 
     Raises
     ------
     ValueError
-        If the rates do not go with the part, or an argument is out of range.
+        If the number of rates is wrong, or an argument is out of range.
     """
     options = {"seed": seed, "noise": noise, "time_scale": time_scale}
     if part is None:
@@ -62,16 +62,16 @@ def run(
     ready_file: Path | None = None,
     publish_sigma: bool = False,
 ) -> None:
-    """Publish simulated sources until the scene ends, or a signal or the schedule stops them.
+    """Publish simulated sources until the scene ends, a signal arrives or the schedule ends.
 
     Parameters
     ----------
     simulations
-        What to publish.
+        The sources.
     schedule
-        When.
+        When frames are due, and their stamps.
     name
-        Name of the source; of several, the k-th of n is ``<name>-k``.
+        Name of the source; with several sources, the k-th is ``<name>-k``.
     scene, settings, ready_file
         As in :class:`comotion_schemas.component.Component`.
     publish_sigma
@@ -80,7 +80,7 @@ def run(
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key.
+        If the name of the scene or a source is not valid.
     """
     streams = [stream(simulation) for simulation in simulations]
     if name is not None:

@@ -1,7 +1,7 @@
-"""What a simulated scene is: the TOML file, validated.
+"""Scene specification: TOML file -> validated description of a simulated scene.
 
-Lengths are in the unit of the scene, angles in rad, times in seconds. The scenes that ship with
-the package lie in ``comotion_sources/scenes``.
+Lengths are in the unit of the scene, angles in rad, times in seconds. The package contains scenes in
+``comotion_sources/scenes``.
 """
 
 import math
@@ -28,7 +28,7 @@ class _Part(BaseModel):
 
 
 class Range(_Part):
-    """Drawn uniformly between two bounds, each axis for itself."""
+    """A value drawn uniformly between two bounds, independently for each axis."""
 
     min: NotNegative
     max: Positive
@@ -41,7 +41,7 @@ class Range(_Part):
 
 
 class Rest(_Part):
-    """A body that stays where it is: `at`, or somewhere within ±`within` of the origin."""
+    """A body at rest: at the position `at`, or drawn within ±`within` of the origin per axis."""
 
     kind: Literal["rest"] = "rest"
     at: list[Finite] | None = None
@@ -51,8 +51,8 @@ class Rest(_Part):
 class KeyStates(_Part):
     """Linear interpolation between states (t, position..., rotation...).
 
-    The rotation is an angle in 2-D and a rotation vector in 3-D. The first state holds before its
-    time, the last one after it.
+    The rotation is an angle in 2-D and a rotation vector in 3-D, rad. Before the first state and after
+    the last one the body is at rest.
     """
 
     kind: Literal["key-states"]
@@ -67,11 +67,11 @@ class KeyStates(_Part):
 
 
 class Sines(_Part):
-    """Sum of two sines per axis about a place, in position and rotation alike.
+    """Sum of two sines per axis about a place, for position and rotation.
 
-    Frequencies are drawn from `frequency` (Hz), phases uniformly; each of the two amplitudes is
-    half of `amplitude` (`rotation` in rad), times a factor drawn from 0.7 to 1.3. Before `start`
-    the body is at rest at the place its motion starts from.
+    Frequencies are drawn from `frequency` (Hz), phases uniformly. Each of the two amplitudes is half
+    of `amplitude` (`rotation` in rad), times a factor drawn from 0.7 to 1.3. Before `start` the body
+    is at rest at the start of its motion.
     """
 
     kind: Literal["sines"]
@@ -87,14 +87,14 @@ Motion = Annotated[Rest | KeyStates | Sines, Field(discriminator="kind")]
 
 
 class Body(_Part):
-    """A rigid body: features uniform in a rectangle or box about its origin."""
+    """A rigid body: features drawn uniformly in a rectangle or box about its origin."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
     object: Annotated[str, Field(min_length=1, max_length=64)] | None = Field(
-        None, description="name of the true object; bodies of one object are one. The body's own by default"
+        None, description="name of the true object, for bodies that are one object. Default: the body's name"
     )
     features: Annotated[int, Field(ge=0, le=100_000)]
-    poses: Annotated[int, Field(ge=0, le=1000)] = Field(0, description="6-DoF features besides (3-D)")
+    poses: Annotated[int, Field(ge=0, le=1000)] = Field(0, description="additional 6-DoF features (3-D)")
     size: list[Positive] | Range
     sigma: NotNegative = Field(description="noise of an observation, one sigma per axis")
     pose_sigma: NotNegative = Field(0.01, description="rad; noise of an observed orientation, per axis")
@@ -102,14 +102,14 @@ class Body(_Part):
 
 
 class Respawn(_Part):
-    """Every `every` seconds a random `share` of each body's features ends and is replaced."""
+    """Every `every` seconds a random `share` of the features of each body ends and is replaced."""
 
     every: Positive
     share: Share
 
 
 class Gaps(_Part):
-    """Occlusion: a `share` of the features is unobserved once, for `shortest` to `longest` seconds."""
+    """Occlusion: a `share` of the features is unobserved once for `shortest` to `longest` seconds."""
 
     share: Share
     shortest: NotNegative
@@ -117,7 +117,7 @@ class Gaps(_Part):
 
 
 class Outliers(_Part):
-    """Features that move on their own: `share` of the number of all others, each its own object."""
+    """Features with independent motion, each a separate object: `share` of the number of all others."""
 
     share: Share
     sigma: NotNegative
@@ -132,18 +132,18 @@ class SceneSpec(_Part):
     title
         One line for lists.
     dim, unit, space
-        Coordinate space of the observations. Its name is ``world`` in 3-D and ``plane`` in 2-D by
-        default: a service holds a name to one dimension, and users go from a figure to a body.
+        Coordinate space of the observations. By default its name is ``world`` in 3-D and ``plane`` in
+        2-D, because within a service one name has one dimension.
     duration
-        Seconds from the first to the last instant.
+        Length in seconds.
     rate
-        Hz of a single source.
+        Frames per second of a single source.
     sources
-        Hz of each source where the scene is meant to be seen by several.
+        Frames per second of each source, for a scene with several sources.
     bodies, respawn, gaps, outliers
-        What there is to see.
+        Content of the scene.
     camera
-        Motion of the frame that all sources observe in; without it they observe in the world.
+        Motion of the frame of the observations; None: the world frame.
     """
 
     title: Annotated[str, Field(min_length=1, max_length=200)]
@@ -175,7 +175,7 @@ class SceneSpec(_Part):
 
     @property
     def rates(self) -> list[float]:
-        """Hz of each source of the scene."""
+        """Frames per second of each source."""
         return list(self.sources or [self.rate])
 
     @property
@@ -202,25 +202,25 @@ def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None
 
 
 def scene_names() -> list[str]:
-    """Names of the scenes that ship with the package, sorted."""
+    """List the names of the scenes in the package, sorted."""
     return sorted(
         entry.name.removesuffix(".toml") for entry in _shipped().iterdir() if entry.name.endswith(".toml")
     )
 
 
 def load_scene(scene: str | Path) -> SceneSpec:
-    """Load a scene that ships with the package by its name, or any other by the path of its file.
+    """Load a scene: the name of one in the package, or the path of a TOML file.
 
     Raises
     ------
     SceneError
-        If there is no such scene or it is not well formed; the message is one line.
+        If the scene does not exist or is malformed; the message is one line.
     """
     text = _read(scene)
     try:
         return SceneSpec.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"scene {scene}: no TOML: {' '.join(str(error).split())}") from None
+        raise SceneError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
     except ValidationError as error:
         raise SceneError(f"scene {scene}: {describe(error)}") from None
 
@@ -245,5 +245,5 @@ def _shipped() -> Traversable:
 
 
 def frame_count(duration: float, rate: float, phase: float) -> int:
-    """Count the instants (k + phase)/rate, k = 0, 1, ..., that lie within a duration (s)."""
+    """Count the instants (k + phase)/rate, k = 0, 1, ..., within a duration (s); rate in Hz."""
     return math.floor(duration * rate - phase + 1e-9) + 1

@@ -1,4 +1,4 @@
-"""The simulated workcell: MuJoCo scenes whose RGB-D cameras are rendered on the CPU, with truth."""
+"""The simulated workcell: MuJoCo scenes with RGB-D cameras, rendered on the CPU, with truth."""
 
 from .camera import CameraSpec, WorkcellCamera, open_camera
 from .scene import Scene, scene_names

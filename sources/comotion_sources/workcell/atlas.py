@@ -1,4 +1,7 @@
-"""All textures of a scene in one image with its mipmaps, so that one remap fetches every pixel."""
+"""Texture atlas: model and seed -> one image with mipmaps that holds the textures of all faces.
+
+With a single image one call of cv2.remap samples every pixel.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +16,15 @@ from .extra import require_mujoco
 from .textures import TEXTURES
 
 LEVELS = 4
-_PAD = 8
-_WIDTH = 4096
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+"""Mipmap levels, each half the size of the one before."""
+_PAD = 8  # texels of repeated border: one at the coarsest level
+_WIDTH = 4096  # texels; cv2.remap accepts at most 32767
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom without one
 
 
 @dataclass(frozen=True)
 class Face:
-    """Where one face of a geom lies in the atlas.
+    """Location of one face of a geom in the atlas.
 
     Attributes
     ----------
@@ -41,11 +45,16 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """The image, where each level of it starts, and the faces of each geom.
+    """The image with its mipmap levels, and the faces of each geom.
 
-    `image` uint8 [H, W, 3]: the levels one below the other, each half the size of the one before;
-    `level_tops` float32 [LEVELS]; `faces[geom]` in the order the renderer numbers faces (box: -x, +x,
-    -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one).
+    Attributes
+    ----------
+    image
+        uint8 [H, W, 3], BGR: the levels one below the other.
+    level_tops
+        float32 [LEVELS], first row of each level.
+    faces
+        Per geom its faces (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one).
     """
 
     image: Image
@@ -56,10 +65,15 @@ class Atlas:
 def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
     """Width and height in metres of each face of a geom.
 
+    Parameters
+    ----------
+    kind, size
+        MuJoCo's geom type, and its size float64 [3].
+
     Raises
     ------
     SceneError
-        For a kind of geom the renderer does not know.
+        If the geom is not a box, cylinder or sphere.
     """
     geom = require_mujoco().mjtGeom
     a, b, c = (2 * float(v) for v in size)
@@ -69,29 +83,35 @@ def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]
         return [(np.pi * a, b), (a, a), (a, a)]
     if kind == geom.mjGEOM_SPHERE:
         return [(np.pi * a, np.pi * a / 2)]
-    raise SceneError(f"the renderer knows boxes, cylinders and spheres, not geoms of type {kind}")
+    raise SceneError(f"the renderer supports boxes, cylinders and spheres, not geoms of type {kind}")
 
 
 def build_atlas(model: Any, seed: int) -> Atlas:
-    """Draw the textures of every face of a model and pack them."""
-    pieces: list[tuple[int, int, Image, tuple[float, float], float]] = []
+    """Draw the textures of all faces of a model and pack them.
+
+    Raises
+    ------
+    SceneError
+        If a geom or material has no texture.
+    """
+    textures: list[tuple[int, int, Image, tuple[float, float], float]] = []
     for geom in range(model.ngeom):
-        material, colour = _look(model, geom)
+        material, colour = _material_of(model, geom)
         for index, (width, height) in enumerate(
             face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
         ):
             scale = _resolution(width, height)
             shape = max(2, round(height * scale)), max(2, round(width * scale))
             rng = np.random.default_rng([seed, geom, index])
-            pieces.append((geom, index, material(rng, *shape, colour, scale), (width, height), scale))
-    image, corners = _pack([piece[2] for piece in pieces])
+            textures.append((geom, index, material(rng, *shape, colour, scale), (width, height), scale))
+    image, corners = _pack([texture[2] for texture in textures])
     faces: list[list[Face]] = [[] for _ in range(model.ngeom)]
-    for (geom, _, _, (width, height), scale), (x, y) in zip(pieces, corners, strict=True):
+    for (geom, _, _, (width, height), scale), (x, y) in zip(textures, corners, strict=True):
         faces[geom].append(Face(x, y, width, height, scale))
     return Atlas(*_with_levels(image), faces)
 
 
-def _look(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
+def _material_of(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
     rgba = tuple(float(v) for v in model.geom_rgba[geom])
     index = int(model.geom_matid[geom])
     name = model.material(index).name if index >= 0 else "plain"
@@ -103,13 +123,13 @@ def _look(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
 
 
 def _resolution(width: float, height: float) -> float:
-    """Texels per metre: what a camera at a metre can see of small things, less for walls."""
+    """Texels per metre: the resolution of a camera at 1 m for small faces, less for large ones."""
     largest = max(width, height)
     return 1200.0 if largest < 0.6 else 900.0 if largest < 1.6 else 320.0
 
 
 def _pack(images: list[Image]) -> tuple[Image, list[tuple[int, int]]]:
-    """Pack in rows, tallest first; borders are repeated so that neighbours do not bleed in."""
+    """Pack images in rows, tallest first; repeated borders keep interpolation within a face."""
     padded = [cv2.copyMakeBorder(i, _PAD, _PAD, _PAD, _PAD, cv2.BORDER_REPLICATE) for i in images]
     corners: list[tuple[int, int]] = [(0, 0)] * len(images)
     x = y = row = 0

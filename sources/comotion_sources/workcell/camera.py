@@ -1,15 +1,14 @@
-"""The camera ``workcell:SCENE/CAMERA``: what a tracker opens to look at a workcell.
+"""The camera ``workcell:SCENE/CAMERA``: joint states or time -> rendered RGB-D frames.
 
-Two ways to see the same scene, by one renderer:
+The camera has two modes with the same renderer:
 
-- attached to a scene on the wire, the camera follows the joint states that ``comotion source
-  workcell`` publishes (all joints of the scene, so all bodies): each frame shows the configuration
-  interpolated at its own stamp. Whoever publishes those joints drives what is seen; the camera
-  waits while nobody does, and goes on by itself when they come back.
-- not attached, it runs through the scene's own motion at its own pace: frames k / rate seconds
-  after 0, for one period or the given duration. The same frames every time, bit for bit.
+- Attached to a Zenoh session, it follows the joint states that ``comotion source workcell`` publishes
+  (all joints of the scene, so all bodies). Each frame shows the configuration interpolated at its
+  stamp. While no joint states arrive the camera waits.
+- Not attached, it plays the motion of the scene: frames k / rate seconds after 0, for one period or the
+  given duration. The frames are the same each time, bit for bit.
 
-Both sides derive the scene's time from the stamps: t = stamp modulo the period.
+In both modes the time of the scene is the stamp modulo the period.
 """
 
 import logging
@@ -34,13 +33,13 @@ from .viewpoint import Cover, Viewpoint
 
 PREFIX = "workcell:"
 DEFAULT_FEED = "workcell"
-_SILENCE_S = 2.0
+_WARN_AFTER_S = 2.0  # without joint states
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraSpec:
-    """What ``workcell:SCENE/CAMERA?option=value&...`` says.
+    """A parsed ``workcell:SCENE/CAMERA?option=value&...``.
 
     Attributes
     ----------
@@ -51,11 +50,11 @@ class CameraSpec:
     rate
         Frames per second.
     seed
-        Seed of the scene; it must be that of the process that drives it.
+        Seed of the scene; it must equal that of the process that drives the scene.
     cover
-        Seconds of the scene during which the lens is covered.
+        Time of the scene during which the lens is covered; None: never.
     duration
-        Seconds until the stream ends; None: one period, or without end when attached.
+        Seconds until the stream ends; None: one period, or no end when attached.
     follow
         Name of the joint states to follow when attached.
     """
@@ -71,12 +70,12 @@ class CameraSpec:
 
 
 def parse(text: str) -> CameraSpec:
-    """Read a camera's name, with or without ``workcell:``.
+    """Parse the name of a camera, with or without ``workcell:``.
 
     Raises
     ------
     CameraError
-        If it is not well formed.
+        If the name is malformed.
 
     Examples
     --------
@@ -94,7 +93,7 @@ def parse(text: str) -> CameraSpec:
         try:
             values[key] = _OPTIONS[key](value)
         except ValueError:
-            raise CameraError(f"{text}: {key}={value} is not well formed") from None
+            raise CameraError(f"{text}: {key}={value} is not valid") from None
     return CameraSpec(scene=scene, camera=camera, **values)
 
 
@@ -147,7 +146,7 @@ class WorkcellCamera:
     Raises
     ------
     CameraError
-        If there is no such scene or camera, or MuJoCo is missing.
+        If the scene or camera does not exist, or MuJoCo is not installed.
     """
 
     def __init__(self, spec: CameraSpec) -> None:
@@ -170,7 +169,7 @@ class WorkcellCamera:
         self._undecodable = 0
 
     def attach(self, session: zenoh.Session, keys: Keys) -> None:
-        """Follow the joint states of a scene from now on."""
+        """Follow the joint states of a scene."""
         self.live = True
         self._subscriber = declare_subscriber(
             session, keys.stream("joints", self.spec.follow), "joints", self._receive
@@ -197,7 +196,7 @@ class WorkcellCamera:
             yield self._frame(self.scene.configuration(t), round(t * 1e9))
 
     def _follow(self) -> Iterator[Frame]:
-        """Frames at multiples of the period on the clock; those there is no time for are left out."""
+        """Yield frames at multiples of the period on the wall clock; skip those that are late."""
         period_ns = round(1e9 / self.spec.rate)
         index = time.time_ns() // period_ns + 1
         last = None if self.spec.duration is None else index + round(self.spec.duration * self.spec.rate)
@@ -217,26 +216,26 @@ class WorkcellCamera:
         return self.viewpoint.frame(configuration, stamp_ns)
 
     def _await(self, stamp_ns: int) -> Vector | None:
-        """Wait for the states around a stamp; None when they have gone past it, or the end has come."""
+        """Wait for the joint states around a stamp; None if they are missing, or at the end."""
         history = self._history
 
         def passed() -> bool:
             newest = history.newest_ns
             return self._closed.is_set() or (newest is not None and newest >= stamp_ns)
 
-        told = False
+        warned = False
         with self._news:
-            while not self._news.wait_for(passed, _SILENCE_S):
-                if not told:
-                    _log.warning("%s", self._complaint())
-                    told = True
-            if told and not self._closed.is_set():
-                _log.warning("joint states %r are there", self.spec.follow)
+            while not self._news.wait_for(passed, _WARN_AFTER_S):
+                if not warned:
+                    _log.warning("%s", self._waiting_message())
+                    warned = True
+            if warned and not self._closed.is_set():
+                _log.warning("joint states %r arrive", self.spec.follow)
             return history.at(stamp_ns)
 
-    def _complaint(self) -> str:
+    def _waiting_message(self) -> str:
         if self._history.missing is not None:
-            return f"joint states {self.spec.follow!r} lack {self._history.missing!r}: another scene?"
+            return f"joint states {self.spec.follow!r} have no {self._history.missing!r}: another scene?"
         return f"waiting for joint states {self.spec.follow!r} (comotion source workcell {self.spec.scene})"
 
     def _receive(self, sample: zenoh.Sample) -> None:
@@ -257,6 +256,6 @@ def open_camera(text: str) -> WorkcellCamera:
     Raises
     ------
     CameraError
-        If it is not well formed or does not exist; the message is one line.
+        If the name is malformed or the camera does not exist; the message is one line.
     """
     return WorkcellCamera(parse(text))

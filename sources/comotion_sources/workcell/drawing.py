@@ -1,4 +1,4 @@
-"""What procedural textures are drawn with: fills, clouds, print, logos, bar codes."""
+"""Drawing functions for procedural textures: fills, noise, text, logos, bar codes."""
 
 import cv2
 import numpy as np
@@ -13,24 +13,24 @@ INK = (30, 28, 26)
 
 
 def filled(height: int, width: int, colour: Colour) -> Image:
-    """One colour, uint8 [height, width, 3]."""
+    """Return an image of one colour, uint8 [height, width, 3]."""
     return np.broadcast_to(np.clip(colour, 0, 255).astype(np.uint8), (height, width, 3)).copy()
 
 
 def clouds(rng: np.random.Generator, height: int, width: int, size: float) -> NDArray[np.float32]:
-    """Smooth variation in about -1..1 with features of `size` texels."""
+    """Smooth noise, float32 [height, width] in about -1..1, with features of `size` texels."""
     rows, columns = max(2, int(height / size) + 2), max(2, int(width / size) + 2)
     coarse = rng.uniform(-1, 1, (rows, columns)).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
 def shaded(image: Image, gain: NDArray[np.float32]) -> Image:
-    """An image lighter by a share [height, width] of itself."""
+    """Scale the brightness of an image by 1 + `gain` [height, width]."""
     return np.clip(image * (1.0 + gain)[..., None], 0, 255).astype(np.uint8)
 
 
 def text(image: Image, words: str, box: tuple[int, int, int, int], colour: tuple[int, ...]) -> None:
-    """Fit a line of text into (x, y, width, height)."""
+    """Draw a line of text that fits into the box (x, y, width, height)."""
     x, y, width, height = box
     (w, h), _ = cv2.getTextSize(words, _FONT, 1.0, 2)
     scale = min(width / w, height / (h + 2))
@@ -40,7 +40,7 @@ def text(image: Image, words: str, box: tuple[int, int, int, int], colour: tuple
 
 
 def logo(image: Image, rng: np.random.Generator, centre: tuple[int, int], radius: int) -> None:
-    """A disc or ring with a star or polygon in it."""
+    """Draw a disc or ring with a star or polygon in it."""
     ink = tuple(int(v) for v in rng.choice([30, 60, 190, 225], 3))
     kind = int(rng.integers(3))
     cv2.circle(image, centre, radius, ink, -1 if kind == 0 else max(2, radius // 4), cv2.LINE_AA)
@@ -52,7 +52,7 @@ def logo(image: Image, rng: np.random.Generator, centre: tuple[int, int], radius
 
 
 def paragraph(image: Image, rng: np.random.Generator, box: tuple[int, int, int, int]) -> None:
-    """Lines of words too small to read, in (x, y, width, height)."""
+    """Draw lines of illegible words in the box (x, y, width, height)."""
     x, y, width, height = box
     pitch = max(5, height // 6)
     for row in range(y, y + height - pitch // 2, pitch):
@@ -64,7 +64,7 @@ def paragraph(image: Image, rng: np.random.Generator, box: tuple[int, int, int, 
 
 
 def barcode(image: Image, rng: np.random.Generator, box: tuple[int, int, int, int]) -> None:
-    """A label of bars that fills (x, y, width, height)."""
+    """Draw a bar code that fills the box (x, y, width, height)."""
     x, y, width, height = box
     cv2.rectangle(image, (x, y), (x + width, y + height), (245, 245, 245), -1)
     at = x + 2

@@ -1,4 +1,4 @@
-"""MuJoCo is an extra: one line tells how to get it."""
+"""Imports MuJoCo, an optional dependency."""
 
 from types import ModuleType
 

@@ -1,4 +1,4 @@
-"""Joint states as they come, and the configuration at any instant in between."""
+"""Joint history: joint states -> configuration interpolated at any instant."""
 
 from collections import deque
 
@@ -8,24 +8,24 @@ from comotion_schemas import JointStates
 
 from .scene import Vector
 
-_KEPT_NS = 2_000_000_000
-_GAP_NS = 500_000_000
+_KEPT_NS = 2_000_000_000  # a camera renders at most this far behind the joint states
+_GAP_NS = 500_000_000  # longer gaps are not interpolated
 
 
 class JointHistory:
-    """The last seconds of a stream of joint states. Pure: no wire, no clock.
+    """The last 2 s of a stream of joint states. Pure: no I/O, no clock.
 
     Parameters
     ----------
     joints
-        Names of the joints of a configuration, in order; others in a message are ignored.
+        Names of the joints of a configuration, in order; other joints in a message are ignored.
 
     Attributes
     ----------
     refused
-        Messages that lacked a joint or were not newer than the one before.
+        Number of messages that lacked a joint or were not newer than the one before.
     missing
-        A joint that the last refused message lacked, or None.
+        A joint that the last message lacked, or None.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
@@ -39,11 +39,11 @@ class JointHistory:
 
     @property
     def newest_ns(self) -> int | None:
-        """Stamp of the newest state, None before the first."""
+        """Stamp of the newest state; None before the first."""
         return self._states[-1][0] if self._states else None
 
     def add(self, message: JointStates) -> None:
-        """Take in a message; a new session starts anew."""
+        """Add a message; a new session discards the states of the old one."""
         if message.session != self._session:
             self._session = message.session
             self._states.clear()
@@ -56,9 +56,9 @@ class JointHistory:
             self._states.popleft()
 
     def at(self, stamp_ns: int) -> Vector | None:
-        """Configuration [joints] at a stamp, interpolated; None where the states do not reach.
+        """Interpolate the configuration float64 [joints] at a stamp.
 
-        There is none across a gap of more than half a second either.
+        Returns None outside the stored states, and within a gap of more than 0.5 s.
         """
         later: tuple[int, Vector] | None = None
         for stamp, state in reversed(self._states):

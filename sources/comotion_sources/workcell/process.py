@@ -1,8 +1,8 @@
-"""The workcell as a process: drives the scene and publishes its joint states.
+"""The workcell process: moves a scene by the clock and publishes its joint states.
 
-Every body of a workcell hangs on joints (free bodies on slides and hinges), so one message per
-instant holds the joint states of the robot and the states of all bodies alike. Scene time is the
-wall clock modulo the period of the scene: a restarted process goes on where the scene would be.
+All bodies of a workcell are attached to joints (free bodies to slides and hinges), so one message per
+instant holds the state of the robot and of all bodies. Scene time is the wall clock modulo the period
+of the scene: a restarted process continues at the right place.
 """
 
 import logging
@@ -16,13 +16,13 @@ from comotion_schemas.transport import Publisher, SessionSettings, stream_publis
 
 from .scene import Scene
 
-_LATE_NS = 50_000_000
-"""A state is a fact of its stamp and as good a little later; one this late has nobody waiting for it."""
+_MAX_DELAY_NS = 50_000_000
+"""A state that is published later than this after its stamp is left out: cameras no longer wait for it."""
 _log = logging.getLogger(__name__)
 
 
 class _Driver:
-    """Publishes one instant after the other and counts them."""
+    """Publishes the joint states instant by instant and counts them."""
 
     def __init__(self, workcell: Scene, rate: float, name: str) -> None:
         self._scene, self._name = workcell, name
@@ -31,7 +31,7 @@ class _Driver:
         self._before = (time.monotonic(), 0)
 
     def status(self) -> StatusFields:
-        """What the process tells about itself."""
+        """Build the Status of the process."""
         now, seq = time.monotonic(), self._seq
         before, count = self._before
         self._before = (now, seq)
@@ -42,7 +42,7 @@ class _Driver:
         )
 
     def run(self, publisher: Publisher, session: str, wait: Callable[[float], bool], until: float) -> None:
-        """Publish at multiples of the period on the clock until told to stop; very late ones are left out."""
+        """Publish at multiples of the period on the wall clock until stopped."""
         index = time.time_ns() // self._period_ns + 1
         while time.monotonic() < until:
             stamp = index * self._period_ns
@@ -51,7 +51,7 @@ class _Driver:
             message = joint_states(self._scene, stamp, source=self._name, session=session, seq=self._seq)
             publisher.put(encode(message))
             self._seq += 1
-            due = max(index + 1, (time.time_ns() - _LATE_NS) // self._period_ns)
+            due = max(index + 1, (time.time_ns() - _MAX_DELAY_NS) // self._period_ns)
             self.overruns += due - index - 1
             index = due
 
@@ -80,27 +80,29 @@ def run(
     settings: SessionSettings | None = None,
     ready_file: Path | None = None,
 ) -> None:
-    """Drive a workcell until a signal or the end of `duration` (seconds) stops it.
+    """Publish the joint states of a workcell until a signal arrives or the duration ends.
 
     Parameters
     ----------
     workcell
-        The workcell's scene.
+        The scene of the workcell.
+    duration
+        Seconds; None: no end.
     rate
         Joint states per second.
     name
-        Of the stream of joint states.
+        Name of the stream of joint states.
     scene, settings, ready_file
         As in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key.
+        If the name of the scene or stream is not valid.
     """
     driver = _Driver(workcell, rate, name)
     component = Component(
-        # Not "source": it publishes no observations, and the service would miss them.
+        # Not "source": the service reports sources that publish no observations.
         role="viewer",
         name=name,
         scene=scene,
@@ -115,4 +117,4 @@ def run(
         driver.run(publisher, component.session_id, component.stop.wait, until)
         publisher.undeclare()
         if driver.overruns:
-            _log.warning("%d instants were late and have been left out", driver.overruns)
+            _log.warning("%d instants were late and left out", driver.overruns)

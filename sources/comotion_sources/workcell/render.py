@@ -1,8 +1,8 @@
-"""Rendering on the CPU by ray casting: depth and geom of every pixel, shaded from a texture atlas.
+"""CPU renderer by ray casting: configuration -> image, depth and geom of every pixel.
 
-``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display; hit points are then
-taken into their geom's own frame, so that textures are fixed to the bodies, and looked up at the
-mipmap level of their distance.
+``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display. Hit points are
+transformed to the frame of their geom, so that textures are fixed to the bodies, and looked up in the
+texture atlas at the mipmap level for their distance.
 """
 
 from dataclasses import dataclass, fields
@@ -20,19 +20,19 @@ from .shapes import Points, surface
 
 Rows = NDArray[np.intp]
 
-_AMBIENT, _DIFFUSE = 0.5, 0.62
-_FAR = 50.0
+_AMBIENT, _DIFFUSE = 0.5, 0.62  # brightness in full light: up to 1.12 of the texture
+_FAR = 50.0  # length of a ray, in multiples of its vector
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-_LIT = 0.985  # a ray from the light that gets this far has reached the point it was aimed at
-_SHADOW_STEP = 2  # the shadow is cast for every second pixel each way; penumbrae are soft anyway
-# A lamp of some size, and walls that reflect it: with hard shadows a tracker follows their borders.
-_PENUMBRA = 0.012  # of the image's width
-_SHADOW_DEPTH = 0.45
+_LIT = 0.985  # a ray from the light that gets this share of the way has reached the point
+_SHADOW_STEP = 2  # shadows are computed for every second row and column; their borders are soft anyway
+# Shadows are soft and not black, as from a large lamp in a room: a tracker would follow hard borders.
+_PENUMBRA = 0.012  # one-sigma blur, as a share of the image width
+_SHADOW_DEPTH = 0.45  # share of the light that a shadow takes
 
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """What an ideal camera sees.
+    """The images of an ideal camera.
 
     Attributes
     ----------
@@ -52,17 +52,17 @@ class Rendering:
 class Renderer:
     """Renders a scene for one fixed camera.
 
-    What cannot move is cast, shaded and textured once; a frame casts only the pixels that moving
-    bodies may cover, and shadows.
+    Static geoms are rendered once. A frame renders only the pixels that moving bodies may cover, and the
+    shadows.
 
     Parameters
     ----------
     scene
-        What to render.
+        The scene.
     intrinsics, extrinsics
         The camera, without distortion.
     atlas
-        Textures, to share between cameras; drawn when None.
+        Textures, which cameras of a scene may share; None: draw them.
     """
 
     def __init__(
@@ -73,25 +73,33 @@ class Renderer:
         self._data = scene.new_data()
         self._shape = intrinsics.height, intrinsics.width
         v, u = np.mgrid[0 : self._shape[0], 0 : self._shape[1]]
-        # Rays keep z = 1 in the camera's frame: the distance along them is then the depth itself.
+        # Rays have z = 1 in the camera frame: the distance along them is then the depth.
         self._rays = intrinsics.rays(np.stack([u.ravel(), v.ravel()], 1)) @ extrinsics.rotation.T
         self._light = np.array(scene.model.light_pos[0] if scene.model.nlight else (0.0, 0.0, 3.0))
         self._moving = np.flatnonzero(scene.model.geom_group == MOVING)
         sparse = np.arange(u.size, dtype=np.intp).reshape(self._shape)[::_SHADOW_STEP, ::_SHADOW_STEP]
         self._sparse_shape, self._sparse = sparse.shape, sparse.ravel()
         self._still = self._render_still()
-        self._still_lit = self._reached(self._still.points[self._sparse], STILL)
+        self._still_lit = self._reached_by_light(self._still.points[self._sparse], STILL)
 
     def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
-        """Render the scene in a configuration [joints]; `t` in seconds moves the wandering shadow."""
+        """Render the scene.
+
+        Parameters
+        ----------
+        configuration
+            float64 [joints], rad or m.
+        t
+            Time of the scene in seconds, for the moving shadow.
+        """
         self.scene.place(self._data, configuration)
         rows, geoms, depth = self._cast_moving()
         layer = self._still.copy()
         layer.points[rows] = self._points(rows, depth)
         layer.depth[rows], layer.geoms[rows] = depth, geoms
         self._shade(layer, rows)
-        light = _AMBIENT + layer.light.reshape(self._shape) * self._lit(layer)
-        light = (light * self._wander(layer.points, t)).astype(np.float32)
+        light = _AMBIENT + layer.light.reshape(self._shape) * self._illumination(layer)
+        light = (light * self._shadow_gain(layer.points, t)).astype(np.float32)
         texels = layer.texels.reshape(*self._shape, 3)
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
         return Rendering(
@@ -112,7 +120,7 @@ class Renderer:
         return rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
 
     def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
-        """Pixels that show a moving body, with its geom and depth."""
+        """Pixels [n] that show a moving body, with geom and depth."""
         near = np.flatnonzero(self._covered())
         geoms, depth = multi_ray(
             self.scene.model, self._data, self.extrinsics.translation, self._rays[near], MOVING
@@ -132,7 +140,7 @@ class Renderer:
             )
             if (corners[:, 2] <= 0).all():
                 continue
-            if (corners[:, 2] < 0.05).any():  # about the camera: it may be anywhere in the image
+            if (corners[:, 2] < 0.05).any():  # at the camera: it may cover any pixel
                 mask[:] = True
                 break
             pixels = self.intrinsics.project(corners)
@@ -142,7 +150,7 @@ class Renderer:
         return mask.ravel()
 
     def _shade(self, layer: "_Layer", rows: Rows) -> None:
-        """Fill in texels and direct light of these pixels, geom by geom."""
+        """Compute texels and direct light of the given pixels, geom by geom."""
         map_x, map_y = np.zeros((2, len(rows)), np.float32)
         geoms = layer.geoms[rows]
         order = np.argsort(geoms.astype(np.int16), kind="stable")
@@ -170,10 +178,10 @@ class Renderer:
     def _locate(
         self, faces: list[Face], face: NDArray[np.intp], u: Points, v: Points, depth: Points
     ) -> tuple[Points, Points]:
-        """Atlas coordinates of (u, v), metres right of and below the middle of a face."""
+        """Convert (u, v), metres right of and below the centre of a face, to atlas coordinates."""
         table = np.array([(f.x, f.y, f.width / 2, f.height / 2, f.scale) for f in faces], np.float32)
         left, top, half_w, half_h, scale = table[face].T
-        # Half a texel inside, else the filter would reach over the border of the face.
+        # Stay half a texel inside: interpolation must not reach over the border of the face.
         x = left + np.clip((u + half_w) * scale - 0.5, 0, 2 * half_w * scale - 1)
         y = top + np.clip((v + half_h) * scale - 0.5, 0, 2 * half_h * scale - 1)
         footprint = depth * scale / np.float32(self.intrinsics.fx)
@@ -181,25 +189,25 @@ class Renderer:
         shrink = np.float32(0.5) ** level.astype(np.float32)
         return (x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5 + self._atlas.level_tops[level]
 
-    def _lit(self, layer: "_Layer") -> Points:
-        """Share of the light that reaches each pixel: cast shadows with soft borders."""
+    def _illumination(self, layer: "_Layer") -> Points:
+        """Share of the light that reaches each pixel, float32 [H, W], with soft shadow borders."""
         points = layer.points[self._sparse]
         lit = self._still_lit.copy()
         on_moving = self.scene.model.geom_group[np.maximum(layer.geoms[self._sparse], 0)] == MOVING
-        lit[on_moving] = self._reached(points[on_moving], STILL)
-        lit = np.minimum(lit, self._reached(points, MOVING)).reshape(self._sparse_shape)
+        lit[on_moving] = self._reached_by_light(points[on_moving], STILL)
+        lit = np.minimum(lit, self._reached_by_light(points, MOVING)).reshape(self._sparse_shape)
         soft = cv2.GaussianBlur(lit, (0, 0), _PENUMBRA * self._sparse_shape[1])
         full = cv2.resize(soft, self._shape[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(1.0 - _SHADOW_DEPTH * (1.0 - full), np.float32)
 
-    def _reached(self, points: Points, group: int) -> Points:
-        """Whether the light reaches each point past the geoms of a group: 1 or 0, float32 [N]."""
+    def _reached_by_light(self, points: Points, group: int) -> Points:
+        """Whether light reaches points [N, 3] past the geoms of a group: 1 or 0, float32 [N]."""
         rays = points.astype(np.float64) - self._light
         geoms, reach = multi_ray(self.scene.model, self._data, self._light, rays, group)
         return ((geoms < 0) | (reach > _LIT)).astype(np.float32)
 
-    def _wander(self, points: Points, t: float) -> Points | np.float32:
-        """Brightness under the wandering shadow of the clutter variants."""
+    def _shadow_gain(self, points: Points, t: float) -> Points | np.float32:
+        """Brightness factor of the moving shadow of the clutter variants."""
         shadow = self.scene.shadow
         if shadow is None:
             return np.float32(1.0)
@@ -212,7 +220,7 @@ class Renderer:
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """Everything known about each pixel [N] before the shadows."""
+    """Properties of each pixel [N] before shadows are applied."""
 
     geoms: NDArray[np.int32]
     depth: Points
@@ -235,7 +243,7 @@ class _Layer:
 
 
 def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np.uint8]:
-    """Texels at [N] places, uint8 [N, 3]; OpenCV takes no row of more than 32767."""
+    """Interpolate texels at N places, uint8 [N, 3]; cv2.remap accepts rows of at most 32767."""
     count, width = len(map_x), 512
     rows = max(1, -(-count // width))
     padded = np.zeros((2, rows * width), np.float32)
@@ -248,11 +256,20 @@ def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np
 def multi_ray(
     model: Any, data: Any, origin: Vector, rays: Vector, group: int
 ) -> tuple[NDArray[np.int32], Points]:
-    """Cast rays [N, 3] from one origin at the geoms of one group.
+    """Cast rays from one origin at the geoms of one group.
+
+    Parameters
+    ----------
+    model, data
+        The ``mjModel`` and its ``mjData``.
+    origin, rays
+        float64 [3], metres; float64 [N, 3], vectors of any length.
+    group
+        :data:`STILL` or :data:`MOVING`.
 
     Returns
     -------
-    geom int32 [N], -1 where none is hit; distance float32 [N] in lengths of the ray, 0 where none.
+    Geom int32 [N], -1 where none is hit; distance float32 [N] in multiples of the ray, 0 where none.
     """
     mujoco = require_mujoco()
     count = len(rays)
@@ -261,6 +278,6 @@ def multi_ray(
         return geoms, distances.astype(np.float32)
     groups = np.zeros(6, np.uint8)
     groups[group] = 1
-    # The normals MuJoCo could return (None: not wanted) follow from the shape here, face by face.
+    # None: no normals; they are computed from the shape of the geom.
     mujoco.mj_multiRay(model, data, origin, rays.ravel(), groups, 1, -1, geoms, distances, None, count, _FAR)
     return geoms, np.where(geoms >= 0, distances, 0.0).astype(np.float32)

@@ -1,17 +1,17 @@
-"""A workcell scene: an MJCF file, the motion written in it, and which body is which object.
+"""Workcell scene: MJCF file and time -> configuration of the joints, and the object of each body.
 
-Scenes are ordinary MJCF with a few conventions in ``<custom>``:
+Scenes are MJCF files with these conventions in ``<custom>``:
 
-- ``motion:JOINT``: key-states "time value time value ..."; a monotone cubic joins them, so a joint
-  rests where its key-states do and never overshoots. Joints without key-states stay at 0.
+- ``motion:JOINT``: key-states "time value time value ...", interpolated by a monotone cubic, which does
+  not overshoot. Joints without key-states stay at 0.
 - ``period``: seconds after which all motion repeats (the last key-state equals the first).
-- ``robot``: the links whose poses proprioception reports.
+- ``robot``: links whose poses proprioception reports.
 - ``unscored``: bodies whose features are too ambiguous to score (turning wheels).
-- ``shadow``: amplitude, radius, depth, period of a soft shadow that wanders over the scene.
+- ``shadow``: amplitude, radius, depth and period of a soft shadow that moves over the scene.
 
-Joint equalities (``<equality><joint .../>``) are obeyed: they couple wheels to the way rolled.
-The motion is a pure function of time: bodies are driven, not pushed by contact forces, so every
-process and every machine gets the same configuration bit for bit.
+Joint equalities (``<equality><joint .../>``) apply: they couple wheels to the distance rolled. The
+motion is a pure function of time: bodies follow their joints, not contact forces. Every process and
+machine therefore computes the same configuration bit for bit.
 """
 
 from collections.abc import Mapping
@@ -26,35 +26,34 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import SceneError
+from ..frames import AMBIGUOUS
 from .extra import require_mujoco
 
 BACKGROUND = 0
 """Object number of everything that cannot move."""
-AMBIGUOUS = -1
-
 STILL, MOVING = 0, 1
-"""Groups of geoms: those that cannot move, and those that can."""
+"""Geom groups: static geoms, and geoms that can move."""
 
 Vector = NDArray[np.float64]
 
 _FRAGMENTS = {"room", "clutter", "gripper", "toy_truck"}
-_WARP_S = 0.35
+_WARP_S = 0.35  # largest shift of the motion in time that a seed draws
 _MOTION = "motion:"
 
 
 def scene_folder() -> Path:
-    """Folder of the MJCF files that come with the package."""
+    """Return the folder of the MJCF files in the package."""
     return Path(str(resources.files(__package__) / "scenes"))
 
 
 def scene_names() -> list[str]:
-    """Names of the scenes that come with the package."""
+    """List the names of the scenes in the package, sorted."""
     return sorted(p.stem for p in scene_folder().glob("*.xml") if p.stem not in _FRAGMENTS)
 
 
 @dataclass(frozen=True)
 class Shadow:
-    """A soft shadow that wanders: metres, metres, share of light taken, seconds."""
+    """A moving soft shadow: amplitude and radius in m, share of the light it takes, period in s."""
 
     amplitude: float
     radius: float
@@ -63,22 +62,22 @@ class Shadow:
 
 
 class Scene:
-    """A scene with its motion and its truth.
+    """A scene with its motion and true objects.
 
     Parameters
     ----------
     name
         One of :func:`scene_names`, or the path of an MJCF file that follows the conventions.
     seed
-        0: as written. Otherwise the motion runs a little faster here and slower there, the cameras
-        stand a few centimetres elsewhere and the textures are others.
+        0: as in the file. Other seeds vary the timing of the motion, shift the cameras by a few
+        centimetres and draw other textures.
 
     Attributes
     ----------
     model
         The ``mujoco.MjModel``.
     joints
-        Names of its joints, all with one degree of freedom, in the order of a configuration.
+        Names of the joints, in the order of a configuration; all have one degree of freedom.
     period
         Seconds after which the motion repeats.
     objects
@@ -91,7 +90,7 @@ class Scene:
     Raises
     ------
     SceneError
-        For an unknown scene or one that breaks the conventions, and when MuJoCo is missing.
+        If the scene is unknown or violates the conventions, or MuJoCo is not installed.
     """
 
     def __init__(self, name: str, seed: int = 0) -> None:
@@ -110,13 +109,19 @@ class Scene:
 
     @classmethod
     def named(cls, name: str, seed: int = 0) -> Self:
-        """Load a scene that comes with the package (no files)."""
+        """Load a scene of the package by its name.
+
+        Raises
+        ------
+        SceneError
+            If there is no scene of that name.
+        """
         if name not in scene_names():
             raise SceneError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
         return cls(name, seed)
 
     def configuration(self, t: float) -> Vector:
-        """Joint positions at the time t in seconds: float64 [joints], rad or m."""
+        """Compute the joint positions float64 [joints], rad or m, at time t in seconds."""
         when = self._warped(t % self.period if self.period else t)
         q = np.array([0.0 if curve is None else float(curve(when)) for curve in self._curves])
         for target, driver, coefficients in self._couplings:
@@ -124,19 +129,19 @@ class Scene:
         return q
 
     def place(self, data: Any, configuration: Vector) -> None:
-        """Put all bodies of an ``MjData`` where a configuration has them."""
+        """Set an ``MjData`` to a configuration float64 [joints] and compute the poses of its bodies."""
         data.qpos[:] = configuration
         self._mujoco.mj_kinematics(self.model, data)
 
     def new_data(self) -> Any:
-        """Return an ``MjData`` of this scene, in its first configuration."""
+        """Return an ``MjData`` of this scene in its configuration at time 0."""
         data = self._mujoco.MjData(self.model)
         self.place(data, self.configuration(0.0))
         return data
 
     @cached_property
     def robot(self) -> tuple[str, ...]:
-        """Links whose poses proprioception reports."""
+        """Names of the links whose poses proprioception reports."""
         return tuple(self._text("robot").split())
 
     @cached_property
@@ -146,7 +151,7 @@ class Scene:
 
     @cached_property
     def shadow(self) -> Shadow | None:
-        """The wandering shadow of the clutter variants."""
+        """The moving shadow of the clutter variants."""
         values = self._numeric("shadow", [])
         return Shadow(*values) if len(values) else None
 
@@ -156,23 +161,12 @@ class Scene:
         Raises
         ------
         SceneError
-            If there is no such body.
+            If the body does not exist.
         """
         try:
             return int(self.body_objects[self.model.body(body).id])
         except KeyError:
             raise SceneError(f"{self.name} has no body {body!r}") from None
-
-    def joints_of(self, links: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the joints that move any of these bodies, in the order of a configuration."""
-        moving: set[int] = set()
-        for link in links:
-            body = self.model.body(link).id
-            while body:
-                first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
-                moving.update(range(first, first + count))
-                body = self.model.body_parentid[body]
-        return tuple(name for index, name in enumerate(self.joints) if index in moving)
 
     def _load(self, name: str) -> Any:
         path = scene_folder() / f"{name}.xml" if name in scene_names() else Path(name)

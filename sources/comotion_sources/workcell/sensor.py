@@ -1,4 +1,4 @@
-"""What a real RGB-D sensor makes of an ideal image: lens blur, image noise, depth noise, dropouts."""
+"""Sensor model: ideal image and depth -> those of an RGB-D sensor, with blur, noise and dropouts."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ from .render import Rendering
 
 Depth = NDArray[np.float32]
 
-_TILE_MARGIN = 251  # noise is cut at a random offset out of tiles this much larger than the image
-_SPECKLE = 0.002
+_TILE_MARGIN = 251  # noise is a random crop of tiles that are this many pixels larger than the image
+_SPECKLE = 0.002  # share of depth pixels that are missing at random
 
 
 @dataclass(frozen=True)
@@ -21,18 +21,17 @@ class SensorNoise:
     Attributes
     ----------
     depth_per_m2
-        1/m: one sigma of the depth is this times z² (Khoshelham and Elberink, Sensors 2012).
+        1/m; one-sigma noise of the depth is this times z² (Khoshelham and Elberink, Sensors 2012).
     edge_dropout
-        Share of depth pixels missing at depth discontinuities; some of the others there fly between
-        the surfaces.
+        Share of depth pixels missing at depth discontinuities; some others lie between the surfaces.
     edge_width
-        Pixels to each side of a discontinuity that suffer.
+        Width of this zone to each side of a discontinuity, px.
     blur
-        One sigma of the lens in pixels.
+        One-sigma blur of the lens, px.
     image
-        One sigma of the image noise in grey levels.
+        One-sigma noise of the image, grey levels.
     near, far
-        Metres; outside there is no depth.
+        Range of the depth, m.
     """
 
     depth_per_m2: float = 1.425e-3
@@ -45,16 +44,16 @@ class SensorNoise:
 
 
 class Sensor:
-    """Adds noise, deterministic in (seed, stamp).
+    """Adds sensor noise; the same seed and stamp give the same noise.
 
     Parameters
     ----------
     shape
         (height, width) of the images.
     seed
-        Same seed and stamp, same noise.
+        Seed of the noise, at least 0.
     noise
-        How much of it.
+        Parameters of the noise; None: the defaults.
     """
 
     def __init__(self, shape: tuple[int, int], seed: int, noise: SensorNoise | None = None) -> None:
@@ -62,14 +61,14 @@ class Sensor:
         self._shape, self._seed = shape, seed
         rng = np.random.default_rng([seed, 2])
         size = (shape[0] + _TILE_MARGIN, shape[1] + _TILE_MARGIN)
-        # Depth errors of neighbouring pixels go together: both come from one matched block.
+        # Depth errors of neighbouring pixels are correlated: the sensor matches blocks of pixels.
         blurred = cv2.GaussianBlur(rng.standard_normal(size).astype(np.float32), (0, 0), 0.8)
         self._depth_tile = blurred / blurred.std()
         self._image_tile = rng.normal(0.0, self.noise.image, size).astype(np.float32)
         self._chance_tile = rng.random(size, dtype=np.float32)
 
     def observe(self, ideal: Rendering, stamp_ns: int) -> tuple[NDArray[np.uint8], Depth]:
-        """Image uint8 [H, W, 3] and depth float32 [H, W] (0: missing) as the sensor reports them."""
+        """Return image uint8 [H, W, 3] and depth float32 [H, W], m (0: missing), with sensor noise."""
         rng = np.random.default_rng([self._seed, 3, stamp_ns % 2**63])
         return self._image(ideal.image, rng), self._depth(ideal.depth, rng)
 
@@ -84,7 +83,7 @@ class Sensor:
         kernel = np.ones((2 * self.noise.edge_width + 1,) * 2, np.uint8)
         back, front = cv2.dilate(depth, kernel), cv2.erode(depth, kernel)
         edge = back - front > 0.02 + 0.02 * depth
-        # Chance below the dropout: gone; a little above: somewhere between front and back.
+        # Below `edge_dropout` a pixel is missing; up to 0.1 above it lies between front and back.
         flying = edge & (chance < self.noise.edge_dropout + 0.1)
         mix = front + (back - front) * self._cut(self._chance_tile, rng)
         noisy = np.where(flying, mix, noisy)

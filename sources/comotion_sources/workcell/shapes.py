@@ -1,4 +1,4 @@
-"""The surfaces of geoms: which face a point lies on, where on it, and how it faces the light."""
+"""Surfaces of geoms: points -> face, position on the face and cosine to the light."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +12,21 @@ Points = NDArray[np.float32]
 def surface(
     kind: int, size: Vector, local: Points, to_light: Points
 ) -> tuple[NDArray[np.intp], Points, Points, Points]:
-    """Face, place on it and cosine to the light of points on a geom's surface.
+    """Locate points on the surface of a geom.
 
     Parameters
     ----------
     kind, size
         MuJoCo's geom type and size.
     local
-        float32 [N, 3], points in the geom's frame.
+        float32 [N, 3], points in the frame of the geom, m.
     to_light
-        float32 [3], unit vector in the geom's frame.
+        float32 [3], unit vector in the frame of the geom.
 
     Returns
     -------
-    face intp [N]; u, v float32 [N], metres to the right of and below the face's middle, seen from
-    outside with z up; cosine float32 [N].
+    Face intp [N]; u, v float32 [N], metres right of and below the centre of the face, as observed from
+    outside with z up; cosine of the angle between normal and light, float32 [N].
     """
     geom = require_mujoco().mjtGeom
     if kind == geom.mjGEOM_BOX:

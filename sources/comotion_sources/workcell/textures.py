@@ -1,8 +1,8 @@
-"""Procedural textures that look like things: wood, printed cartons, painted sheet, toy blocks.
+"""Procedural textures of real materials: wood, printed cartons, painted sheet metal, toy blocks.
 
-A texture is an image of one face of a body, drawn once with OpenCV from the face's size in metres,
-its colour and a seeded generator. Faces carry edges, print and grain as real ones do, so a feature
-tracker finds corners where it would on the real thing, and no noise that only a renderer makes.
+A texture is an image of one face of a body. It is drawn once with OpenCV from the size of the face in
+metres, its colour and a seeded generator. Faces have edges, print and grain, so that a feature tracker
+finds corners as on real objects.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,8 @@ def plain(rng: np.random.Generator, height: int, width: int, colour: Colour, sca
 def planks(rng: np.random.Generator, height: int, width: int, colour: Colour, scale: float) -> Image:
     """Boards with grain, knots and butt joints, along the height.
 
-    On the table: across the way things go, else trackers slide along a joint with whatever crosses it.
+    On the table the boards are across the direction of motion; otherwise features slide along the
+    joints between boards with an object that crosses them.
     """
     return np.ascontiguousarray(np.rot90(_boards(rng, width, height, colour, scale)))
 
@@ -257,4 +258,4 @@ TEXTURES: dict[str, Texture] = {
     "wallpaper": wallpaper,
     "wood": wood,
 }
-"""Textures by the name of the MJCF material that asks for them."""
+"""MJCF material name -> texture."""

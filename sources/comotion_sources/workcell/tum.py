@@ -1,4 +1,4 @@
-"""Writes what a workcell camera sees as a TUM RGB-D folder, for tools that run on files."""
+"""Writes the frames of a workcell camera as a TUM RGB-D folder."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from .camera import WorkcellCamera
 
 
 def write_tum(camera: WorkcellCamera, folder: Path) -> int:
-    """Write all frames of an unattached camera, with its calibration and the truth; counts them.
+    """Write all frames of an unattached camera, with calibration and truth; returns their number.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where the cameras of a scene stand and what their sensors measure."""
+"""Cameras of a scene: calibration, and configuration -> RGB-D frame with sensor noise and truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..errors import SceneError
+from ..frames import AMBIGUOUS
 from .atlas import Atlas
 from .render import Renderer
-from .scene import AMBIGUOUS, Scene, Vector
+from .scene import Scene, Vector
 from .sensor import Sensor, SensorNoise
 
-_PLACEMENT_M = 0.04
+_PLACEMENT_M = 0.04  # largest shift of a camera per axis that a seed draws
 
 
 def calibration(
@@ -26,11 +27,11 @@ def calibration(
     Parameters
     ----------
     scene
-        Its seed moves the cameras by a few centimetres (seed 0: as in the file).
+        The scene; its seed shifts the cameras by up to 4 cm per axis (seed 0: as in the file).
     camera
         Name of the camera.
     size
-        (width, height) of the image; the field of view is the file's.
+        (width, height) of the image in px; the vertical field of view is that of the file.
 
     Raises
     ------
@@ -52,7 +53,7 @@ def calibration(
 
 
 def looking_at(position: Vector, target: Vector) -> Extrinsics:
-    """Extrinsics of an upright camera at a position [3] that looks at a target [3], in metres."""
+    """Return the extrinsics of an upright camera at `position` [3] that points at `target` [3], m."""
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
@@ -61,7 +62,7 @@ def looking_at(position: Vector, target: Vector) -> Extrinsics:
 
 @dataclass(frozen=True)
 class Cover:
-    """A hand over the lens: from `start` to `stop`, in seconds of the scene, nothing is seen."""
+    """The lens is covered from `start` to `stop`, in seconds of the scene."""
 
     start: float
     stop: float
@@ -72,16 +73,16 @@ class Cover:
 
 
 class Viewpoint:
-    """One simulated RGB-D camera in a scene: configurations in, frames with truth out.
+    """One simulated RGB-D camera of a scene.
 
     Parameters
     ----------
     scene, camera, size
         As in :func:`calibration`.
     noise
-        Of the sensor; the defaults of :class:`SensorNoise` when None.
+        Sensor noise; None: the defaults of :class:`SensorNoise`.
     atlas
-        Textures, to share between the cameras of a scene.
+        Textures, which the cameras of a scene may share; None: draw them.
 
     Attributes
     ----------
@@ -106,7 +107,7 @@ class Viewpoint:
         self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), noise)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
-        """Take the frame at a stamp, with the bodies where the configuration [joints] has them.
+        """Render the frame of a configuration float64 [joints] with a stamp.
 
         The same configuration and stamp give the same frame, bit for bit.
         """
@@ -115,7 +116,7 @@ class Viewpoint:
         return Frame(stamp_ns, image, depth, object_map(self.scene.geom_objects, ideal.geoms))
 
     def covered(self, stamp_ns: int) -> Frame:
-        """Take a frame with a hand over the lens: black, without depth, without objects."""
+        """Return the frame of a covered lens: black, without depth and objects."""
         shape = (self.intrinsics.height, self.intrinsics.width)
         return Frame(
             stamp_ns,
@@ -126,7 +127,15 @@ class Viewpoint:
 
 
 def object_map(geom_objects: NDArray[np.int32], geoms: NDArray[np.int32]) -> NDArray[np.int32]:
-    """True object under each pixel, int32 [H, W]; -1 on the outlines, where a feature may be either's."""
+    """True object of each pixel, int32 [H, W]; -1 on outlines, where a feature may belong to either side.
+
+    Parameters
+    ----------
+    geom_objects
+        int32 [geoms], object of each geom.
+    geoms
+        int32 [H, W], geom of each pixel, -1 where none.
+    """
     objects = np.where(geoms >= 0, geom_objects[geoms], AMBIGUOUS).astype(np.float32)
     kernel = np.ones((3, 3), np.uint8)
     uniform = cv2.erode(objects, kernel) == cv2.dilate(objects, kernel)

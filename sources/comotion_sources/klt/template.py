@@ -1,0 +1,202 @@
+"""Template alignment: image, predicted positions and templates -> drift-free positions of features.
+
+Tracking from frame to frame accumulates small errors, and a feature may slide along an edge or follow a
+passing outline. Therefore each frame the template of a feature, its image patch at birth, is aligned
+with the image by an affine warp and a change of brightness (Shi and Tomasi 1994; inverse
+compositional: Baker and Matthews 2004), starting at the result of Lucas-Kanade (Matthews, Ishikawa and
+Baker 2004, "The template update problem"). The correlation shows whether the image still matches.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.types import Image
+from .flow import Pixels
+
+Floats = NDArray[np.float32]
+
+_ITERATIONS = 3
+# Regularisation of the four shape parameters as a share of their mean information: in a patch with little
+# texture they are otherwise undetermined.
+_STIFFNESS = 0.02
+_EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture
+_MAX_SHAPE_STEP = 0.3  # largest change of an entry of the shape matrix per iteration
+_MIN_GAIN = 0.1  # smallest contrast relative to the template that still scales a step
+_COLUMNS = ("patch", "power", "gradient_inverse", "variance_scale", "shape")
+
+
+@dataclass(frozen=True, slots=True)
+class Templates:
+    """Templates (patches at birth) of N features, P pixels each.
+
+    Attributes
+    ----------
+    patch
+        float32 [N, P], grey values without their mean and slope.
+    power
+        float32 [N], sum of the squares of `patch`.
+    gradient_inverse
+        float32 [N, 6, P], maps a difference of patches to four shape and two shift parameters of
+        the affine warp.
+    variance_scale
+        float32 [N], px²: variance of the position in its least certain direction, for grey values
+        of variance 1.
+    shape
+        float32 [N, 2, 2], linear part of the warp from the template to the newest image.
+    """
+
+    patch: Floats
+    power: Floats
+    gradient_inverse: Floats
+    variance_scale: Floats
+    shape: Floats
+
+    def __len__(self) -> int:
+        return len(self.patch)
+
+    def __getitem__(self, keep: NDArray[np.bool_]) -> "Templates":
+        if keep.all():
+            return self
+        return Templates(*(getattr(self, name)[keep] for name in _COLUMNS))
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Result of the alignment of N templates.
+
+    Attributes
+    ----------
+    pixels
+        float32 [N, 2], aligned positions.
+        e
+        float32 [N, 2, 2], as in :class:`Templates`.
+        elation
+        float32 [N], of the template with the warped image, -1 to 1.
+        e
+        float32 [N], one-sigma noise of `pixels` estimated from the residual, px.
+    """
+
+    pixels: Pixels
+    shape: Floats
+    correlation: Floats
+    noise: Floats
+
+
+@cache
+def _offsets(window: int) -> Floats:
+    """Coordinates of the pixels of a window relative to its centre, float32 [P, 2]."""
+    half = window // 2
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    return np.stack([x.ravel(), y.ravel()], 1).astype(np.float32)
+
+
+@cache
+def _ramps(window: int) -> Floats:
+    """Orthonormal basis of the linear functions over a window, float32 [3, P]."""
+    x = _offsets(window)
+    ramps = np.stack([np.ones(len(x), np.float32), x[:, 0], x[:, 1]])
+    return np.asarray(ramps / np.linalg.norm(ramps, axis=1, keepdims=True), np.float32)
+
+
+def _detrended(values: Floats, window: int) -> Floats:
+    """Subtract mean and slope from patches [..., P]."""
+    ramps = _ramps(window)
+    return np.asarray(values - (values @ ramps.T) @ ramps, np.float32)
+
+
+def no_templates() -> Templates:
+    """Return the templates of no features."""
+    sizes = ((0, 1), (0,), (0, 6, 1), (0,), (0, 2, 2))
+    return Templates(*(np.empty(size, np.float32) for size in sizes))
+
+
+def concatenated(first: Templates, second: Templates) -> Templates:
+    """Concatenate the templates of two sets of features."""
+    if not len(first) or not len(second):
+        return first if len(first) else second
+    return Templates(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in _COLUMNS))
+
+
+def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
+    """Extract the templates of features from an image.
+
+    Parameters
+    ----------
+    grey
+        uint8 [H, W].
+    pixels
+        float32 [N, 2], positions of the features.
+    window
+        Edge of a template in px; an even number is raised by one.
+    """
+    if not len(pixels):
+        return no_templates()
+    window |= 1
+    upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
+    wide = _sampled(grey.astype(np.float32), pixels, upright, _offsets(window + 2))
+    patch, steepest = _slopes(wide.reshape(-1, window + 2, window + 2), window)
+    power = np.einsum("np,np->n", patch, patch) + _EPSILON
+    # Brightness may change by a T + b + c.x (soft shadows): project this out of the gradients.
+    share = (steepest @ patch[:, :, None]) / power[:, None, None]
+    steepest -= share * patch[:, None]
+    normal = steepest @ steepest.transpose(0, 2, 1)
+    stiff = _STIFFNESS * np.trace(normal[:, :4, :4], axis1=1, axis2=2) / 4
+    normal += stiff[:, None, None] * np.diag([1.0, 1, 1, 1, 0, 0]) + _EPSILON * np.eye(6)
+    inverse = np.linalg.inv(normal).astype(np.float32)
+    variance_scale = np.maximum(np.linalg.eigvalsh(inverse[:, 4:, 4:])[:, 1], 0)
+    return Templates(patch, power, inverse @ steepest, variance_scale, upright)
+
+
+def _slopes(wide: Floats, window: int) -> tuple[Floats, Floats]:
+    """Detrended patches [N, P] and their gradients by the six parameters [N, 6, P], from wider patches."""
+    x, y = _offsets(window).T
+    dx = ((wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]) / 2).reshape(len(wide), -1)
+    dy = ((wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]) / 2).reshape(len(wide), -1)
+    steepest = np.stack([dx * x, dx * y, dy * x, dy * y, dx, dy], 1)
+    return _detrended(wide[:, 1:-1, 1:-1].reshape(len(wide), -1), window), _detrended(steepest, window)
+
+
+def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Alignment:
+    """Align templates with an image.
+
+    Parameters
+    ----------
+    grey
+        uint8 [H, W].
+    pixels
+        float32 [N, 2], predicted positions of the features.
+    templates
+        Templates of the same features, with the shape of the frame before.
+    window
+        Edge of a template in px, as in :func:`extract`.
+    """
+    window |= 1
+    x, image = _offsets(window), grey.astype(np.float32)
+    centre, shape = pixels, templates.shape
+    for iteration in range(_ITERATIONS + 1):
+        seen = _detrended(_sampled(image, centre, shape, x), window)
+        gain = np.einsum("np,np->n", seen, templates.patch) / templates.power
+        residual = seen - gain[:, None] * templates.patch
+        bounded_gain = np.maximum(gain, _MIN_GAIN)
+        if iteration < _ITERATIONS:
+            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0] / bounded_gain[:, None]
+            change = np.eye(2, dtype=np.float32) + np.clip(
+                step[:, :4], -_MAX_SHAPE_STEP, _MAX_SHAPE_STEP
+            ).reshape(-1, 2, 2)
+            shape = shape @ np.linalg.inv(change)  # W <- W o dW^-1
+            centre = centre - np.einsum("nij,nj->ni", shape, step[:, 4:])
+    square = np.einsum("np,np->n", residual, residual)
+    correlation = gain * np.sqrt(templates.power / np.maximum(np.einsum("np,np->n", seen, seen), _EPSILON))
+    variance = square / residual.shape[1] / bounded_gain**2 * templates.variance_scale
+    return Alignment(centre, shape, correlation, np.sqrt(variance))
+
+
+def _sampled(image: Floats, centre: Pixels, shape: Floats, offsets: Floats) -> Floats:
+    """Interpolate grey values float32 [N, P] at centre + shape · offset."""
+    x, y = (shape @ offsets.T + centre[:, :, None]).transpose(1, 0, 2).astype(np.float32)
+    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
