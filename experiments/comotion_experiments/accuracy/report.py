@@ -24,13 +24,15 @@ def markdown(results: Results, picture: str) -> str:
 
 _HEAD = """# Accuracy
 
-Made by `comotion reproduce accuracy`. NMI (4.1) over every track observed at an update, an update each third
-of a second from the first one on, undetermined tracks as singletons; mean ± standard deviation over seeds
-{seeds}. One parameter set for the default method, number of bodies and noise unknown. The thesis method has
-equal weights and the σ_switch that suits it best: 0.02 m for fig. 4.1, else 0.01 m; `by scikit-learn` is the
-same with its clusters split by scikit-learn's 2-means, the best of ten random starts. Switches: tracks whose
-hypothesis differs from that of the update before, per 100. In fig. 4.3 and 3.3, with the late mover and with
-everything static the truth tells bodies apart that nothing has moved yet: there NMI has a ceiling below 1."""
+Made by `comotion reproduce accuracy`. NMI (4.1) over every track observed at an update, with an update each third
+of a second, beginning with the first third. Undetermined tracks count as clusters of their own. Mean ± standard
+deviation over seeds {seeds}. The default method has one parameter set, and does not know the number of bodies
+or the noise. The thesis method has equal weights and its best σ_switch: 0.02 m for fig. 4.1, else 0.01 m.
+`by scikit-learn` is the thesis method with clusters split by scikit-learn's 2-means, the best of ten random
+starts. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In fig. 4.3
+and 3.3 and with the late mover (3d_late) the truth separates bodies that have not moved yet, so NMI cannot reach 1.
+
+The methods are described [here](../method.md)."""
 
 
 def _head(results: Results) -> str:
@@ -145,8 +147,8 @@ def _reliability(results: Results, picture: str) -> str:
     lines = [
         "## Confidence",
         "",
-        "How often an assignment of a given confidence is right, on the simulated scenes less those whose",
-        "bodies rest before they move, which nothing can tell apart.",
+        "How often an assignment of a given confidence is right, on the simulated scenes without those whose",
+        "bodies rest before they move, because bodies at rest cannot be distinguished.",
         "",
         f"![reliability]({picture})",
         "",
@@ -187,8 +189,8 @@ def _leave_one_out(results: Results) -> str:
         "",
         "### Leave one recording out",
         "",
-        "The setting of the table above with the best mean on the other recordings, scored on the one left",
-        "out.",
+        "For each recording: the setting of the table above with the best mean on the other recordings, and its",
+        "score on this one.",
         "",
         "| recording | setting chosen | there | as it is |",
         "|---|---|---|---|",

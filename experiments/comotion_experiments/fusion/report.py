@@ -65,7 +65,7 @@ def lines(results: Results) -> list[str]:
         f"On camera A's features, fusing all against A alone: {v.gain:+.4f} NMI on average, "
         f"{v.worst_gain:+.4f} in the worst scene, {v.worst_seed:+.4f} in the worst seed; "
         f"{v.gain_after:+.4f} in the {AFTER_S:.0f} s after A was covered.",
-        "Hypothesis ids of what B sees or the robot carries that stay while A is covered: "
+        "Hypothesis ids that stay while A is covered, of objects that B sees or the robot carries: "
         f"{100 * v.kept:.0f} %.",
         f"On all features, fused: {100 * v.surface:.1f} % of the objects' surface at NMI {v.nmi:.3f}; "
         f"best single camera of each scene: {100 * v.surface_single:.1f} % at {v.nmi_single:.3f}.",
@@ -76,16 +76,16 @@ _PAGE = """# Fusing sources
 
 Made by `comotion reproduce fusion`, method {method}, on the [workcell](../workcell.md): camera A at
 {rate_a:g} Hz, camera B at {rate_b:g} Hz ({width} x {height} px, {features} features each), a robot's joints
-at {rate_robot:g} Hz; seeds {seeds}, mean ± standard deviation. Covered: nothing reaches camera A's lens from
+at {rate_robot:g} Hz; seeds {seeds}, mean ± standard deviation. Covered: the lens of camera A is covered from
 {start:g} to {stop:g} s.
 
-- NMI of A: over camera A's features alone, so that sources are compared on the same features; and in the
+- NMI of A: over the features of camera A alone, so that all sources are compared on the same features; also in the
   {after:.0f} s after the lens is free again. NMI of all: over the features of all sources.
-- Surface: share of the moving objects' surface within 3 cm of a feature of theirs.
-- Ids kept: share of objects and updates, while A is covered, whose hypothesis has the id of just before,
-  for what B sees or the robot carries.
+- Surface: share of the surface of moving objects that is within 3 cm of one of their features.
+- Ids kept: while A is covered, share of objects and updates whose hypothesis keeps its id, among the objects
+  that B sees or the robot carries.
 
-NMI has a ceiling below 1 here: the truth tells objects apart that have not moved yet.
+NMI cannot reach 1 here: the truth separates objects that have not moved yet.
 
 {lines}
 
