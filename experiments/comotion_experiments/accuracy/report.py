@@ -29,8 +29,9 @@ third of a second, beginning with the first third. Undetermined tracks count as 
 standard deviation over seeds {seeds}. The default method has one parameter set, and does not know the
 number of bodies or the noise. The thesis method has equal weights and its best σ_switch: 0.02 m for fig. 4.1,
 else 0.01 m. `by scikit-learn` is the thesis method with clusters split by scikit-learn's 2-means, the best of
-ten random starts. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In fig. 4.3
-and 3.3 and with the late mover (3d_late) the truth separates bodies that have not moved yet, so NMI cannot reach 1.
+ten random starts. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In
+fig. 4.3 and 3.3 and with the late mover (3d_late) the truth separates bodies that have not moved yet, so NMI
+cannot reach 1.
 
 The methods are described [here](../method.md)."""
 

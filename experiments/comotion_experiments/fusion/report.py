@@ -80,10 +80,11 @@ at {rate_robot:g} Hz; seeds {seeds}, mean ± standard deviation. Covered: the le
 {start:g} to {stop:g} s.
 
 - NMI of A: over the features of camera A alone, so that all sources are compared on the same
-  features; also in the {after:.0f} s after the lens is free again. NMI of all: over the features of all sources.
+  features; also in the {after:.0f} s after the lens is free again. NMI of all: over the features of all
+  sources.
 - Surface: share of the surface of moving objects that is within 3 cm of one of their features.
-- Ids kept: while A is covered, share of objects and updates whose hypothesis keeps its id, among the objects
-  that B sees or the robot carries.
+- Ids kept: while A is covered, share of objects and updates whose hypothesis keeps its id, among the
+  objects that B sees or the robot carries.
 
 NMI cannot reach 1 here: the truth separates objects that have not moved yet.
 
