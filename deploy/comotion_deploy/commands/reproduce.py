@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from .. import options
 from ..fusion_options import fusion_config
-from . import reproduce_figures, reproduce_links
+from . import reproduce_figures, reproduce_links, reproduce_stress
 from .experiments import Cache, Period, cache_folder, check, check_folder, progress
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ app = typer.Typer(
 )
 app.command("figures", epilog=reproduce_figures.EPILOG)(reproduce_figures.figures)
 app.command("links", epilog=reproduce_links.EPILOG)(reproduce_links.links)
+app.command("stress", epilog=reproduce_stress.EPILOG)(reproduce_stress.stress)
 
 
 @app.command("fusion", epilog=FUSION_EPILOG)

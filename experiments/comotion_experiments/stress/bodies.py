@@ -4,9 +4,10 @@ import numpy as np
 
 from comotion_sources.simulator import load_scene
 from comotion_sources.simulator.spec import Body as BodySpec
+from comotion_sources.simulator.spec import Sines
 
 from .lives import cut, replaced
-from .motion import PoseAt, at_speed, coupled, key_states, retimed, simulated, speed_profile
+from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
 from .scene import Body, Happening, Scene, Slip, Source, rng_of
 from .worlds import background, box, lives_of, respawning, room, swinging
 
@@ -74,7 +75,7 @@ def object_cover(
     return [_with_hidden(seed, room(seed, bodies), hidden, first + every * bodies + 2.0)]
 
 
-def slow(seed: int, *, bodies: int = 3, speed: float = 0.2, duration: float = 30.0) -> list[Scene]:
+def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30.0) -> list[Scene]:
     """Slow bodies."""
     names = [f"body {k + 1}" for k in range(bodies)]
     moving = [Body(n, at_speed(swinging(seed, n), speed), 8, box(seed, n)) for n in names]
@@ -121,8 +122,8 @@ def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array(body.size, np.float64)
 
 
-def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.005, duration: float = 15.0) -> list[Scene]:
-    """Let every feature of a moving body swing by a few mm about its place."""
+def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.01, duration: float = 15.0) -> list[Scene]:
+    """Let every feature of a moving body swing about its place by an amplitude (m)."""
     all_bodies = room(seed, bodies, features=12)
     slots, rng = sum(b.features for b in all_bodies), rng_of(seed, "soft")
     way = rng.normal(size=(slots, 3))
@@ -172,6 +173,24 @@ def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> li
     ]
     spans = respawning(bodies, duration, seed)
     return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration)]
+
+
+def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scene]:
+    """Swing an arm of two links about a fixed shoulder; the second turns about the end of the first."""
+    lengths = rng_of(seed, "lengths").uniform(0.3, 0.4, 2)
+    first, second = (_turning(seed, f"link {k + 1}") for k in range(2))
+    size = np.array([lengths[0], 0.08, 0.08])
+    links = [
+        Body("link 1", chained([first], lengths[:1]), 10, size, sigma),
+        Body("link 2", chained([first, second], lengths), 10, size, sigma),
+    ]
+    bodies = [background(sigma=sigma), *links]
+    spans = respawning(bodies, duration, seed)
+    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration)]
+
+
+def _turning(seed: int, name: str) -> PoseAt:
+    return simulated(Sines(kind="sines", amplitude=0.0, rotation=1.0), rng_of(seed, "motion", name))
 
 
 def _profiled(

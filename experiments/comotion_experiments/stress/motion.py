@@ -98,6 +98,29 @@ def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
     return at
 
 
+def chained(turns: Sequence[PoseAt], lengths: Array) -> PoseAt:
+    """Middle of the last link of a chain that begins at the origin; each link turns about its start.
+
+    Parameters
+    ----------
+    turns
+        Rotation of each link in the axes of the one before.
+    lengths
+        float64 [links], m; links lie along their first axis.
+    """
+
+    def at(times: Array) -> Poses:
+        rotations, end = np.broadcast_to(np.eye(3), (len(times), 3, 3)), np.zeros((len(times), 3))
+        middle = end
+        for turn, length in zip(turns, lengths.tolist(), strict=True):
+            rotations = rotations @ turn(times).rotations
+            along = rotations[..., 0] * length
+            middle, end = end + along / 2, end + along
+        return Poses(rotations, middle)
+
+    return at
+
+
 def speed_profile(switches: Sequence[float], *, moving: bool, ramp: float = 0.3) -> tuple[Array, Array]:
     """Knots of a speed that goes between 0 and 1 at given times, each time within `ramp` seconds.
 
