@@ -1,6 +1,6 @@
 """Parameters of the default method in spaces of unit px.
 
-They were chosen together on public sequences; docs/pixels.md says how.
+They were chosen together on public sequences; docs/research/pixels.md says how.
 """
 
 from typing import Annotated
