@@ -239,7 +239,7 @@ def test_the_longest_observed_members_speak() -> None:
 
 
 def test_pose_variances_are_those_of_fitted_poses() -> None:
-    from comotion.rigid.kinematics import align
+    from comotion.rigid.procrustes import align
 
     rng = np.random.default_rng(2)
     template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003

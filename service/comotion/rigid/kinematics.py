@@ -1,8 +1,8 @@
-"""Pose since birth and twist now, from the poses of a body over the frames.
+"""In the poses of a body over the frames, out its twist now and its pose since birth.
 
-A pose at one frame is as noisy as that frame's observations. Poses are therefore read off a local
-cubic, by least squares over a short span: at the newest frame from the span before it, in the
-past from both sides.
+A pose at one frame is as noisy as the observations of that frame. Poses are therefore those of a local
+cubic, by least squares over a short span: at the newest frame over the span before it, in the past over a
+span on both sides.
 """
 
 from collections.abc import Callable
@@ -14,16 +14,17 @@ from comotion_schemas import Pose, Twist
 
 from ..arrays import Floats, Ints, Stamps
 from ..partition import PoseReference
-from .bodies import Body
-from .frames import Frames
-from .panel import ENOUGH
-from .rotation import quaternion, rotation_matrix, rotation_vectors
+from .kernels.rotation import quaternion, rotation_matrix, rotation_vectors
+from .procrustes import Body, align
+from .resampling import Frames
+from .subset import FIT_ROWS
 
-# Longer is quieter, shorter follows jerk. Measured on bodies of 10 features at 5 mm: a quadratic over
-# 0.6 s errs by 1.2 degrees and 6.9 % of the velocity, a cubic over 1.6 s by 1.0 degrees and 5.9 %.
+# s and degree of the polynomial. A longer span has less noise, a shorter one follows jerk. Measured on bodies
+# of 10 features at 5 mm: a quadratic over 0.6 s errs by 1.2 degrees and 6.9 % of the velocity, a cubic over
+# 1.6 s by 1.0 degrees and 5.9 %.
 _SPAN = 1.6
 _DEGREE = 3
-# Rotation vectors far from zero wrap and do not add; what has turned further, rad, is left out.
+# rad; rotation vectors far from zero wrap and do not add. Frames that are turned further are left out.
 _TURN = 2.0
 
 
@@ -46,10 +47,10 @@ def local_motion(frames: Frames, body: Body, at_ns: int, point: Floats) -> Local
     Parameters
     ----------
     point
-        float64 [3], body coordinates of the point whose velocity is asked (its centroid).
+        float64 [3], body coordinates of the point whose velocity is returned (the centroid).
     """
     seconds = np.asarray((frames.stamps - at_ns) * 1e-9, np.float64)
-    # A span centred on the time where there are frames on both sides, else all of it on one.
+    # A span centred on the time where there are frames on both sides, else all of it on one side.
     low = max(-_SPAN / 2, float(seconds[0]))
     high = min(low + _SPAN, float(seconds[-1]))
     low = min(low, high - _SPAN)
@@ -68,7 +69,7 @@ def local_motion(frames: Frames, body: Body, at_ns: int, point: Floats) -> Local
 
 def _polynomial(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Value and slope at zero of a least-squares polynomial, [p] each."""
-    # A degree takes three samples to be better than noise.
+    # Each degree needs two more samples to be better than noise.
     degree = min(_DEGREE, max((len(seconds) - 1) // 2, 1 if len(seconds) > 1 else 0))
     design = seconds[:, None] ** np.arange(degree + 1)
     found = np.linalg.lstsq(design, values, rcond=None)[0]
@@ -85,8 +86,8 @@ def follow(
 ) -> None:
     """Update a hypothesis' pose since birth from its body's poses.
 
-    While its birth lies in the window the body's own pose then is the reference, better known at
-    each update; after that, what is left of its early members; without those, the last pose.
+    While the birth is in the window, the reference is the body's own pose at birth, which is better known at
+    each update. After that it is what is left of the early members; without those, the last pose.
 
     Parameters
     ----------
@@ -127,19 +128,6 @@ def _from_birth(
     return reference.R.T @ last.R, reference.R.T @ (last.t - reference.t)
 
 
-def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Least-squares rigid transform of points [m, 3] to others (Kabsch): target = R source + t."""
-    a, b = source.mean(0), target.mean(0)
-    moment = (target - b).T @ (source - a)
-    if dim == 2:
-        angle = np.arctan2(moment[1, 0] - moment[0, 1], moment[0, 0] + moment[1, 1])
-        R = rotation_matrix(np.array([0.0, 0.0, angle]))
-    else:
-        u, _, vt = np.linalg.svd(moment)
-        R = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return R, b - R @ a
-
-
 def as_pose(R: Floats, t: Floats, dim: int) -> Pose:
     """Pose in the protocol's terms."""
     if dim == 2:
@@ -155,12 +143,17 @@ def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
 
 
 def centroid_of(body: Body, rows: Ints, newest: Floats) -> Floats:
-    """Centroid of the members in body coordinates, [3].
+    """Centroid of the members in body coordinates, float64 [3].
 
-    Of those of their `rows` that the body was fitted to, else of all it was; but where they are too many
-    to have been, of their `newest` positions [n, 3].
+    The mean of those of their rows that the body was fitted to; of all rows it was fitted to if it was fitted
+    to none of theirs. Where they are too many to be fitted to, of their newest positions.
+
+    Parameters
+    ----------
+    rows, newest
+        intp [m], rows of the members, and float64 [n, 3], their newest positions.
     """
-    if len(rows) > ENOUGH and body.posed.any():
+    if len(rows) > FIT_ROWS and body.posed.any():
         last = np.flatnonzero(body.posed)[-1]
         return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
     chosen = np.isin(body.rows, rows)

@@ -1,7 +1,20 @@
 """The default method (``method = "comotion"``): a hypothesis is a rigid body with a motion.
 
-tracks -> offsets between sources -> frames (noise, tolerance) -> panel -> proposals (distance variance)
-       -> bodies (rigid motion) -> selection -> assignment -> motions
+Trajectories in, groups of them out. The steps of an update; all lengths are relative to the noise or to the
+extent of the scene, so that no parameter has a scale:
+
+1.  Read the trajectories of the window (:mod:`.tracks`).
+2.  Register the sources: correct their extrinsics and clocks by bodies that two of them see
+    (:mod:`.registration`).
+3.  Resample the trajectories on common frames (:mod:`.resampling`).
+4.  Estimate the noise of each, and the tolerance that deformation adds to it (:mod:`.noise`).
+5.  Choose the trajectories to search, all of them in a small scene (:mod:`.subset`), and find candidates: the
+    previous hypotheses, and clusters of the normalised deviation of distances (:mod:`.candidates`).
+6.  Fit a body with a pose in each frame to each candidate (:mod:`.procrustes`).
+7.  Compute what each trajectory costs under each body (:mod:`.costs`).
+8.  Select the bodies of least total cost (:mod:`.selection`).
+9.  Assign every trajectory to a body (:mod:`.assignment`).
+10. Describe the motion of each body (:mod:`.motions`).
 """
 
 from typing import Any
@@ -9,19 +22,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Labels, Slots, Stamps
-from ..config import FusionConfig
-from ..matching import largest_total
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps
+from ..config import FusionConfig, RigidConfig
+from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
-from .confidence import posterior, same_body
-from .frames import Frames, make_frames
+from .assignment import (
+    LEAST_ENDED_FRAMES,
+    SearchResult,
+    assign,
+    cheapest,
+    posterior,
+    predicted_positions,
+    same_body,
+)
+from .candidates import candidate_rows
+from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import Differences
-from .offsets import Offsets
 from .poses import Poses, poses_of
-from .search import Found, Past, search
-from .tracks import Tracks, gather
+from .procrustes import Body, fit_body, static_body
+from .registration import Registration
+from .resampling import Frames, make_frames
+from .selection import select
+from .subset import Scene, Subset, choose_subset, extended_rows
+from .tracks import Tracks, read_tracks
+
+# Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
+# of docs/accuracy.md.
+_KEY_FRAMES = 50
+# In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
+# then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
+_ESTIMATE_STRIDE = 5
+# Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
+# trajectory in the selection. Chosen on the scenes of docs/accuracy.md.
+_ENDED_WEIGHT = 0.5
 
 
 class RigidMethod:
@@ -42,14 +77,34 @@ class RigidMethod:
         self._dim = spec.dim
         # Of all trajectories of the last update, by key, ascending.
         self._keys: Stamps = np.zeros(0, np.int64)
-        self._strange: Floats = np.zeros(0)
-        self._offsets = Offsets()
+        self._excess: Floats = np.zeros(0)
+        self._registration = Registration()
         self._differences = Differences()
         self._chances: Floats = np.zeros((0, 1))
-        self._last: tuple[Tracks, Frames, Found] | None = None
+        self._last: tuple[Tracks, Frames, SearchResult] | None = None
+
+    def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
+        """Group the current trajectories."""
+        tracks = read_tracks(window, current, stamp_ns)  # 1
+        if not len(tracks.key):
+            return self._nothing()
+        tracks = self._registration.correct(tracks)  # 2
+        spans = window.span_ns, window.gap_ns
+        frames = make_frames(tracks, self._differences, stamp_ns, *spans, self._config)  # 3, 4
+        result = search(self._scene(tracks, frames, previous), self._config)  # 5 to 9
+        described = describe_bodies(tracks, frames, result, self._config)  # 10
+        groups = result.assignment.labels
+        self._registration.learn(tracks, frames, groups)  # 2, for the next update
+        self._keys, self._excess = tracks.key, result.excess
+        self._last = (tracks, frames, result)
+        chosen = np.searchsorted(tracks.key, window.key[current])
+        self._chances = chances = posterior(result.assignment)[chosen]
+        confidence = chances[np.arange(len(chosen)), groups[chosen] + 1]
+        position = tracks.newest[chosen, : self._dim]
+        return Partition(tracks.slot, groups, np.ones(len(groups), np.bool_), confidence, position, described)
 
     def observed(self, window: Window, rows: Rows) -> None:
-        """The window is read at updates; only what was known of late rows is void."""
+        """Forget differences between observations that others came between; all else is read at updates."""
         del window
         if not rows.in_order:
             self._differences.rewritten(rows.slots)
@@ -59,29 +114,6 @@ class RigidMethod:
 
     def forgetting(self, window: Window, slots: Slots) -> None:
         """Nothing to do: keys are never used again."""
-
-    def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
-        """Group the current trajectories."""
-        tracks = gather(window, current, stamp_ns)
-        if not len(tracks.key):
-            return self._nothing()
-        tracks = self._offsets.correct(tracks)
-        spans = window.span_ns, window.gap_ns
-        frames = make_frames(tracks, self._differences, stamp_ns, *spans, self._config)
-        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        past = Past(previous.labels[tracks.slot], static, self._remembered(tracks.key))
-        found = search(frames, tracks.newest(), past, self._config)
-        groups = found.assignment.labels
-        self._keys, self._strange = tracks.key, found.strange
-        self._last = (tracks, frames, found)
-        described = describe_bodies(tracks, frames, found, self._config)
-        self._offsets.learn(tracks, frames, groups)
-        chosen = np.searchsorted(tracks.key, window.key[current])
-        self._chances = chances = posterior(found.assignment)[chosen]
-        confidence = chances[np.arange(len(chosen)), groups[chosen] + 1]
-        position = tracks.newest()[chosen, : self._dim]
-        deciding = np.ones(len(groups), np.bool_)
-        return Partition(tracks.slot, groups, deciding, confidence, position, described)
 
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
@@ -95,26 +127,119 @@ class RigidMethod:
         return None if self._last is None else poses_of(*self._last, ids)
 
     def state(self) -> dict[str, Any]:
-        """The sources' offsets."""
-        return {"offsets": self._offsets.state()}
+        """The registration of the sources."""
+        return {"offsets": self._registration.state()}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; all else is read from the window."""
         del window
         if state:
-            self._offsets.load(state["offsets"])
+            self._registration.load(state["offsets"])
 
     def _nothing(self) -> Partition:
-        self._keys, self._strange = np.zeros(0, np.int64), np.zeros(0)
+        self._keys, self._excess = np.zeros(0, np.int64), np.zeros(0)
         self._last, self._chances = None, np.zeros((0, 1))
         nobody = np.zeros(0, np.intp)
         return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
-    def _remembered(self, keys: Stamps) -> Floats:
-        """Strangeness of trajectories at the last update, float64 [N]."""
-        strange = np.zeros(len(keys))
+    def _scene(self, tracks: Tracks, frames: Frames, previous: Previous) -> Scene:
+        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
+        excess = np.zeros(len(tracks.key))
         if len(self._keys):
-            at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-            known = self._keys[at] == keys
-            strange[known] = self._strange[at[known]]
-        return strange
+            at = np.minimum(np.searchsorted(self._keys, tracks.key), len(self._keys) - 1)
+            known = self._keys[at] == tracks.key
+            excess[known] = self._excess[at[known]]
+        judged = frames.life >= self._config.min_samples
+        return Scene(frames, tracks.newest, judged, previous.labels[tracks.slot], static, excess)
+
+
+def search(scene: Scene, config: RigidConfig) -> SearchResult:
+    """Find the bodies of a scene: steps 5 to 9.
+
+    The first round finds bodies in the subset, on few frames. The second one fits them to all frames and
+    compares all trajectories with them. Where the subset is the whole scene, a third one fits the bodies to
+    the trajectories that were assigned to them.
+    """
+    subset = choose_subset(scene, config)
+    bodies, labels = _first_bodies(scene, subset, config)
+    if subset.complete:
+        rows = _assigned_rows(scene, bodies, labels, keep_own=True)
+    else:
+        rows = extended_rows(scene, subset, labels, len(bodies))
+    result = _compare_all(scene, rows, config, exact=subset.complete)
+    if subset.complete:
+        rows = _assigned_rows(scene, result.bodies, result.assignment.labels, keep_own=False)
+        result = _compare_all(scene, rows, config, exact=True)
+    return result
+
+
+def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
+    """Bodies of least cost in the subset, on few frames, and the cheapest of them for each trajectory [n]."""
+    part = scene if subset.complete else scene.of(subset.tracks)
+    count = len(part.frames.stamps)
+    few = part.frames.thinned(max(count // _KEY_FRAMES, 1))
+    candidates = candidate_rows(part, few, subset.unexplained)  # 5
+    bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
+    found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
+    chosen = select(_weighted(part, found))  # 8
+    return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
+
+
+def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
+    """Fit bodies to rows, select the best, and assign every trajectory to one of them.
+
+    Parameters
+    ----------
+    rows
+        intp [m] for each body but the static one.
+    exact
+        Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
+        and a body must be worth its price by its motion alone.
+    """
+    frames, before = scene.frames, scene.before
+    bodies = [
+        static_body(len(frames.stamps)),
+        *(fit_body(frames, some) for some in rows if len(some) >= 2),
+    ]  # 6
+    found = costs(frames, bodies, config, stride=1 if exact else _ESTIMATE_STRIDE)  # 7
+    if not exact:
+        moving = moving_bodies(frames, bodies, found, config)
+        bodies, found = [bodies[k] for k in moving], found.of(moving)
+    chosen = select(_weighted(scene, found))  # 8
+    bodies, evidence = [bodies[k] for k in chosen], found.of(chosen)
+    rough = cheapest(evidence.body, evidence.outlier)
+    own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
+    position = predicted_positions(frames, scene.newest, bodies, rough)
+    assignment = assign(frames, evidence.body, evidence.outlier, own, position, config)  # 9
+    return SearchResult(bodies, assignment, evidence, excess_costs(evidence, assignment.labels, config))
+
+
+def _weighted(scene: Scene, found: Costs) -> Costs:
+    """Costs of the trajectories that count in the selection, by their weights."""
+    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[scene.judged]
+    judged: Bools = scene.judged
+    return Costs(found.body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
+
+
+def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:
+    """Rows of the trajectories that are assigned to each body but the static one.
+
+    With `keep_own` also, as one more body, the rows that each body was fitted to where they are others.
+    """
+    frames = scene.frames
+    telling = scene.judged & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
+    found = []
+    for k, body in enumerate(bodies[1:], 1):
+        rows = frames.rows_of((labels == k) & telling)
+        found.append(rows)
+        if keep_own and not np.array_equal(rows, body.rows):
+            found.append(body.rows)
+    return found
+
+
+def _own_columns(before: Labels, heirs: dict[int, int]) -> Ints:
+    """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
+    found = np.full(len(before), -1, np.intp)
+    for k, hypothesis in heirs.items():
+        found[before == hypothesis] = k
+    return found

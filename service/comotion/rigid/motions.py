@@ -1,4 +1,4 @@
-"""Bodies and their members in, what is published of each out: state, twist, noise, pose since birth."""
+"""In bodies and their members, out what is published of each (step 10): state, twist, noise and pose."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,22 +11,23 @@ from comotion_schemas.hypotheses import HypothesisState
 from ..arrays import Floats, Ints, Stamps
 from ..config import RigidConfig
 from ..partition import Group, PoseReference
-from .bodies import Body, residuals
-from .frames import Frames
+from .assignment import SearchResult
+from .costs import mean_squared_residuals
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
-from .search import Found
+from .procrustes import Body
+from .resampling import Frames
 from .tracks import Tracks
 
-# A scene must have been watched this long before "nothing moves" says more than "nothing yet".
-_WATCHED = 1.0
-# The noise of a hypothesis is read off so many of its members, evenly drawn.
-_ASKED = 64
-# Rows of one trajectory are told apart in a pose reference by this stride.
+# s; a hypothesis at rest is static only if it was observed for so long, as what will move may rest at first.
+_LEAST_STATIC_TIME = 1.0
+# The noise of a hypothesis is that of at most so many of its rows, evenly drawn; it bounds the work.
+_NOISE_ROWS = 64
+# Names of rows in a pose reference: the trajectory's key times this, plus the place among its rows.
 _ROWS_PER_TRACK = 8
 
 
-def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: RigidConfig) -> list[Group]:
-    """Describe every body; one without a trajectory is left undetermined."""
+def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult, config: RigidConfig) -> list[Group]:
+    """Describe every body of a search; one without a trajectory is left undetermined."""
     names = _row_names(tracks, frames)
     labels = found.assignment.labels
     groups = []
@@ -37,12 +38,12 @@ def describe_bodies(tracks: Tracks, frames: Frames, found: Found, config: RigidC
 
 
 def _describe(
-    tracks: Tracks, frames: Frames, found: Found, k: int, names: Stamps, config: RigidConfig
+    tracks: Tracks, frames: Frames, found: SearchResult, k: int, names: Stamps, config: RigidConfig
 ) -> Group:
     body = found.bodies[k]
-    members = np.flatnonzero((found.assignment.labels == k) & tracks.alive)
+    members = np.flatnonzero((found.assignment.labels == k) & tracks.current)
     rows = frames.rows_of(members)
-    point = np.zeros(3) if body.static else centroid_of(body, rows, tracks.newest()[members])
+    point = np.zeros(3) if body.static else centroid_of(body, rows, tracks.newest[members])
     now = _motion(frames, body, point)
     since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
     if not body.static:
@@ -79,12 +80,12 @@ def _pose_since(
     return as_pose(reference.R, reference.t, frames.dim)
 
 
-def _state(frames: Frames, found: Found, k: int, config: RigidConfig) -> HypothesisState:
+def _state(frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
     members = found.assignment.labels == k
     if found.bodies[k].static:
         watched = frames.life[members].max(initial=0) / config.frame_rate
-        return "static" if watched >= _WATCHED else "undetermined"
+        return "static" if watched >= _LEAST_STATIC_TIME else "undetermined"
     costs = found.evidence
     gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
     return "moving" if gain > costs.opening[k] else "undetermined"
@@ -101,5 +102,5 @@ def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
 
 def _noise(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> float:
     """One-sigma residual of a coordinate of the members."""
-    some = rows[:: -(-len(rows) // _ASKED)]
-    return float(np.sqrt(residuals(frames, body, some, config).mean() / frames.dim))
+    some = rows[:: -(-len(rows) // _NOISE_ROWS)]
+    return float(np.sqrt(mean_squared_residuals(frames, body, some, config).mean() / frames.dim))

@@ -1,44 +1,53 @@
-"""Noise of each trajectory, from its source where published, else from the trajectory itself."""
+"""In trajectories, out the noise variance of each (step 4): published, else from its own observations."""
 
 import numpy as np
 
 from ..arrays import Floats, Ints, Slots, Stamps
-from .sampling import last_differences, mean_square
+from .kernels.differences import last_differences
+from .kernels.resampling import mean_square
 from .tracks import Tracks
 
 # Median of a chi-squared variable with dim degrees of freedom.
 _CHI2_MEDIAN = {2: 1.386, 3: 2.366}
-# Beyond this many samples a trajectory's own estimate is as good as its pool ever was.
-_ENOUGH = 60
-READ = 4 * _ENOUGH
-"""Newest samples of a trajectory that its noise is read off."""
-# Noise below this share of the scene is below float32, in which positions travel.
-_FLOOR = 1e-6
-# Noise as a share of the scene before anything is known.
+# The weight of a trajectory's own estimate no longer grows beyond so many differences; chosen on the scenes
+# of docs/accuracy.md.
+_MOST_DIFFERENCES = 60
+NOISE_OBSERVATIONS = 4 * _MOST_DIFFERENCES
+"""The noise of a trajectory is estimated on so many of its newest observations."""
+# Share of the scene's extent: less noise than this is below the precision of float32, in which positions
+# are sent.
+_LEAST_NOISE = 1e-6
+# Share of the scene's extent that is taken for the noise before there is any estimate; chosen on the scenes
+# of docs/accuracy.md.
 _FIRST_GUESS = 1e-3
 
 
 class Differences:
-    """Median squared third difference of every trajectory; each difference is computed once.
+    """Median squared third difference of every trajectory; computes each difference once.
 
-    Slots are those of the window. Neither turning nor shifting nor delaying a source changes them.
+    The memory has one entry for each slot of the window. Turn, shift and delay of a source change no
+    difference.
     """
 
     def __init__(self) -> None:
         self._key: Stamps = np.zeros(0, np.int64)
         self._newest: Stamps = np.zeros(0, np.int64)
         self._written: Slots = np.zeros(0, np.intp)
-        self._squares: Floats = np.zeros((0, READ))
+        self._squares: Floats = np.zeros((0, NOISE_OBSERVATIONS))
         self._median: Floats = np.zeros(0)
         self._count: Slots = np.zeros(0, np.intp)
-        self._asked: Slots = np.zeros(0, np.intp)
+        self._read: Slots = np.zeros(0, np.intp)
 
     def rewritten(self, slots: Slots) -> None:
-        """Observations have come between others: what is known of these slots is void."""
+        """Forget the differences of these slots, intp [n]: observations came between others."""
         self._key[slots[slots < len(self._key)]] = -1
 
     def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Ints]:
-        """Median over the newest :data:`READ` samples and the count of differences, [N] each."""
+        """Median squared third difference and the count of differences, float64 [N] and intp [N].
+
+        Takes the newest :data:`NOISE_OBSERVATIONS` observations, and no difference across a gap longer than
+        `gap_ns` int64 [N].
+        """
         self._grow(int(tracks.slot.max(initial=-1)) + 1)
         last_differences(
             tracks.times,
@@ -54,7 +63,7 @@ class Differences:
             self._squares,
             self._median,
             self._count,
-            self._asked,
+            self._read,
         )
         return self._median[tracks.slot], self._count[tracks.slot]
 
@@ -64,7 +73,7 @@ class Differences:
             return
         extra = max(extra, len(self._key))
         self._key = np.concatenate([self._key, np.full(extra, -1)])
-        for name in ("_newest", "_written", "_squares", "_median", "_count", "_asked"):
+        for name in ("_newest", "_written", "_squares", "_median", "_count", "_read"):
             column = getattr(self, name)
             setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
 
@@ -74,15 +83,21 @@ def noise_variance(
 ) -> Floats:
     """Noise variance of a coordinate for trajectories `own`, float64 [n].
 
-    The median squared third divided difference of a trajectory's own samples (never interpolated
-    ones), over the median of chi-squared, is its variance; with few samples it is drawn to the
-    median of its source, worth `pool` samples. A published sigma stands in for both;
-    at the end of an orientation's arm it is a lower bound, as turning is noisy too.
+    It is the median squared third divided difference of a trajectory's own observations (never of
+    interpolated positions), over the median of chi-squared. With few observations it is drawn towards the
+    median of its source. A published sigma replaces it; but at the end of an arm a published sigma is only
+    a lower bound, as the orientation is noisy too.
 
     Parameters
     ----------
     squared, count
-        float64 [n] and intp [n]: that median, and over how many.
+        float64 [n] and intp [n], median squared third difference, and the count of differences.
+    own
+        intp [n], indices of trajectories.
+    pool
+        Differences that the median of the source is worth.
+    on_arm
+        Whether the differences are those of the ends of arms (see :mod:`comotion.rigid.resampling`).
     """
     estimate = squared / _CHI2_MEDIAN[tracks.dim]
     source = tracks.source[own]
@@ -93,10 +108,10 @@ def noise_variance(
     for one in np.unique(source).tolist():
         mine = source == one
         pooled = float(np.median(estimate[mine & known])) if (mine & known).any() else scene
-        n = np.minimum(count[mine], _ENOUGH)
+        n = np.minimum(count[mine], _MOST_DIFFERENCES)
         variance[mine] = (pool * pooled + n * estimate[mine]) / (pool + n)
     published = mean_square(tracks.sigma, tracks.start[own], tracks.stop[own])
     if on_arm:
         published = np.maximum(published, variance)
     variance = np.where(np.isfinite(published), published, variance)
-    return np.maximum(variance, (_FLOOR * extent) ** 2)
+    return np.maximum(variance, (_LEAST_NOISE * extent) ** 2)

@@ -1,4 +1,4 @@
-"""The bodies of a scene and their poses over the window, for those who look from elsewhere."""
+"""In the result of a search, out the poses of its bodies over the window, for links to other spaces."""
 
 from dataclasses import dataclass, fields
 
@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Ints, Stamps
-from .bodies import Body
-from .frames import Frames
-from .search import Found
+from .assignment import SearchResult
+from .procrustes import Body
+from .resampling import Frames
 from .tracks import Tracks
 
-# rad^-2; a turn that nothing fixes (two features, or all in a line) is uncertain by a radian.
+# rad^-2, information of the prior: a turn that no point fixes (two features, or all in a line) is uncertain
+# by a radian.
 _FREE_TURN = 1.0
 
 
@@ -50,11 +51,17 @@ class Poses:
         return Poses(self.stamps, **parts)
 
 
-def poses_of(tracks: Tracks, frames: Frames, found: Found, ids: NDArray[np.int64]) -> Poses:
-    """Collect what :func:`~comotion.rigid.search.search` found."""
-    newest = tracks.newest()
+def poses_of(tracks: Tracks, frames: Frames, found: SearchResult, ids: NDArray[np.int64]) -> Poses:
+    """Collect the poses of all bodies of a search.
+
+    Parameters
+    ----------
+    ids
+        int64 [K], hypotheses of the bodies.
+    """
+    newest = tracks.newest
     shapes = [
-        _shape(body, newest[(found.assignment.labels == k) & tracks.alive])
+        _shape(body, newest[(found.assignment.labels == k) & tracks.current])
         for k, body in enumerate(found.bodies)
     ]
     variances = [_variances(frames, body) for body in found.bodies]

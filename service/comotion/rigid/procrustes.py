@@ -1,208 +1,84 @@
-"""Compiled: generalised Procrustes with missing data and robust weights.
+"""In rows, out the rigid body that fits them: a template and its poses over the frames (step 6)."""
 
-Points have three coordinates; in 2-D the third is zero and rotations are about z.
-"""
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats
-from ..compiled import compiled
-from .rotation import planar_rotation, spatial_rotation
+from ..arrays import Bools, Floats, Ints
+from .kernels.procrustes import fit_poses, weighted_pose
+from .resampling import Frames
 
-SOFT = 9.0
-"""A squared residual of this many tolerances per dimension halves an observation's weight."""
-# Pull towards the neighbouring frame's rotation, as a share of the moments: it settles what the points
-# leave open, such as a pair's turning about itself.
-_PULL = 1e-3
+# Chosen on the scenes of docs/accuracy.md.
+_ITERATIONS = 4
 
 
-@compiled()
-def fit_body(
-    y: Floats,
-    w: Floats,
-    inverse: Floats,
-    dim: int,
-    iterations: int,
-    b: Floats,
-    R: Floats,
-    t: Floats,
-    posed: Bools,
-) -> None:
-    """Fit poses x = R b + t to rows, in place.
+@dataclass(frozen=True)
+class Body:
+    """A candidate: a template b and poses x = R b + t over F frames.
 
-    Grown from the fullest frame, newest first: poses from what is known of the template, the template
-    from the poses, with weights 1 / (1 + r^2 / (9 dim v)).
+    Attributes
+    ----------
+    rows
+        intp [m], rows that it was fitted to; none for the static body.
+    template
+        float64 [m, 3], body coordinates of the rows.
+    R, t, posed
+        float64 [F, 3, 3], float64 [F, 3], bool [F] (whether the frame has a pose).
+    dof
+        Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
+    """
+
+    rows: Ints
+    template: Floats
+    R: Floats
+    t: Floats
+    posed: Bools
+    dof: int
+
+    @property
+    def static(self) -> bool:
+        """Whether it is the body that never moves."""
+        return self.dof == 0
+
+
+def static_body(count: int) -> Body:
+    """The body at rest over `count` frames."""
+    rotations = np.tile(np.eye(3), (count, 1, 1))
+    nothing = np.zeros(0, np.intp)
+    return Body(nothing, np.zeros((0, 3)), rotations, np.zeros((count, 3)), np.ones(count, np.bool_), 0)
+
+
+def fit_body(frames: Frames, rows: Ints) -> Body:
+    """Fit a body to rows intp [m]: generalised Procrustes with missing data and robust weights."""
+    count = len(frames.stamps)
+    w = frames.w[rows]
+    R = np.tile(np.eye(3), (count, 1, 1))
+    t = np.zeros((count, 3))
+    posed = np.zeros(count, np.bool_)
+    template = np.zeros((3, len(rows)))
+    # The inner loops of the kernel run over the rows of a frame.
+    y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
+    inverse = 1 / frames.tolerance[rows]
+    fit_poses(y, np.ascontiguousarray(w.T), inverse, frames.dim, _ITERATIONS, template, R, t, posed)
+    pair = int((w > 0).any(1).sum()) <= 2
+    dof = 3 if frames.dim == 2 else (5 if pair else 6)
+    return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)
+
+
+def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Least-squares rigid transform of points to others, target = R source + t (Horn 1987).
 
     Parameters
     ----------
-    y, w, inverse
-        float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance.
-    b, R, t, posed
-        Out: float64 [3, m], [F, 3, 3], [F, 3], bool [F].
+    source, target
+        float64 [m, 3], m > 0; the third column is zero in 2-D.
+
+    Returns
+    -------
+    R, t
+        float64 [3, 3] and [3]; in 2-D a rotation about z.
     """
-    count, m = w.shape
-    known = np.zeros(m)
-    _seed(y, w, b, known)
-    need = 2 if (dim == 2 or m <= 2) else 3
-    started = np.zeros(count, np.bool_)
-    weights, H, work = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4))
-    soft = 1.0 / (SOFT * dim)
-    for iteration in range(iterations):
-        sums = np.zeros((4, m))
-        neighbour = -1
-        for f in range(count - 1, -1, -1):
-            robust = soft if iteration > 0 and posed[f] else 0.0
-            posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
-            if posed[f]:
-                # Its own rotation of before is nearer still than the neighbour's, which pulls.
-                start = f if iteration > 0 and started[f] else neighbour
-                _pose(y[f], b, weights, dim, R[neighbour], R[start], neighbour >= 0, R[f], t[f], H, work)
-                started[f] = True
-                neighbour = f
-                _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
-        _update(sums, b, known)
-
-
-@compiled()
-def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
-    """Template of the rows seen in the fullest frame, the newest of equals."""
-    best, most = 0, 0
-    for f in range(len(w) - 1, -1, -1):
-        count = 0
-        for i in range(w.shape[1]):
-            count += w[f, i] > 0
-        if count > most:
-            best, most = f, count
-    for i in range(w.shape[1]):
-        if w[best, i] > 0:
-            known[i] = 1.0
-            for c in range(3):
-                b[c, i] = y[best, c, i]
-
-
-@compiled()
-def _weigh(
-    y: Floats,
-    w: Floats,
-    inverse: Floats,
-    b: Floats,
-    known: Floats,
-    R: Floats,
-    t: Floats,
-    soft: float,
-    weights: Floats,
-) -> int:
-    """Weights [m] of a frame's points in its pose; how many there are."""
-    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
-    count = 0
-    for i in range(len(w)):
-        r0 = y0[i] - t[0] - R[0, 0] * b0[i] - R[0, 1] * b1[i] - R[0, 2] * b2[i]
-        r1 = y1[i] - t[1] - R[1, 0] * b0[i] - R[1, 1] * b1[i] - R[1, 2] * b2[i]
-        r2 = y2[i] - t[2] - R[2, 0] * b0[i] - R[2, 1] * b1[i] - R[2, 2] * b2[i]
-        a = w[i] * inverse[i] * known[i]
-        weights[i] = a / (1.0 + soft * a * (r0 * r0 + r1 * r1 + r2 * r2))
-        count += a > 0
-    return count
-
-
-@compiled()
-def _pose(
-    y: Floats,
-    b: Floats,
-    weights: Floats,
-    dim: int,
-    near: Floats,
-    start: Floats,
-    pulled: bool,
-    R: Floats,
-    t: Floats,
-    H: Floats,
-    work: Floats,
-) -> None:
-    """Weighted least-squares pose of a frame, sought from the rotation `start` where it is pulled."""
-    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
-    total, p0, p1, p2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(len(weights)):
-        a = weights[i]
-        total += a
-        p0 += a * y0[i]
-        p1 += a * y1[i]
-        p2 += a * y2[i]
-        q0 += a * b0[i]
-        q1 += a * b1[i]
-        q2 += a * b2[i]
-    p0, p1, p2, q0, q1, q2 = p0 / total, p1 / total, p2 / total, q0 / total, q1 / total, q2 / total
-    h00, h01, h02, h10, h11, h12, h20, h21, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(len(weights)):
-        u0, u1, u2 = weights[i] * (y0[i] - p0), weights[i] * (y1[i] - p1), weights[i] * (y2[i] - p2)
-        v0, v1, v2 = b0[i] - q0, b1[i] - q1, b2[i] - q2
-        h00 += u0 * v0
-        h01 += u0 * v1
-        h02 += u0 * v2
-        h10 += u1 * v0
-        h11 += u1 * v1
-        h12 += u1 * v2
-        h20 += u2 * v0
-        h21 += u2 * v1
-        h22 += u2 * v2
-    H[0, 0], H[0, 1], H[0, 2] = h00, h01, h02
-    H[1, 0], H[1, 1], H[1, 2] = h10, h11, h12
-    H[2, 0], H[2, 1], H[2, 2] = h20, h21, h22
-    if dim == 2:
-        planar_rotation(H, R)
-    else:
-        _pull(H, near, pulled)
-        spatial_rotation(H, start, pulled, R, work)
-    t[0] = p0 - R[0, 0] * q0 - R[0, 1] * q1 - R[0, 2] * q2
-    t[1] = p1 - R[1, 0] * q0 - R[1, 1] * q1 - R[1, 2] * q2
-    t[2] = p2 - R[2, 0] * q0 - R[2, 1] * q1 - R[2, 2] * q2
-
-
-@compiled()
-def _pull(H: Floats, near: Floats, pulled: bool) -> None:
-    squared = 0.0
-    for p in range(3):
-        for q in range(3):
-            squared += H[p, q] * H[p, q]
-    pull = _PULL * np.sqrt(squared)
-    for p in range(3):
-        for q in range(3):
-            H[p, q] += pull * (near[p, q] if pulled else (1.0 if p == q else 0.0))
-
-
-@compiled()
-def _collect(
-    y: Floats,
-    w: Floats,
-    inverse: Floats,
-    b: Floats,
-    known: Floats,
-    R: Floats,
-    t: Floats,
-    soft: float,
-    sums: Floats,
-) -> None:
-    """Add a frame's points, in the body's frame, to the weighted sums [4, m] of the template."""
-    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
-    s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
-    for i in range(len(w)):
-        z0, z1, z2 = y0[i] - t[0], y1[i] - t[1], y2[i] - t[2]
-        x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
-        x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
-        x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
-        r2 = (x0 - b0[i]) ** 2 + (x1 - b1[i]) ** 2 + (x2 - b2[i]) ** 2
-        a = w[i] * inverse[i]
-        a /= 1.0 + soft * known[i] * r2 * a
-        s0[i] += a * x0
-        s1[i] += a * x1
-        s2[i] += a * x2
-        s3[i] += a
-
-
-@compiled()
-def _update(sums: Floats, b: Floats, known: Floats) -> None:
-    for i in range(sums.shape[1]):
-        if sums[3, i] > 0:
-            known[i] = 1.0
-            for c in range(3):
-                b[c, i] = sums[c, i] / sums[3, i]
+    R, t = np.zeros((3, 3)), np.zeros(3)
+    y, b = np.ascontiguousarray(target.T), np.ascontiguousarray(source.T)
+    weighted_pose(y, b, np.ones(len(source)), dim, R, t)
+    return R, t

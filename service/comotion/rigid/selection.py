@@ -1,19 +1,19 @@
-"""Choice of hypotheses as facility location: least total cost of trajectories and of opening bodies."""
+"""In costs, out the bodies to open (step 8): facility location, the least cost of trajectories and bodies."""
 
 import numpy as np
 
-from ..arrays import Floats, Ints
-from ..compiled import compiled
-from .bodies import Costs
+from ..arrays import Floats
+from .costs import Costs
+from .kernels.assignment import closing_losses
 
 STATIC = 0
-"""The first candidate is the static body: always open, at no price."""
+"""Column of the static body, which is always open, at no price."""
 
 
 def select(costs: Costs) -> list[int]:
-    """Columns to open: greedy adding, and after each addition dropping what became superfluous.
+    """Columns to open: adds the body that saves most, then drops those that it made superfluous, and so on.
 
-    Every trajectory takes the cheapest open body, or its outlier cost.
+    Every trajectory takes the cheapest open body, or is an outlier if that costs less.
     """
     body, outlier, opening = costs.body, costs.outlier, costs.opening
     chosen = [STATIC]
@@ -31,31 +31,15 @@ def select(costs: Costs) -> list[int]:
 
 
 def _paid(costs: Costs, chosen: list[int]) -> Floats:
+    """Cost of each trajectory with some bodies open, float64 [N]."""
     return np.asarray(np.minimum(costs.outlier, costs.body[:, chosen].min(1)))
 
 
 def _superfluous(costs: Costs, chosen: list[int]) -> int | None:
-    """The open body whose closing saves most, if any does."""
+    """Column of the open body whose closing saves most, if closing any of them saves something."""
     if len(chosen) == 1:
         return None
-    loss = _regrets(costs.outlier, costs.body, np.array(chosen)) - costs.opening[chosen]
+    loss = closing_losses(costs.outlier, costs.body, np.array(chosen)) - costs.opening[chosen]
     loss[0] = np.inf
     worst = int(np.argmin(loss))
     return chosen[worst] if loss[worst] < 0 else None
-
-
-@compiled()
-def _regrets(outlier: Floats, body: Floats, chosen: Ints) -> Floats:
-    """What the members of each open body, [K], would pay more if it were closed."""
-    found = np.zeros(len(chosen))
-    for i in range(len(outlier)):
-        best, lowest, second = -1, outlier[i], np.inf
-        for k in range(len(chosen)):
-            cost = body[i, chosen[k]]
-            if cost < lowest:
-                best, lowest, second = k, cost, lowest
-            elif cost < second:
-                second = cost
-        if best >= 0:
-            found[best] += second - lowest
-    return found

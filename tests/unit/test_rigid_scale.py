@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import RigidConfig
-from comotion.rigid import panel as panels
-from comotion.rigid import search as searching
-from comotion.rigid.bodies import costs, static_body
-from comotion.rigid.frames import Frames
+from comotion.rigid import method
+from comotion.rigid import subset as subsets
+from comotion.rigid.costs import costs
+from comotion.rigid.procrustes import Body, static_body
+from comotion.rigid.resampling import Frames
+from comotion.rigid.subset import SUBSET_ROWS, Scene, choose_subset
 from comotion.runtime.warm_up import warm_up
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
@@ -101,7 +103,7 @@ def test_a_crowd_at_rest_is_one_hypothesis_however_noise_differs():
             assert (update.track_hypothesis != UNDETERMINED).mean() > 0.99
 
 
-def test_same_batches_give_the_same_updates_bit_for_bit_with_a_panel_too():
+def test_same_batches_give_the_same_updates_bit_for_bit_with_a_subset_too():
     once, again = ([u for _, u, _ in updates_of(Crowd(400, 4), 2.0)] for _ in range(2))
     for a, b in zip(once, again, strict=True):
         np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
@@ -110,7 +112,7 @@ def test_same_batches_give_the_same_updates_bit_for_bit_with_a_panel_too():
 
 
 @pytest.mark.parametrize("scene", ["3d_4", "fig4_4"])
-def test_a_panel_finds_what_everybody_would(scene, monkeypatch):
+def test_a_subset_finds_what_everybody_would(scene, monkeypatch):
     spec = simulator.load_scene(scene)
 
     def score():
@@ -118,12 +120,12 @@ def test_a_panel_finds_what_everybody_would(scene, monkeypatch):
         return run_offline(stream, FusionConfig(), period=1 / 3, duration=4).nmi
 
     everybody = score()
-    monkeypatch.setattr(panels, "FEW", 40)
-    monkeypatch.setattr(panels, "_SPEAKERS", 20)
-    asked = []
-    monkeypatch.setattr(searching, "panel", lambda *a: asked.append(panels.panel(*a)) or asked[-1])
+    # Fewer than the features of the scene, so that a subset of them is searched.
+    monkeypatch.setattr(subsets, "SUBSET_ROWS", 40)
+    chosen = []
+    monkeypatch.setattr(method, "choose_subset", lambda *a: chosen.append(choose_subset(*a)) or chosen[-1])
     assert np.nanmean(score()) > np.nanmean(everybody) - 0.02
-    assert sum(chosen is not None for chosen in asked) > len(asked) / 2
+    assert sum(not one.complete for one in chosen) > len(chosen) / 2
 
 
 def frames_of(count, length, seed=0):
@@ -136,14 +138,14 @@ def frames_of(count, length, seed=0):
     y[: count // 2] += steps
     stamps = np.arange(length, dtype=np.int64) * (10**9 // RATE)
     owner, life = np.arange(count), (w > 0).sum(1)
-    alive, ones = np.ones(count, np.bool_), np.ones(count)
-    return Frames(3, stamps, y, w, owner, ones, variance, variance, life, alive), steps
+    current, ones = np.ones(count, np.bool_), np.ones(count)
+    return Frames(3, stamps, y, w, owner, ones, variance, variance, life, current), steps
 
 
 def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
     frames, steps = frames_of(80, 60)
     still = static_body(60)
-    rides = type(still)(np.arange(40), frames.y[:40, 0], still.R, steps, still.posed, 6)
+    rides = Body(np.arange(40), frames.y[:40, 0], still.R, steps, still.posed, 6)
     exact = costs(frames, [still, rides], RigidConfig()).body
     rough = costs(frames, [still, rides], RigidConfig(), stride=5).body
     least = exact.argmin(1)
@@ -154,20 +156,31 @@ def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
     assert (rough != exact).any()
 
 
-def test_a_panel_is_bounded_and_seats_who_is_strange():
+def scene_of(frames, before, excess):
+    count = len(before)
+    return Scene(frames, frames.y[:, -1].copy(), np.ones(count, np.bool_), before, None, excess)
+
+
+def test_a_subset_is_bounded_and_holds_what_is_unexplained():
     frames, _ = frames_of(1000, 20)
-    newest, judged = frames.y[:, -1].copy(), np.ones(1000, np.bool_)
-    before, strange = np.arange(1000) % 7, np.zeros(1000)
+    before, excess = np.arange(1000) % 7, np.zeros(1000)
     odd = np.arange(3, 1000, 50)
-    strange[odd] = 100.0
-    chosen = panels.panel(frames, newest, before, strange, judged)
-    assert chosen is not None
-    assert len(chosen) <= panels.FEW
-    assert np.isin(odd, chosen).all()
-    assert set(before[chosen]) == set(range(7))
-    everyone_new = panels.panel(frames, newest, np.full(1000, -1), strange, judged)
-    assert everyone_new is not None
-    assert len(everyone_new) == panels.FEW
+    excess[odd] = 100.0
+    chosen = choose_subset(scene_of(frames, before, excess), RigidConfig())
+    assert not chosen.complete
+    assert len(chosen.tracks) <= SUBSET_ROWS
+    assert np.isin(odd, chosen.tracks).all()
+    np.testing.assert_array_equal(chosen.tracks[chosen.unexplained], odd)
+    assert set(before[chosen.tracks]) == set(range(7))
+    everyone_new = choose_subset(scene_of(frames, np.full(1000, -1), excess), RigidConfig())
+    assert len(everyone_new.tracks) == SUBSET_ROWS
+
+
+def test_the_subset_of_a_small_scene_is_the_scene():
+    frames, _ = frames_of(SUBSET_ROWS, 20)
+    chosen = choose_subset(scene_of(frames, np.zeros(SUBSET_ROWS, int), np.zeros(SUBSET_ROWS)), RigidConfig())
+    assert chosen.complete
+    np.testing.assert_array_equal(chosen.tracks, np.arange(SUBSET_ROWS))
 
 
 def test_after_the_warm_up_nothing_is_left_to_compile():

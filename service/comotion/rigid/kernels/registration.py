@@ -1,16 +1,16 @@
-"""Compiled: normal equations of the rotation, shift and delay that make rows constant in a body's frame."""
+"""Compiled: in rows and a body's poses, out equations for the source's rotation, shift and delay."""
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints
-from ..compiled import compiled
+from ...arrays import Bools, Floats, Ints
+from ...compiled import compiled
 
 COLUMNS = 7
-"""Rotation vector, shift and delay."""
+"""Unknowns: rotation vector, shift and delay."""
 
 
 @compiled()
-def equations(
+def normal_equations(
     y: Floats,
     w: Floats,
     seconds: Floats,
@@ -24,19 +24,29 @@ def equations(
     left: Floats,
     right: Floats,
 ) -> tuple[float, int]:
-    """Sum over rows of their normal equations against one body; squared residual and number of frames.
+    """Add the normal equations of rows that should be constant in the frame of one body.
 
-    z = R^T (y - t) has the derivative R^T [omega x (y - pivot) + shift + velocity delay]. A row's place in
-    the body is free, so only departures from the mean count.
+    z = R^T (y - t) has the derivative R^T [omega x (y - pivot) + shift + velocity delay]. The place of a row
+    in the body is unknown, so only departures from its mean count.
 
     Parameters
     ----------
     y, w, seconds, tolerance
-        float64 [P, F, 3], [P, F], [F] and [P].
+        float64 [P, F, 3], [P, F] (0: unobserved), [F] s and [P].
+    rows
+        intp [n], rows to take.
+    R, t, posed
+        float64 [F, 3, 3], float64 [F, 3], bool [F], poses of the body.
+    pivot
+        float64 [3], centre of the rotation.
     least
-        Rows with fewer frames do not count.
+        Rows with fewer frames are left out.
     left, right
-        In and out: float64 [7, 7] and [7], to which is added.
+        In and out: float64 [7, 7] and [7], to which the equations are added.
+
+    Returns
+    -------
+    The squared residual before the step, in units of the rows' variances, and the number of frames.
     """
     squared, frames = 0.0, 0
     seen = np.empty(len(seconds), np.intp)
@@ -63,7 +73,7 @@ def equations(
 
 @compiled()
 def _columns(y: Floats, seconds: Floats, seen: Ints, j: int, R: Floats, pivot: Floats, found: Floats) -> None:
-    """Derivative of R^T y at the j-th frame that is seen, [3, 7]."""
+    """Derivative of R^T (y - t) at the j-th frame that is seen, [3, 7]."""
     f = seen[j]
     r0, r1, r2 = y[f, 0] - pivot[0], y[f, 1] - pivot[1], y[f, 2] - pivot[2]
     for c in range(3):
@@ -77,7 +87,7 @@ def _columns(y: Floats, seconds: Floats, seen: Ints, j: int, R: Floats, pivot: F
 
 @compiled()
 def _slope(y: Floats, seconds: Floats, seen: Ints, j: int, c: int) -> float:
-    """Second-order difference where there are frames on both sides, else of the first order."""
+    """Velocity by a difference of second order where there are frames on both sides, else of first order."""
     low, high = seen[max(j - 1, 0)], seen[min(j + 1, len(seen) - 1)]
     f = seen[j]
     if f in (low, high):
@@ -89,7 +99,7 @@ def _slope(y: Floats, seconds: Floats, seen: Ints, j: int, c: int) -> float:
 
 @compiled()
 def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats) -> float:
-    """Add a row's centred normal equations, in units of its variance; its centred squared residual."""
+    """Add the centred normal equations of a row, in units of its variance; return its squared residual."""
     count = len(z)
     squared = 0.0
     mean, middle = np.zeros((3, COLUMNS)), np.zeros(3)

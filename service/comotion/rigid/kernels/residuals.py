@@ -1,15 +1,16 @@
-"""Compiled: what rows cost under motions that were fitted to some of them."""
+"""Compiled: in rows and the poses of bodies, out the cost of each row under each body."""
 
 import numpy as np
 
-from ..arrays import Floats, Slots
-from ..compiled import compiled
+from ...arrays import Floats, Slots
+from ...compiled import compiled
 from .procrustes import SOFT
 
-# A first look at a few frames must leave so many to a row; a second one goes to motions whose cost is
-# below so many times the least and so many nats.
-_WORTH_A_LOOK = 6
-_NEAR, _CLOSE = 3.0, 100.0
+# A cost is first estimated on every stride-th frame if a row has at least so many of those. It is then
+# computed on all frames for bodies whose estimate is below so many times the least plus so many nats.
+# All three were chosen on the scenes of docs/accuracy.md.
+_LEAST_ESTIMATE_FRAMES = 6
+_NEAR_FACTOR, _NEAR_NATS = 3.0, 100.0
 
 
 @compiled()
@@ -29,26 +30,25 @@ def body_costs(
     cost: Floats,
     squared: Floats,
 ) -> None:
-    """Cost of rows under each motion, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
+    """Cost of rows under each body, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
 
-    x is the row in the body's frame, b its robust mean there; a frame without pose costs
-    `unposed` / 2. `squared` is the mean of w |x - b|^2 over posed frames.
+    x is the row in the body's frame, b its robust mean there. A frame without a pose costs `unposed` / 2.
 
     Parameters
     ----------
     y, w, tolerance
         float64 [P, F, 3], [P, F] and [P].
     rows
-        intp [n], rows that are asked for.
+        intp [n], rows to take.
     wider
-        float64 [K], by how much a body's tolerance exceeds its rows': v = tolerance + wider.
+        float64 [K], by how much the tolerance of a body exceeds that of a row: v = tolerance + wider.
     R, t, posed, unposed
         float64 [K, 9, F], [K, 3, F], [K, F] (1 or 0) and [K].
     stride
-        Above 1: look at every stride-th frame first, and only where that leaves a motion near the best
-        one at all of them.
+        Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
+        estimate is near the least. The others keep their estimate.
     cost, squared
-        Out: float64 [n, K].
+        Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
     """
     count, bodies = w.shape[1], len(R)
     row, x = np.empty((4, count)), np.empty((4, count))
@@ -61,8 +61,8 @@ def body_costs(
             first += 1
         while stop > first and w[i, stop - 1] <= 0:
             stop -= 1
-        if stride > 1 and stop - first >= _WORTH_A_LOOK * stride:
-            seen = _take(y[i], w[i], stride, row)
+        if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
+            seen = _copy_row(y[i], w[i], stride, row)
             for k in range(bodies):
                 cost[n, k], squared[n, k] = _body_cost(
                     row,
@@ -77,10 +77,10 @@ def body_costs(
                     unposed[k],
                     x,
                 )
-            cost[n] *= _take(y[i], w[i], 1, row) / max(seen, 1)
-            reach = _NEAR * cost[n].min() + _CLOSE if seen > 0 else np.inf
+            cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
+            reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
         else:
-            _take(y[i], w[i], 1, row)
+            _copy_row(y[i], w[i], 1, row)
         for k in range(bodies):
             if reach == np.inf or cost[n, k] < reach:
                 v = tolerance[i] + wider[k]
@@ -104,15 +104,15 @@ def own_residuals(
     excess: Floats,
     covered: Floats,
 ) -> None:
-    """How each motion fits its own rows, in place.
+    """How well each body fits the rows that it was fitted to, in place.
 
     Parameters
     ----------
     rows, first
-        intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of motion k.
+        intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of body k.
     excess, covered
-        Out: float64 [K], mean squared residual in tolerances and dimensions, each row's at most `loosest`;
-        share of their frames that have a pose.
+        Out: float64 [K] each: mean squared residual in tolerances and dimensions, that of each row at
+        most `loosest`; and the share of the rows' frames that have a pose.
     """
     count = w.shape[1]
     row, x = np.empty((4, count)), np.empty((4, count))
@@ -120,7 +120,7 @@ def own_residuals(
         seen, held = 0, 0
         for n in range(first[k], first[k + 1]):
             i = rows[n]
-            seen += _take(y[i], w[i], 1, row)
+            seen += _copy_row(y[i], w[i], 1, row)
             for f in range(count):
                 held += w[i, f] > 0 and posed[k, f] > 0
             inverse = 1.0 / tolerance[i]
@@ -130,8 +130,8 @@ def own_residuals(
 
 
 @compiled()
-def _take(y: Floats, w: Floats, stride: int, row: Floats) -> int:
-    """Every stride-th frame of a row to [4, F]; in how many it is observed."""
+def _copy_row(y: Floats, w: Floats, stride: int, row: Floats) -> int:
+    """Copy every stride-th frame of a row to [4, F]; return in how many of them it is observed."""
     seen = 0
     for f in range(0, len(w), stride):
         k = f // stride
@@ -154,6 +154,10 @@ def _body_cost(
     unposed: float,
     x: Floats,
 ) -> tuple[float, float]:
+    """Cost of one row under one body at frames [first:stop], and its mean squared residual.
+
+    `row` [4, F] holds y and w; `x` [4, F] is room for the row in the body's frame.
+    """
     y0, y1, y2, w = row[0, first:stop], row[1, first:stop], row[2, first:stop], row[3, first:stop]
     x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
     r0, r1, r2 = R[0, first:stop], R[1, first:stop], R[2, first:stop]

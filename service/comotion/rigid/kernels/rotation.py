@@ -1,18 +1,21 @@
-"""Compiled: rotations, and the one that best turns one set of points to another."""
+"""Compiled: in a moment matrix, out the rotation that fits it best; and conversions of rotations."""
 
 import numpy as np
 
-from ..arrays import Floats
-from ..compiled import compiled
+from ...arrays import Floats
+from ...compiled import compiled
 
+# Most Jacobi sweeps; they converge quadratically.
 _SWEEPS = 12
+# Share of the squared form that may be left off its diagonal: a relative 1e-11.
 _CONVERGED = 1e-22
-# Newton's method doubles the digits at each step: after one shorter than this nothing is left to gain.
+# Newton's method doubles the digits at each step: after a step with a square below this, rad^2, the next
+# one would be below double precision.
 _STEPS = 8
 _SETTLED = 1e-16
-# Below this share of the diagonal a pivot is rounding.
+# A pivot below this share of the diagonal is rounding.
 _PIVOT = 1e-9
-# rad; below it the sine of an angle is the angle.
+# rad; below it the sine of an angle is the angle in double precision.
 _TINY = 1e-9
 
 
@@ -38,6 +41,8 @@ def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Fl
     ----------
     work
         float64 [2, 4, 4], room for intermediate results.
+    R
+        Out: float64 [3, 3].
     """
     if not (started and _newton(H, near, R)):
         _closed_form(H, R, work[0], work[1])
@@ -45,7 +50,7 @@ def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Fl
 
 @compiled()
 def _newton(H: Floats, near: Floats, R: Floats) -> bool:
-    """Whether Newton's method has found the maximum of tr(R^T H) on the rotations.
+    """Whether Newton's method finds the maximum of tr(R^T H) over rotations, in place.
 
     With M = R^T H and R <- R exp([s]x), s solves (tr(S) 1 - S) s = axial(M), S the symmetric part. A
     stationary point with a positive definite matrix is the maximum: the others are saddles and the minimum.
@@ -65,7 +70,7 @@ def _newton(H: Floats, near: Floats, R: Floats) -> bool:
         m22 = R[0, 2] * H[0, 2] + R[1, 2] * H[1, 2] + R[2, 2] * H[2, 2]
         a, d, f = m11 + m22, m00 + m22, m00 + m11
         b, c, e = -0.5 * (m01 + m10), -0.5 * (m02 + m20), -0.5 * (m12 + m21)
-        # L D L^T of the matrix; every pivot positive: positive definite.
+        # The matrix as L D L^T; it is positive definite if every pivot is positive.
         if a <= 0:
             return False
         l1, l2 = b / a, c / a
@@ -108,7 +113,7 @@ def _turn(R: Floats, x: float, y: float, z: float) -> None:
 
 @compiled()
 def _closed_form(H: Floats, R: Floats, A: Floats, V: Floats) -> None:
-    """The maximum whatever the rank of H (Horn 1987, eq. 37 ff.).
+    """The maximum, whatever the rank of H (Horn 1987, eq. 37 ff.).
 
     The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form, found by Jacobi
     rotations.
@@ -134,6 +139,7 @@ def _closed_form(H: Floats, R: Floats, A: Floats, V: Floats) -> None:
 
 @compiled()
 def _horn_form(H: Floats, A: Floats) -> None:
+    """The symmetric form A whose largest eigenvector is the best quaternion (w, x, y, z)."""
     A[0, 0] = H[0, 0] + H[1, 1] + H[2, 2]
     A[1, 1] = H[0, 0] - H[1, 1] - H[2, 2]
     A[2, 2] = -H[0, 0] + H[1, 1] - H[2, 2]
@@ -148,6 +154,7 @@ def _horn_form(H: Floats, A: Floats) -> None:
 
 @compiled()
 def _off_diagonal(A: Floats) -> float:
+    """Sum of squares above the diagonal."""
     total = 0.0
     for p in range(3):
         for q in range(p + 1, 4):
@@ -157,7 +164,7 @@ def _off_diagonal(A: Floats) -> float:
 
 @compiled()
 def _annihilate(A: Floats, V: Floats, p: int, q: int) -> None:
-    """One Jacobi rotation that makes A[p, q] vanish, collected in V."""
+    """Make A[p, q] vanish by one Jacobi rotation, and collect the rotation in V."""
     theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
     t = (1.0 if theta >= 0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1))
     c = 1.0 / np.sqrt(t * t + 1)
@@ -172,6 +179,7 @@ def _annihilate(A: Floats, V: Floats, p: int, q: int) -> None:
 
 @compiled()
 def _from_quaternion(w: float, x: float, y: float, z: float, R: Floats) -> None:
+    """Rotation matrix of a unit quaternion, in place."""
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)

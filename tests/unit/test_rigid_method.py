@@ -8,14 +8,16 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.matching import continued, largest_total
-from comotion.rigid.bodies import Costs, fit
-from comotion.rigid.frames import Frames
-from comotion.rigid.kinematics import align
-from comotion.rigid.noise import READ, Differences, noise_variance
-from comotion.rigid.rotation import planar_rotation, spatial_rotation
-from comotion.rigid.sampling import difference_noise, distance_deviation, resample
+from comotion.rigid.costs import Costs
+from comotion.rigid.kernels.differences import difference_noise
+from comotion.rigid.kernels.distances import distance_deviation
+from comotion.rigid.kernels.resampling import resample
+from comotion.rigid.kernels.rotation import planar_rotation, spatial_rotation
+from comotion.rigid.noise import NOISE_OBSERVATIONS, Differences, noise_variance
+from comotion.rigid.procrustes import align, fit_body
+from comotion.rigid.resampling import Frames
 from comotion.rigid.selection import select
-from comotion.rigid.tracks import gather
+from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy.study import objects_of
@@ -67,7 +69,7 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         noise=variance,
         tolerance=variance,
         life=(w > 0).sum(1),
-        alive=np.ones(n, bool),
+        current=np.ones(n, bool),
     )
 
 
@@ -160,7 +162,7 @@ def test_a_fit_finds_the_motion_with_missing_and_wrong_observations(dim):
     y[..., :dim] += rng.normal(0, 1e-3, (n, count, dim))
     w = (rng.uniform(size=(n, count)) < 0.7).astype(float)
     y[0, 10:14, :dim] += 0.1
-    body = fit(frames_of(y, w, 1e-6, dim), np.arange(n))
+    body = fit_body(frames_of(y, w, 1e-6, dim), np.arange(n))
     assert body.posed.all()
     step = body.R[1:] @ body.R[:-1].transpose(0, 2, 1)
     true = R[1:] @ R[:-1].transpose(0, 2, 1)
@@ -301,7 +303,7 @@ def test_published_sigma_is_used():
     slots = window.open(1, 0)
     for k, x in enumerate(np.random.default_rng(0).normal(0, 0.01, (20, 1, 3))):
         window.insert(slots, k * NS // 15, x, np.array([0.02]), None)
-    tracks = gather(window, slots, 2 * NS)
+    tracks = read_tracks(window, slots, 2 * NS)
     found = noise_variance(tracks, *Differences().read(tracks, np.array([NS])), slots, 6.0, on_arm=False)
     assert found[0] == pytest.approx(0.02**2)
 
@@ -322,8 +324,8 @@ def test_differences_that_are_kept_are_those_computed_afresh():
         if k % 7 == 0:
             gone = window.evictable(stamp - window.span_ns)
             window.evict(*gone)
-            tracks = gather(window, slots, stamp)
+            tracks = read_tracks(window, slots, stamp)
             found = kept.read(tracks, gap)
-            args = tracks.times, tracks.positions, tracks.start, tracks.stop, gap, READ
+            args = tracks.times, tracks.positions, tracks.start, tracks.stop, gap, NOISE_OBSERVATIONS
             for one, fresh in zip(found, difference_noise(*args), strict=True):
                 np.testing.assert_array_equal(one, fresh)

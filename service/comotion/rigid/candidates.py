@@ -1,0 +1,133 @@
+"""In a scene, out sets of rows that may be bodies (step 5): earlier hypotheses and clusters."""
+
+import numpy as np
+from scipy.cluster.hierarchy import linkage
+from scipy.spatial.distance import squareform
+
+from ..arrays import Bools, Floats, Ints
+from ..partition import NO_HYPOTHESIS
+from .kernels.distances import deviation_from, distance_deviation
+from .resampling import Frames
+from .subset import Scene
+
+# Cuts of the dendrograms, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
+# scenes of docs/accuracy.md.
+CUTS = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
+# Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
+_UNKNOWN = 3.0
+_LINKAGES = ("average", "complete")
+# Rows up to which a hypothesis may leave a rotation of its body open, so that a stray could belong to it
+# unnoticed.
+_SMALL = 3
+
+
+def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
+    """Rows of every candidate but the static body.
+
+    These are the hypotheses of the last update, small ones joined by a stray, and clusters. A cluster
+    inside one hypothesis that has no unexplained member is not a candidate: it would only split what is
+    explained.
+
+    Parameters
+    ----------
+    few
+        The frames of the scene, thinned.
+    unexplained
+        bool [N], trajectories that no hypothesis explains. If they are all, strays are joined to large
+        hypotheses too.
+    """
+    frames, before = scene.frames, scene.before
+    known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, scene.static)]
+    groups = [rows for h in known if len(rows := frames.rows_of(before == h)) >= 2]
+    strays = np.flatnonzero((before == NO_HYPOTHESIS) & few.current & scene.judged)
+    open_to_strays = groups if unexplained.all() else [rows for rows in groups if len(rows) <= _SMALL]
+    groups += join_strays(few, open_to_strays, strays)
+    explained_by = np.where(unexplained, NO_HYPOTHESIS, before)[frames.owner]
+    for rows in clusters(few, few.rows_of(few.current & scene.judged)):
+        by = explained_by[rows]
+        if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
+            groups.append(rows)
+    return groups
+
+
+def clusters(frames: Frames, rows: Ints) -> list[Ints]:
+    """Distinct clusters of two rows or more, by average and complete linkage at several cuts.
+
+    The distance of two rows is the standard deviation of their distance in space over the frames (the root
+    of (3.3)), in units of their common tolerance sqrt(v_i + v_j). So each pair has its own scale, where the
+    thesis has one gamma for all.
+
+    Parameters
+    ----------
+    rows
+        intp [n], rows to cluster.
+    """
+    if len(rows) < 2:
+        return []
+    condensed = squareform(_normalised_deviation(frames, rows), checks=False)
+    found: dict[bytes, Ints] = {}
+    for method in _LINKAGES:
+        for members in _cut_clusters(linkage(condensed, method)):
+            found.setdefault(members.tobytes(), members)
+    return [rows[members] for members in found.values()]
+
+
+def join_strays(frames: Frames, bodies: list[Ints], strays: Ints) -> list[Ints]:
+    """For each stray trajectory, its rows and those of the body from which its distance deviates least.
+
+    A pair may turn freely about its axis, so that its motion does not constrain a third member: only a fit
+    to all three can tell whether they are one body.
+
+    Parameters
+    ----------
+    bodies
+        Rows of each body, intp [m] each.
+    strays
+        intp [n], trajectories that belong to no body.
+
+    Returns
+    -------
+    Rows of a candidate for each stray; none where there are no bodies.
+    """
+    if not bodies:
+        return []
+    found = []
+    body = np.repeat(np.arange(len(bodies)), [len(rows) for rows in bodies])
+    rows = np.concatenate(bodies)
+    first = np.argsort(frames.owner, kind="stable")
+    first = first[np.searchsorted(frames.owner[first], strays)]
+    for stray, row in zip(strays.tolist(), first.tolist(), strict=True):
+        deviation = deviation_from(frames.y, frames.w, row, rows)
+        deviation /= np.sqrt(frames.tolerance[row] + frames.tolerance[rows])
+        distances = np.bincount(body, np.nan_to_num(deviation, nan=_UNKNOWN)) / np.bincount(body)
+        found.append(np.union1d(bodies[int(np.argmin(distances))], frames.rows_of(np.array([stray]))))
+    return found
+
+
+def _cut_clusters(tree: Floats) -> list[Ints]:
+    """Clusters of two or more at any of the cuts, ascending indices.
+
+    A node of the dendrogram is a cluster at every cut from its own height up to that of its parent.
+    """
+    count = len(tree) + 1
+    height = np.append(tree[:, 2], np.inf)
+    parent = np.full(2 * count - 1, len(tree))
+    children = tree[:, :2].astype(np.intp)
+    parent[children] = np.arange(len(tree))[:, None]
+    above = height[parent[count:]]
+    cuts = np.array(CUTS)[:, None]
+    cut = ((height[:-1] <= cuts) & (cuts < above)).any(0)
+    members: list[Ints] = [np.array([i]) for i in range(count)]
+    for left, right in children.tolist():
+        members.append(np.concatenate([members[left], members[right]]))
+    return [np.sort(members[count + j]) for j in np.flatnonzero(cut).tolist()]
+
+
+def _normalised_deviation(frames: Frames, rows: Ints) -> Floats:
+    """Deviation of distances in tolerances, float64 [n, n]; rows of one trajectory are at zero."""
+    tolerance = frames.tolerance[rows]
+    deviation = distance_deviation(frames.y[rows], frames.w[rows])
+    deviation = deviation / np.sqrt(tolerance[:, None] + tolerance[None])
+    owner = frames.owner[rows]
+    deviation[owner[:, None] == owner[None]] = 0.0
+    return np.asarray(np.nan_to_num(deviation, nan=_UNKNOWN))

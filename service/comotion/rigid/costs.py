@@ -1,0 +1,176 @@
+"""In rows and bodies, out what each trajectory costs under each body, in nats (step 7)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import Floats, Ints
+from ..config import RigidConfig
+from .kernels.residuals import body_costs, own_residuals
+from .procrustes import Body, static_body
+from .resampling import Frames
+
+# Share of its own rows' frames in which a body must be posed. It is then charged the expected residual for
+# the other frames. Below that it is charged the second number as a share of the cap: a body without poses
+# would be the cheapest. Chosen on the scenes of docs/accuracy.md.
+_LEAST_COVERED = 0.6
+_UNCOVERED_SHARE = 0.7
+# Most tolerances that the residual of one row adds to the looseness of its body: a row that does not belong
+# must not make it loose. Chosen on the scenes of docs/accuracy.md.
+_MOST_EXCESS = 9.0
+# Price of a wider tolerance, in half nats per coordinate and log. The deformation of a body is alike from
+# frame to frame, so that it is paid once, not at each frame. Chosen on the scenes of docs/accuracy.md.
+_LOOSE_PRICE = 1.5
+# Most that the median cost of a hypothesis may exceed the noise, as a factor, and still be what is usual in
+# it; a hypothesis that fits worse explains nothing. Chosen on the scenes of docs/accuracy.md.
+_MOST_USUAL = 2.0
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K].
+
+    `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row.
+    """
+
+    body: Floats
+    outlier: Floats
+    opening: Floats
+    wider: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def of(self, chosen: list[int]) -> "Costs":
+        """The costs of some bodies only, by column."""
+        wider = self.wider[chosen] if len(self.wider) else self.wider
+        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], wider)
+
+
+def costs(
+    frames: Frames, bodies: list[Body], config: RigidConfig, stretch: float = 1.0, stride: int = 1
+) -> Costs:
+    """Cost of each trajectory under each body, of being an outlier, and of opening each body.
+
+    C_ik = 1/2 sum_f min(|x_f - b_i|^2 / v_ik, cap dim), x the trajectory in the body's frame, b_i its robust
+    mean there and v_ik the tolerance. Each degree of freedom of a pose gains half a nat by fitting noise
+    even where the body does not exist; the price of opening is beyond that.
+
+    Parameters
+    ----------
+    stretch
+        Factor from the costs of thinned frames to those of all frames.
+    stride
+        Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
+    """
+    rows = np.arange(len(frames.owner))
+    wider, unposed = _own_terms(frames, bodies, config)
+    row_costs, _ = _residuals(frames, bodies, rows, wider, unposed, config, stride)
+    tolerance = frames.tolerance[:, None]
+    row_costs += 0.5 * _LOOSE_PRICE * frames.dim * np.log((tolerance + wider) / tolerance)
+    body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
+    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
+    outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
+    opening = np.array([_opening(b, config, stretch) for b in bodies])
+    return Costs(body, outlier, opening, wider)
+
+
+def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
+    """By how much the cost of each trajectory exceeds what is usual in its hypothesis, float64 [N].
+
+    In standard deviations: half a squared residual per coordinate and frame is expected, and its variance
+    is as large. Outliers (`labels` intp [N] below 0) have 0.
+    """
+    found = np.zeros(len(labels))
+    expected = np.maximum(evidence.outlier / (config.outlier_share * config.residual_cap), 1e-9)
+    for k in range(evidence.body.shape[1]):
+        members = np.flatnonzero(labels == k)
+        if len(members):
+            cost, due = evidence.body[members, k], expected[members]
+            usual = min(float(np.median(cost / due)), _MOST_USUAL)
+            found[members] = (cost - usual * due) / np.sqrt(due)
+    return found
+
+
+def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> list[int]:
+    """Columns of the static body and of the bodies that are worth their price by their motion alone.
+
+    Such a body explains its own rows better than rest does, both at its own tolerance, by more than its
+    price. A wider tolerance lowers the cost of all trajectories: among very many at rest, a body could be
+    worth its price by its tolerance alone.
+    """
+    kept = []
+    for k, body in enumerate(bodies):
+        if body.static:
+            kept.append(k)
+            continue
+        own = np.unique(frames.owner[body.rows])
+        v = float(frames.tolerance[body.rows].min())
+        # A bound that needs no residuals: a wider tolerance lowers a cost in proportion at most.
+        least = found.body[own, 0].sum() * v / (v + found.wider[k]) - found.body[own, k].sum()
+        if least > found.opening[k] or _gain(frames, body, found.wider[k], config) > found.opening[k]:
+            kept.append(k)
+    return kept
+
+
+def mean_squared_residuals(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> Floats:
+    """Mean squared residual of rows intp [n] under a body, float64 [n], squared units of the space."""
+    return _residuals(frames, [body], rows, np.zeros(1), np.zeros(1), config)[1][:, 0]
+
+
+def _opening(body: Body, config: RigidConfig, stretch: float) -> float:
+    """Price of a body: of its poses, and of being one more."""
+    if body.static:
+        return 0.0
+    poses = 0.5 * body.dof * (1 + config.pose_price) * stretch * int(body.posed.sum())
+    return poses + config.birth_price
+
+
+def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:
+    """By how much a body's own rows are cheaper under it than at rest, both at its tolerance."""
+    both = [static_body(len(frames.stamps)), body]
+    _, unposed = _own_terms(frames, both, config)
+    cost, _ = _residuals(frames, both, body.rows, np.full(2, wider), unposed, config)
+    return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
+
+
+def _residuals(
+    frames: Frames,
+    bodies: list[Body],
+    rows: Ints,
+    wider: Floats,
+    unposed: Floats,
+    config: RigidConfig,
+    stride: int = 1,
+) -> tuple[Floats, Floats]:
+    """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
+    cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
+    R, t, posed = _stacked(bodies)
+    observed = frames.y, frames.w, frames.tolerance
+    cap = config.residual_cap
+    body_costs(*observed, rows, wider, frames.dim, cap, R, t, posed, unposed, stride, cost, squared)
+    return cost, squared
+
+
+def _stacked(bodies: list[Body]) -> tuple[Floats, Floats, Floats]:
+    """Poses as the kernels take them, [K, 9, F], [K, 3, F] and [K, F] (1: posed)."""
+    count = len(bodies[0].t)
+    R = np.stack([body.R.reshape(count, 9).T for body in bodies])
+    t = np.stack([body.t.T for body in bodies])
+    return R, t, np.array([body.posed for body in bodies], np.float64)
+
+
+def _own_terms(frames: Frames, bodies: list[Body], config: RigidConfig) -> tuple[Floats, Floats]:
+    """Variance that each body adds to the tolerance, and its charge for a frame without a pose, [K] each.
+
+    Soft things are bodies too. A body that fits its own rows worse than the noise says has a wider
+    tolerance, for all trajectories alike, at the price of a log per coordinate.
+    """
+    first = np.cumsum([0, *(len(body.rows) for body in bodies)])
+    rows = np.concatenate([body.rows for body in bodies])
+    excess, covered = np.zeros(len(bodies)), np.zeros(len(bodies))
+    observed = frames.y, frames.w, frames.tolerance
+    own_residuals(*observed, rows, first, frames.dim, _MOST_EXCESS, *_stacked(bodies), excess, covered)
+    static = np.array([body.static for body in bodies])
+    owners = np.repeat(np.arange(len(bodies)), np.diff(first))
+    mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)
+    wider = np.maximum(config.looseness * (np.minimum(excess, _MOST_EXCESS) - 1), 0.0) * mean
+    unposed = np.where(covered >= _LEAST_COVERED, 1.0, _UNCOVERED_SHARE * config.residual_cap) * frames.dim
+    return np.where(static, 0.0, wider), np.where(static, 0.0, unposed)

@@ -1,0 +1,173 @@
+"""Compiled: in observations of each trajectory, out the median squared third difference, which is noise.
+
+The contrast sum_j c_j x_j of four successive observations, with c_j proportional to
+1 / prod_{k != j} (t_j - t_k) and sum_j c_j^2 = 1, vanishes on any quadratic motion whatever the
+spacing. What is left is noise.
+"""
+
+import numpy as np
+
+from ...arrays import Floats, Ints, Slots, Stamps
+from ...compiled import compiled
+
+# The median is first sought step by step from the last one, up to so many ranks away.
+_RANKS = 8
+
+
+@compiled()
+def last_differences(
+    times: Stamps,
+    positions: Floats,
+    start: Ints,
+    stop: Ints,
+    gap: Stamps,
+    slot: Slots,
+    key: Stamps,
+    known: Stamps,
+    newest: Stamps,
+    written: Ints,
+    squares: Floats,
+    median: Floats,
+    count: Ints,
+    read: Ints,
+) -> None:
+    """Find what :func:`difference_noise` finds, but compute each difference once.
+
+    Parameters
+    ----------
+    times, positions, start, stop, gap
+        As in :func:`difference_noise`.
+    slot, key
+        intp [N] and int64 [N], row of the memory for each trajectory, and the trajectory's stable number.
+    known, newest, written, squares, median, count, read
+        In and out, the memory, one entry per slot: int64 key of the trajectory that it belongs to; int64
+        time of the newest observation in it; intp number of differences ever written; the newest of them,
+        float64 [slots, most], a ring; their median and its count; and how many were read for it.
+    """
+    most = squares.shape[1]
+    kept = np.empty(most)
+    for i in range(len(start)):
+        s, last = slot[i], stop[i]
+        if known[s] != key[i]:
+            known[s], newest[s], written[s], read[s] = key[i], times[start[i]] - 1, 0, -1
+        m = last
+        while m > start[i] and times[m - 1] > newest[s]:
+            m -= 1
+        for j in range(max(m, start[i] + 3), last):
+            value = _contrast(times, positions, j - 3) if _unbroken(times, j - 3, gap[i]) else np.nan
+            squares[s, written[s] % most] = value
+            written[s] += 1
+        now = max(min(last - start[i], most) - 3, 0)
+        if m == last and now == read[s]:
+            continue
+        newest[s], read[s] = times[last - 1], now
+        k = 0
+        for j in range(written[s] - now, written[s]):
+            if not np.isnan(squares[s, j % most]):
+                kept[k] = squares[s, j % most]
+                k += 1
+        median[s], count[s] = (_median(kept[:k], median[s]) if k > 0 else 0.0), k
+
+
+@compiled()
+def _median(values: Floats, guess: float) -> float:
+    """Median of values [n]; fast where it is a few ranks from the guess."""
+    low, high = (len(values) - 1) // 2, len(values) // 2
+    v = guess
+    below, equal = _rank(values, v)
+    for _ in range(_RANKS):
+        if below > low:
+            v = _next_below(values, v)
+        elif below + equal <= low:
+            v = _next_above(values, v)
+        else:
+            return v if below + equal > high else 0.5 * (v + _next_above(values, v))
+        below, equal = _rank(values, v)
+    return float(np.median(values))
+
+
+@compiled()
+def _rank(values: Floats, v: float) -> tuple[int, int]:
+    """How many values are below v, and how many equal it."""
+    below, equal = 0, 0
+    for k in range(len(values)):
+        below += values[k] < v
+        equal += values[k] == v
+    return below, equal
+
+
+@compiled(fastmath={"nnan", "nsz", "reassoc"})
+def _next_above(values: Floats, v: float) -> float:
+    found = np.inf
+    for k in range(len(values)):
+        found = min(found, values[k] if values[k] > v else np.inf)
+    return found
+
+
+@compiled(fastmath={"nnan", "nsz", "reassoc"})
+def _next_below(values: Floats, v: float) -> float:
+    found = -np.inf
+    for k in range(len(values)):
+        found = max(found, values[k] if values[k] < v else -np.inf)
+    return found
+
+
+@compiled()
+def difference_noise(
+    times: Stamps, positions: Floats, start: Ints, stop: Ints, gap: Stamps, most: int
+) -> tuple[Floats, Ints]:
+    """Median squared third difference of the newest `most` observations, and the count of differences.
+
+    Parameters
+    ----------
+    times, positions
+        int64 [M] ns and float64 [M, dim], observations of all trajectories.
+    start, stop
+        intp [N]; those of trajectory i are [start[i]:stop[i]].
+    gap
+        int64 [N], ns; no difference is taken across a longer gap.
+
+    Returns
+    -------
+    float64 [N] (0 where there is no difference) and intp [N].
+    """
+    median, count = np.zeros(len(start)), np.zeros(len(start), np.intp)
+    for i in range(len(start)):
+        first = max(start[i], stop[i] - most)
+        squares = np.empty(max(stop[i] - first, 0))
+        k = 0
+        for m in range(first, stop[i] - 3):
+            if _unbroken(times, m, gap[i]):
+                squares[k] = _contrast(times, positions, m)
+                k += 1
+        if k > 0:
+            median[i], count[i] = np.median(squares[:k]), k
+    return median, count
+
+
+@compiled()
+def _unbroken(times: Stamps, m: int, gap: int) -> bool:
+    """Whether observations m to m + 3 follow one another without a gap."""
+    for j in range(m, m + 3):
+        step = times[j + 1] - times[j]
+        if step > gap or step <= 0:
+            return False
+    return True
+
+
+@compiled()
+def _contrast(times: Stamps, positions: Floats, m: int) -> float:
+    """Squared length of the normalised third divided difference of observations m to m + 3."""
+    c = np.ones(4)
+    for j in range(4):
+        for k in range(4):
+            if k != j:
+                # In units of 10 ms, which keep the coefficients near 1; their scale cancels.
+                c[j] /= (times[m + j] - times[m + k]) * 1e-7
+    squared = 0.0
+    for d in range(positions.shape[1]):
+        value = 0.0
+        for j in range(4):
+            value += c[j] * positions[m + j, d]
+        squared += value * value
+    return float(squared / (c * c).sum())

@@ -1,0 +1,116 @@
+"""Compiled: in points or rows of points, out distances: their deviation, their least, their kernels."""
+
+import numpy as np
+
+from ...arrays import Floats, Ints
+from ...compiled import compiled
+
+# Beyond this squared distance, in bandwidths, a Gaussian is below 1e-300, which is added to the sum.
+_NEGLIGIBLE = 1400.0
+
+
+@compiled()
+def distance_deviation(y: Floats, w: Floats) -> Floats:
+    """Standard deviation of each pair's distance over its common frames: the root of (3.3), equal weights.
+
+    Parameters
+    ----------
+    y, w
+        float64 [n, F, 3] and [n, F] (0: unobserved).
+
+    Returns
+    -------
+    float64 [n, n], symmetric; NaN where a pair shares fewer than two frames, and on the diagonal.
+    """
+    n = len(w)
+    found = np.full((n, n), np.nan)
+    for i in range(n):
+        for j in range(i + 1, n):
+            found[i, j] = found[j, i] = _deviation(y[i], y[j], w[i], w[j])
+    return found
+
+
+@compiled()
+def deviation_from(y: Floats, w: Floats, row: int, others: Ints) -> Floats:
+    """Standard deviation of the distance of one row from each of `others` intp [n], float64 [n]."""
+    found = np.empty(len(others))
+    for k in range(len(others)):
+        found[k] = _deviation(y[row], y[others[k]], w[row], w[others[k]])
+    return found
+
+
+@compiled()
+def _deviation(a: Floats, b: Floats, wa: Floats, wb: Floats) -> float:
+    """Standard deviation of the distance of two rows; NaN where they share fewer than two frames."""
+    count, shift, total, squares = 0, 0.0, 0.0, 0.0
+    for f in range(len(wa)):
+        if wa[f] > 0 and wb[f] > 0:
+            x, y, z = a[f, 0] - b[f, 0], a[f, 1] - b[f, 1], a[f, 2] - b[f, 2]
+            d = np.sqrt(x * x + y * y + z * z)
+            # Sums about the first distance, as E[d^2] - E[d]^2 would cancel.
+            shift = d if count == 0 else shift
+            total += d - shift
+            squares += (d - shift) ** 2
+            count += 1
+    if count < 2:
+        return float(np.nan)
+    return float(np.sqrt(max(squares - total * total / count, 0.0) / (count - 1)))
+
+
+@compiled()
+def farthest_points(x: Floats, count: int) -> Ints:
+    """Indices of `count` of the points x [n, 3]: the first, then always the farthest from those before."""
+    found = np.zeros(count, np.intp)
+    nearest = np.full(len(x), np.inf)
+    for k in range(1, count):
+        best, last = 0, found[k - 1]
+        for i in range(len(x)):
+            squared = (x[i, 0] - x[last, 0]) ** 2 + (x[i, 1] - x[last, 1]) ** 2 + (x[i, 2] - x[last, 2]) ** 2
+            nearest[i] = min(nearest[i], squared)
+            if nearest[i] > nearest[best]:
+                best = i
+        found[k] = best
+    return found
+
+
+@compiled()
+def nearest_squared(x: Floats, queries: Ints) -> Floats:
+    """Squared distance of each of x[queries] to the nearest other point of x [n, dim], float64 [q]."""
+    found = np.full(len(queries), np.inf)
+    for k in range(len(queries)):
+        i = queries[k]
+        for j in range(len(x)):
+            squared = 0.0
+            for c in range(x.shape[1]):
+                squared += (x[i, c] - x[j, c]) ** 2
+            if j != i and squared < found[k]:
+                found[k] = squared
+    return found
+
+
+@compiled()
+def gaussian_sums(x: Floats, b: Floats, points: Ints, members: Ints, weight: Floats) -> Floats:
+    """Weighted sum of unit Gaussians about b, at each x; none adds to its own place.
+
+    Parameters
+    ----------
+    x, b
+        float64 [n, dim] and [m, dim], in units of the bandwidth.
+    points, members
+        intp [n] and [m], the trajectories that x and b belong to.
+    weight
+        float64 [m].
+
+    Returns
+    -------
+    float64 [n]; the factor that makes a Gaussian a density is left out.
+    """
+    found = np.zeros(len(x))
+    for i in range(len(x)):
+        for j in range(len(b)):
+            squared = 0.0
+            for c in range(x.shape[1]):
+                squared += (x[i, c] - b[j, c]) ** 2
+            if points[i] != members[j] and squared < _NEGLIGIBLE:
+                found[i] += weight[j] * np.exp(-0.5 * squared)
+    return found

@@ -1,0 +1,214 @@
+"""Compiled: in rows of points, out a template and its poses: generalised Procrustes with missing data."""
+
+import numpy as np
+
+from ...arrays import Bools, Floats
+from ...compiled import compiled
+from .rotation import planar_rotation, spatial_rotation
+
+SOFT = 9.0
+"""A squared residual of so many tolerances per dimension halves the weight of an observation."""
+# Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points
+# leave open, such as the turn of a pair about its own axis; chosen on the scenes of docs/accuracy.md.
+_PULL = 1e-3
+
+
+@compiled()
+def fit_poses(
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    dim: int,
+    iterations: int,
+    b: Floats,
+    R: Floats,
+    t: Floats,
+    posed: Bools,
+) -> None:
+    """Fit a template b and poses x = R b + t to rows, in place.
+
+    Grows from the frame with most rows, newest frame first: poses from what is known of the template, then
+    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)).
+
+    Parameters
+    ----------
+    y, w, inverse
+        float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance 1 / v.
+    b, R, t, posed
+        Out: float64 [3, m], [F, 3, 3], [F, 3], bool [F].
+    """
+    count, m = w.shape
+    known = np.zeros(m)
+    _seed(y, w, b, known)
+    need = 2 if (dim == 2 or m <= 2) else 3
+    started = np.zeros(count, np.bool_)
+    weights, H, work, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    soft = 1.0 / (SOFT * dim)
+    for iteration in range(iterations):
+        sums = np.zeros((4, m))
+        neighbour = -1
+        for f in range(count - 1, -1, -1):
+            robust = soft if iteration > 0 and posed[f] else 0.0
+            posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
+            if posed[f]:
+                _moments(y[f], b, weights, centres, H)
+                if dim == 2:
+                    planar_rotation(H, R[f])
+                else:
+                    _pull(H, R[neighbour], neighbour >= 0)
+                    # The frame's own rotation of the last iteration is nearer still than its neighbour's.
+                    start = f if iteration > 0 and started[f] else neighbour
+                    spatial_rotation(H, R[start], neighbour >= 0, R[f], work)
+                _translation(R[f], centres, t[f])
+                started[f] = True
+                neighbour = f
+                _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
+        _update(sums, b, known)
+
+
+@compiled()
+def weighted_pose(y: Floats, b: Floats, weights: Floats, dim: int, R: Floats, t: Floats) -> None:
+    """Weighted least-squares pose y = R b + t of points [3, m], in place: float64 [3, 3] and [3]."""
+    H, work, centres = np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    _moments(y, b, weights, centres, H)
+    if dim == 2:
+        planar_rotation(H, R)
+    else:
+        spatial_rotation(H, R, False, R, work)
+    _translation(R, centres, t)
+
+
+@compiled()
+def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
+    """Template of the rows that are observed in the frame with most rows, the newest of equals."""
+    best, most = 0, 0
+    for f in range(len(w) - 1, -1, -1):
+        count = 0
+        for i in range(w.shape[1]):
+            count += w[f, i] > 0
+        if count > most:
+            best, most = f, count
+    for i in range(w.shape[1]):
+        if w[best, i] > 0:
+            known[i] = 1.0
+            for c in range(3):
+                b[c, i] = y[best, c, i]
+
+
+@compiled()
+def _weigh(
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    b: Floats,
+    known: Floats,
+    R: Floats,
+    t: Floats,
+    soft: float,
+    weights: Floats,
+) -> int:
+    """Weights [m] of a frame's points, by their residuals in its pose; how many are positive."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
+    count = 0
+    for i in range(len(w)):
+        r0 = y0[i] - t[0] - R[0, 0] * b0[i] - R[0, 1] * b1[i] - R[0, 2] * b2[i]
+        r1 = y1[i] - t[1] - R[1, 0] * b0[i] - R[1, 1] * b1[i] - R[1, 2] * b2[i]
+        r2 = y2[i] - t[2] - R[2, 0] * b0[i] - R[2, 1] * b1[i] - R[2, 2] * b2[i]
+        a = w[i] * inverse[i] * known[i]
+        weights[i] = a / (1.0 + soft * a * (r0 * r0 + r1 * r1 + r2 * r2))
+        count += a > 0
+    return count
+
+
+@compiled()
+def _moments(y: Floats, b: Floats, weights: Floats, centres: Floats, H: Floats) -> None:
+    """Weighted means of y and b, [2, 3], and H = sum w (y - ybar)(b - bbar)^T."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
+    total, p0, p1, p2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(weights)):
+        a = weights[i]
+        total += a
+        p0 += a * y0[i]
+        p1 += a * y1[i]
+        p2 += a * y2[i]
+        q0 += a * b0[i]
+        q1 += a * b1[i]
+        q2 += a * b2[i]
+    p0, p1, p2, q0, q1, q2 = p0 / total, p1 / total, p2 / total, q0 / total, q1 / total, q2 / total
+    centres[0, 0], centres[0, 1], centres[0, 2] = p0, p1, p2
+    centres[1, 0], centres[1, 1], centres[1, 2] = q0, q1, q2
+    h00, h01, h02, h10, h11, h12, h20, h21, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(weights)):
+        u0, u1, u2 = weights[i] * (y0[i] - p0), weights[i] * (y1[i] - p1), weights[i] * (y2[i] - p2)
+        v0, v1, v2 = b0[i] - q0, b1[i] - q1, b2[i] - q2
+        h00 += u0 * v0
+        h01 += u0 * v1
+        h02 += u0 * v2
+        h10 += u1 * v0
+        h11 += u1 * v1
+        h12 += u1 * v2
+        h20 += u2 * v0
+        h21 += u2 * v1
+        h22 += u2 * v2
+    H[0, 0], H[0, 1], H[0, 2] = h00, h01, h02
+    H[1, 0], H[1, 1], H[1, 2] = h10, h11, h12
+    H[2, 0], H[2, 1], H[2, 2] = h20, h21, h22
+
+
+@compiled()
+def _translation(R: Floats, centres: Floats, t: Floats) -> None:
+    """Translation that takes the mean of b to that of y."""
+    for c in range(3):
+        t[c] = centres[0, c] - R[c, 0] * centres[1, 0] - R[c, 1] * centres[1, 1] - R[c, 2] * centres[1, 2]
+
+
+@compiled()
+def _pull(H: Floats, near: Floats, pulled: bool) -> None:
+    """Add a little of the rotation `near` to the moments, in place; of no rotation where not `pulled`."""
+    squared = 0.0
+    for p in range(3):
+        for q in range(3):
+            squared += H[p, q] * H[p, q]
+    pull = _PULL * np.sqrt(squared)
+    for p in range(3):
+        for q in range(3):
+            H[p, q] += pull * (near[p, q] if pulled else (1.0 if p == q else 0.0))
+
+
+@compiled()
+def _collect(
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    b: Floats,
+    known: Floats,
+    R: Floats,
+    t: Floats,
+    soft: float,
+    sums: Floats,
+) -> None:
+    """Add a frame's points, in the body's frame, to the weighted sums [4, m] of the template."""
+    y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
+    s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
+    for i in range(len(w)):
+        z0, z1, z2 = y0[i] - t[0], y1[i] - t[1], y2[i] - t[2]
+        x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
+        x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
+        x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
+        r2 = (x0 - b0[i]) ** 2 + (x1 - b1[i]) ** 2 + (x2 - b2[i]) ** 2
+        a = w[i] * inverse[i]
+        a /= 1.0 + soft * known[i] * r2 * a
+        s0[i] += a * x0
+        s1[i] += a * x1
+        s2[i] += a * x2
+        s3[i] += a
+
+
+@compiled()
+def _update(sums: Floats, b: Floats, known: Floats) -> None:
+    """Template from the weighted sums, in place."""
+    for i in range(sums.shape[1]):
+        if sums[3, i] > 0:
+            known[i] = 1.0
+            for c in range(3):
+                b[c, i] = sums[c, i] / sums[3, i]

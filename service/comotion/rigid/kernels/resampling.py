@@ -1,0 +1,166 @@
+"""Compiled: in observations of each trajectory, out its positions at common frames."""
+
+import numpy as np
+
+from ...arrays import Bools, Floats, Ints, Slots, Stamps
+from ...compiled import compiled
+
+
+@compiled()
+def resample(
+    times: Stamps,
+    positions: Floats,
+    start: Ints,
+    stop: Ints,
+    stamps: Stamps,
+    gap: Stamps,
+    hold: Stamps,
+    delay: Stamps,
+    y: Floats,
+    w: Floats,
+) -> None:
+    """Interpolate linearly at common frames, in place.
+
+    Parameters
+    ----------
+    times, positions
+        int64 [M] ns and float64 [M, dim], observations of all trajectories.
+    start, stop
+        intp [N]; those of trajectory i are [start[i]:stop[i]].
+    stamps
+        int64 [F], ns, ascending, the frames.
+    gap, hold, delay
+        int64 [N], ns: nothing is interpolated across a longer gap; a trajectory is extended by so much
+        beyond its newest observation; what is added to its times.
+    y, w
+        Out: float64 [N, F, 3] and [N, F]; w is the inverse variance relative to that of one observation.
+        A point between two observations has less variance than each, an extended one more. Frames without
+        an observation are left as they are.
+    """
+    for i in range(len(start)):
+        m, last = start[i], stop[i] - 1
+        newest, first_ns = times[last], times[m]
+        until = newest + hold[i]
+        for f in range(len(stamps)):
+            t = stamps[f] - delay[i]
+            if t < first_ns or t > until:
+                continue
+            while m < last and times[m + 1] <= t:
+                m += 1
+            # The newest segment also serves to extend the trajectory.
+            left = m if m < last else max(last - 1, start[i])
+            right = min(left + 1, last)
+            span = times[right] - times[left]
+            a = 1.0
+            if not (t >= newest and (t == newest or span == 0 or span > gap[i])):
+                if span > gap[i]:
+                    continue
+                a = (t - times[left]) / span
+            for c in range(positions.shape[1]):
+                y[i, f, c] = (1 - a) * positions[left, c] + a * positions[right, c]
+            w[i, f] = 1.0 / ((1 - a) ** 2 + a * a)
+
+
+@compiled()
+def correct(y: Floats, w: Floats, turn: Floats, shift: Floats, moved: Bools) -> None:
+    """Replace y by turn y + shift where it is observed, in place.
+
+    Parameters
+    ----------
+    y, w
+        float64 [N, F, 3] and [N, F] (0: unobserved).
+    turn, shift
+        float64 [N, 3, 3] and [N, 3].
+    moved
+        bool [N], rows to correct.
+    """
+    for i in range(len(w)):
+        if not moved[i]:
+            continue
+        for f in range(w.shape[1]):
+            if w[i, f] > 0:
+                a, b, c = y[i, f, 0], y[i, f, 1], y[i, f, 2]
+                for d in range(3):
+                    y[i, f, d] = turn[i, d, 0] * a + turn[i, d, 1] * b + turn[i, d, 2] * c + shift[i, d]
+
+
+@compiled()
+def spread(y: Floats, w: Floats, count: Ints, squared: Floats) -> None:
+    """Count the observed frames of each row, and take their mean squared distance from their mean.
+
+    Parameters
+    ----------
+    y, w
+        float64 [P, F, 3] and [P, F] (0: unobserved).
+    count, squared
+        Out: intp [P] and float64 [P].
+    """
+    for i in range(len(w)):
+        n, a, b, c = 0, 0.0, 0.0, 0.0
+        for f in range(w.shape[1]):
+            if w[i, f] > 0:
+                n += 1
+                a += y[i, f, 0]
+                b += y[i, f, 1]
+                c += y[i, f, 2]
+        count[i], squared[i] = n, 0.0
+        if n == 0:
+            continue
+        a, b, c = a / n, b / n, c / n
+        total = 0.0
+        for f in range(w.shape[1]):
+            if w[i, f] > 0:
+                total += (y[i, f, 0] - a) ** 2 + (y[i, f, 1] - b) ** 2 + (y[i, f, 2] - c) ** 2
+        squared[i] = total / n
+
+
+@compiled()
+def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
+    """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is."""
+    found = np.zeros(len(start))
+    for i in range(len(start)):
+        for m in range(start[i], stop[i]):
+            found[i] += values[m] * values[m]
+            if np.isnan(found[i]):
+                break
+        found[i] /= stop[i] - start[i]
+    return found
+
+
+@compiled()
+def all_finite(values: Floats, start: Ints, stop: Ints) -> Bools:
+    """Whether all of values[start[i]:stop[i]], float64 [M, 4], are finite, bool [N]."""
+    found = np.ones(len(start), np.bool_)
+    for i in range(len(start)):
+        for m in range(start[i], stop[i]):
+            if not np.isfinite(values[m]).all():
+                found[i] = False
+                break
+    return found
+
+
+@compiled()
+def stop_at(times: Stamps, slots: Slots, start: Slots, stop: Slots, stamp_ns: int) -> Ints:
+    """One past the last observation of each slot up to a time.
+
+    Parameters
+    ----------
+    times
+        int64 [S, M], ns, observations of slot s in [start[s]:stop[s]].
+    slots
+        intp [N].
+    start, stop
+        intp [S].
+
+    Returns
+    -------
+    intp [N], column in `times`.
+    """
+    found = np.zeros(len(slots), np.intp)
+    for n in range(len(slots)):
+        s = slots[n]
+        k = stop[s]
+        while k > start[s] and times[s, k - 1] > stamp_ns:
+            k -= 1
+        found[n] = k
+    return found

@@ -1,0 +1,238 @@
+"""In trajectories of any rate and phase, out rows on common frames (step 3), their tolerance (step 4)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..arrays import Bools, Floats, Ints, Stamps
+from ..config import RigidConfig
+from .kernels.differences import difference_noise
+from .kernels.resampling import all_finite, correct, resample, spread
+from .noise import NOISE_OBSERVATIONS, Differences, noise_variance
+from .tracks import Tracks, ranges
+
+# Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
+# so that the share hardly matters.
+_ARM_LENGTH = 0.25
+_ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
+# Four points of three coordinates share the six degrees of freedom of one pose.
+_ARM_WEIGHT = 0.5
+# Slack for the rounding of stamps and periods; far below any period.
+_ROUNDING_NS = 2_000
+
+
+@dataclass(frozen=True)
+class Frames:
+    """P rows on F frames, of which the last is at the watermark.
+
+    A point is one row. A 6-DoF feature is four rows, the ends of four arms that are fixed to it, so that its
+    orientation counts like the motion of points; its four rows share the weight of their one pose.
+
+    Attributes
+    ----------
+    dim
+        2 or 3.
+    stamps
+        int64 [F], ns, ascending.
+    y
+        float64 [P, F, 3], positions, zero in the third coordinate in 2-D.
+    w
+        float64 [P, F], inverse variance relative to that of one observation; 0 where unobserved.
+    owner, weight
+        intp [P], trajectory of a row; float64 [P], weight of the row in the cost of its trajectory.
+    noise, tolerance
+        float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation.
+    life
+        intp [N], number of frames in which a trajectory is observed.
+    current
+        bool [N], whether a trajectory goes on at the watermark.
+    """
+
+    dim: int
+    stamps: Stamps
+    y: Floats
+    w: Floats
+    owner: Ints
+    weight: Floats
+    noise: Floats
+    tolerance: Floats
+    life: NDArray[np.intp]
+    current: Bools
+
+    def rows_of(self, tracks: Ints | Bools) -> Ints:
+        """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
+        chosen = np.zeros(len(self.life), np.bool_)
+        chosen[tracks] = True
+        return np.flatnonzero(chosen[self.owner])
+
+    def of(self, tracks: Ints) -> "Frames":
+        """The frames of some trajectories only, intp [n] ascending."""
+        rows = self.rows_of(tracks)
+        return replace(
+            self,
+            y=self.y[rows],
+            w=self.w[rows],
+            owner=np.searchsorted(tracks, self.owner[rows]),
+            weight=self.weight[rows],
+            noise=self.noise[rows],
+            tolerance=self.tolerance[rows],
+            life=self.life[tracks],
+            current=self.current[tracks],
+        )
+
+    def thinned(self, stride: int) -> "Frames":
+        """Every stride-th frame, counted back from the newest."""
+        kept = np.arange(len(self.stamps) - 1, -1, -stride)[::-1]
+        return replace(
+            self,
+            stamps=self.stamps[kept],
+            y=np.ascontiguousarray(self.y[:, kept]),
+            w=np.ascontiguousarray(self.w[:, kept]),
+        )
+
+    def per_track(self, values: Floats) -> Floats:
+        """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""
+        return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """Observations of one kind of rows: of points, or of the ends of one arm.
+
+    `own` intp [n] are their trajectories. Observations of the k-th are [start[k]:stop[k]] of `times` and
+    `positions`, `squared` and `count` are what :func:`~comotion.rigid.noise.noise_variance` takes.
+    """
+
+    on_arm: bool
+    own: Ints
+    times: Stamps
+    positions: Floats
+    start: Ints
+    stop: Ints
+    squared: Floats
+    count: Ints
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Int64 [N], ns: no interpolation across a gap longer than `gap`, extension by `hold` at most."""
+
+    gap: Stamps
+    hold: Stamps
+
+
+def make_frames(
+    tracks: Tracks,
+    differences: Differences,
+    stamp_ns: int,
+    span_ns: int,
+    gap_ns: int,
+    config: RigidConfig,
+) -> Frames:
+    """Interpolate every trajectory at frames that end at the watermark.
+
+    Frames are tied to the watermark, not to any source: sources share no frames. Nothing is
+    interpolated across a gap longer than `gap_ns` or three periods of the source. Beyond its newest
+    observation a trajectory is extended by a period at most (plus the correction of its clock).
+
+    Parameters
+    ----------
+    differences
+        Memory of the space for the noise of its trajectories.
+    stamp_ns, span_ns
+        The watermark, and the length of the window before it.
+    """
+    stamps = _stamps(tracks, stamp_ns, span_ns, config)
+    limits = _limits(tracks, gap_ns, config)
+    curves = _curves(tracks, differences, limits.gap)
+    owner = np.concatenate([c.own for c in curves])
+    y, w, noise = _interpolated(tracks, curves, stamps, limits, config.noise_pool)
+    seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
+    spread(y, w, seen, squared)
+    life = np.zeros(len(tracks.key), np.intp)
+    np.maximum.at(life, owner, seen)
+    weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
+    tolerance = noise + _deformation(squared, tracks.extent(), config)
+    return Frames(tracks.dim, stamps, y, w, owner, weight, noise, tolerance, life, tracks.current)
+
+
+def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) -> Stamps:
+    """Times of the frames: the whole window, less what lies before the first observation; at least one."""
+    step = round(1e9 / config.frame_rate)
+    count = max(int(span_ns // step), 2)
+    stamps = stamp_ns - step * np.arange(count - 1, -1, -1, dtype=np.int64)
+    first_ns = (tracks.times[tracks.start] + tracks.delay_ns).min()
+    stamps = stamps[np.searchsorted(stamps, first_ns) :]
+    return stamps if len(stamps) else np.array([stamp_ns], np.int64)
+
+
+def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> _Limits:
+    step = round(1e9 / config.frame_rate)
+    period_ns = (tracks.period * 1e9).astype(np.int64)
+    hold = np.minimum(step, period_ns) + np.abs(tracks.delay_ns) + _ROUNDING_NS
+    return _Limits(np.maximum(gap_ns, 3 * period_ns), hold)
+
+
+def _interpolated(
+    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: _Limits, pool: float
+) -> tuple[Floats, Floats, Floats]:
+    """Positions [P, F, 3] and weights [P, F] of all rows, and their noise variance [P]."""
+    total = sum(len(c.own) for c in curves)
+    y, w, noise = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps))), np.zeros(total)
+    first, corrected = 0, tracks.corrected
+    for c in curves:
+        rows, own = slice(first, first + len(c.own)), c.own
+        first = rows.stop
+        gap, hold, delay = limits.gap[own], limits.hold[own], tracks.delay_ns[own]
+        resample(c.times, c.positions, c.start, c.stop, stamps, gap, hold, delay, y[rows], w[rows])
+        # The ends of arms are corrected already.
+        if not c.on_arm and corrected.any():
+            correct(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
+        noise[rows] = noise_variance(tracks, c.squared, c.count, own, pool, on_arm=c.on_arm)
+    return y, w, noise
+
+
+def _curves(tracks: Tracks, differences: Differences, gap: Stamps) -> list[_Curves]:
+    """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
+    squared, count = differences.read(tracks, gap)
+    six = np.zeros(len(tracks.key), np.bool_)
+    if tracks.quaternions is not None and tracks.dim == 3:
+        six = all_finite(tracks.quaternions, tracks.start, tracks.stop)
+    own = np.flatnonzero(~six)
+    start, stop = tracks.start[own], tracks.stop[own]
+    points = _Curves(False, own, tracks.times, tracks.positions, start, stop, squared[own], count[own])
+    return [points, *_arms(tracks, np.flatnonzero(six), gap)] if six.any() else [points]
+
+
+def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
+    """Corrected ends of the arms of 6-DoF features `own` intp [n]."""
+    assert tracks.quaternions is not None  # noqa: S101 - they have orientations
+    observed = ranges(tracks.start[own], tracks.stop[own])
+    counts = tracks.stop[own] - tracks.start[own]
+    owner = np.repeat(own, counts)
+    stop = np.cumsum(counts)
+    start, times = stop - counts, tracks.times[observed]
+    orientations = Rotation.from_quat(tracks.quaternions[observed])
+    positions = tracks.positions[observed]
+    if tracks.corrected[own].any():
+        orientations = Rotation.from_matrix(tracks.turn[owner]) * orientations
+        positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
+    found = []
+    for arm in _ARMS * _ARM_LENGTH * tracks.extent():
+        ends = positions + orientations.apply(arm)
+        squared, count = difference_noise(times, ends, start, stop, gap[own], NOISE_OBSERVATIONS)
+        found.append(_Curves(True, own, times, ends, start, stop, squared, count))
+    return found
+
+
+def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:
+    """Variance that the deformation of a body adds to a coordinate, float64 [P].
+
+    Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared
+    displacement) and up to a share of the scene's extent. What does not move does not bend.
+    """
+    slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
+    # Two points of a body deform, and so do both of their means: 4 slack^2, as in the distance of a pair.
+    return np.asarray(4 * slack**2)

@@ -1,0 +1,195 @@
+"""In rows and earlier hypotheses, out the trajectories that are searched for bodies: all of a small scene.
+
+In a large scene they are what no hypothesis explains, and a few representatives of each hypothesis. Their
+number is bounded, so that the search costs the same however many trajectories a scene has. All trajectories
+are then compared with the bodies that are found.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints, Labels
+from ..config import RigidConfig
+from ..matching import continued, largest_total
+from ..partition import NO_HYPOTHESIS
+from .assignment import LEAST_ENDED_FRAMES, OUTLIER
+from .costs import costs, excess_costs
+from .kernels.distances import farthest_points
+from .procrustes import static_body
+from .resampling import Frames
+
+# All constants here bound the work of an update. They were chosen on the scenes of docs/accuracy.md and on
+# made-up crowds of thousands of features (tests/unit/test_rigid_scale.py).
+
+SUBSET_ROWS = 160
+"""Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
+# Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
+_MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
+# Standard deviations that the cost of a trajectory exceeds the usual, from which on its hypothesis does not
+# explain it.
+_UNEXPLAINED = 4.5
+# So many unexplained members of hypotheses are taken first, by their excess. The rest is drawn, so that
+# lasting outliers leave room for others.
+_LARGEST_EXCESS = 32
+# In scenes up to so many subsets, what was at rest is judged by its cost now, not by that of the last update:
+# a body that starts to move is found one update earlier. In larger scenes the subset holds too little of such
+# a body at first: it would take a part of the background along, and one update more is better.
+_FRESH_EXCESS = 4
+FIT_ROWS = 64
+"""Most rows that a body is fitted to in a large scene."""
+# Share of representatives that may be ended trajectories: they hold the poses from before others were born.
+_ENDED_SHARE = 0.25
+# Representatives are chosen among so many times as many, the ones with the longest life.
+_LONGEST_LIVED = 4
+# Label of a trajectory that is not in the subset.
+_OUTSIDE = -2
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is searched for bodies: N trajectories, and what is known of them from the last update.
+
+    Attributes
+    ----------
+    frames
+        Their rows.
+    newest
+        float64 [N, 3], newest position.
+    judged
+        bool [N], observed in enough frames to be searched.
+    before
+        int64 [N], hypothesis of each trajectory; these hypotheses are candidates again.
+    static
+        Hypothesis that was the static one.
+    excess
+        float64 [N], :func:`~comotion.rigid.costs.excess_costs`.
+    """
+
+    frames: Frames
+    newest: Floats
+    judged: Bools
+    before: Labels
+    static: int | None
+    excess: Floats
+
+    def of(self, tracks: Ints) -> "Scene":
+        """Some of the trajectories, intp [n] ascending."""
+        return replace(
+            self,
+            frames=self.frames.of(tracks),
+            newest=self.newest[tracks],
+            judged=self.judged[tracks],
+            before=self.before[tracks],
+            excess=self.excess[tracks],
+        )
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Trajectories that are searched for bodies.
+
+    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them; `complete`,
+    whether they are all trajectories of the scene. In a complete subset everyone counts as unexplained, so
+    that every cluster is a candidate.
+    """
+
+    tracks: Ints
+    unexplained: Bools
+    complete: bool
+
+
+def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
+    """Choose the trajectories that are searched for bodies."""
+    frames, before, excess = scene.frames, scene.before, scene.excess
+    if len(frames.owner) <= SUBSET_ROWS:
+        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_), complete=True)
+    if len(frames.owner) <= _FRESH_EXCESS * SUBSET_ROWS:
+        excess = _fresh_excess(scene, config)
+    unexplained = (before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED)
+    odd = unexplained & scene.judged & frames.current
+    explained = scene.judged & ~odd
+    hypotheses = np.setdiff1d(before[explained], NO_HYPOTHESIS).tolist()
+    most = SUBSET_ROWS // 2
+    each = int(np.clip(most // max(len(hypotheses), 1), _LEAST_OF_EACH, _MOST_OF_EACH))
+    found = [representatives(frames, scene.newest, explained & (before == h), each) for h in hypotheses]
+    left = max(SUBSET_ROWS - sum(len(some) for some in found), SUBSET_ROWS - most)
+    found.append(_drawn(np.flatnonzero(odd), before, excess, int(frames.stamps[-1]), left))
+    tracks = np.unique(np.concatenate(found))
+    return Subset(tracks, unexplained[tracks], complete=False)
+
+
+def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:
+    """Rows to fit each body to, from all trajectories that it probably moves.
+
+    They are the representatives of its members in the subset and, outside it, of the hypothesis that it
+    continues. Each hypothesis that none of the bodies continues is one more body.
+
+    Parameters
+    ----------
+    labels
+        intp [n], body of each trajectory of the subset: 0 for the static one, below 0 for an outlier.
+    bodies
+        Number of bodies in the subset, with the static one.
+    """
+    before = scene.before[subset.tracks]
+    # Of the subset only explained trajectories are drawn in proportion to their hypotheses.
+    fair = (labels > 0) & ~subset.unexplained & (before != scene.static)
+    heirs = continued(before[fair], labels[fair], bodies, largest_total)
+    column = np.full(len(scene.before), _OUTSIDE)
+    column[subset.tracks] = labels
+    groups = [
+        (column == k) | ((column == _OUTSIDE) & (scene.before == heirs.get(k, _OUTSIDE)))
+        for k in range(1, bodies)
+    ]
+    done = {scene.static, NO_HYPOTHESIS, *heirs.values()}
+    groups += [scene.before == h for h in np.unique(scene.before).tolist() if h not in done]
+    return [_rows_of_representatives(scene, group & scene.judged) for group in groups]
+
+
+def representatives(frames: Frames, newest: Floats, members: Bools, count: int) -> Ints:
+    """At most so many of `members` bool [N], intp [n]: spread in space, long-lived, a few of them ended.
+
+    An ended trajectory must have been observed long enough.
+    """
+    telling = members & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
+    current, ended = np.flatnonzero(telling & frames.current), np.flatnonzero(telling & ~frames.current)
+    if len(current) + len(ended) <= count:
+        return np.flatnonzero(telling)
+    some = _longest_lived(frames, ended, max(int(_ENDED_SHARE * count), count - len(current)))
+    pool, left = _longest_lived(frames, current, _LONGEST_LIVED * count), count - len(some)
+    spread = pool[farthest_points(newest[pool], left)] if len(pool) > left else pool
+    return np.concatenate([spread, some])
+
+
+def _rows_of_representatives(scene: Scene, members: Bools) -> Ints:
+    """Rows of `members` bool [N]: all of them if they are few, else those of representatives."""
+    rows = scene.frames.rows_of(members)
+    if len(rows) <= FIT_ROWS:
+        return rows
+    return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, FIT_ROWS))
+
+
+def _fresh_excess(scene: Scene, config: RigidConfig) -> Floats:
+    """Excess costs of the last update, but of what was at rest then as seen now, float64 [N]."""
+    resting = scene.before == scene.static
+    now = costs(scene.frames, [static_body(len(scene.frames.stamps))], config)
+    return np.where(resting, excess_costs(now, np.where(resting, 0, OUTLIER), config), scene.excess)
+
+
+def _drawn(odd: Ints, before: Labels, excess: Floats, seed: int, count: int) -> Ints:
+    """At most so many of `odd`: members of hypotheses by largest excess, then others by lot, intp [n].
+
+    The draw depends on the time of the update alone.
+    """
+    if len(odd) <= count:
+        return odd
+    members = odd[before[odd] != NO_HYPOTHESIS]
+    first = members[np.argsort(-excess[members], kind="stable")[:_LARGEST_EXCESS]]
+    rest = np.setdiff1d(odd, first)
+    draw = np.random.default_rng(seed).permutation(rest)
+    return np.concatenate([first, draw[: count - len(first)]])
+
+
+def _longest_lived(frames: Frames, tracks: Ints, count: int) -> Ints:
+    return tracks[np.argsort(-frames.life[tracks], kind="stable")[:count]]
