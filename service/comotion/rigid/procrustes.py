@@ -65,13 +65,16 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)
 
 
-def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
+def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) -> tuple[Floats, Floats]:
     """Least-squares rigid transform of points to others, target = R source + t (Horn 1987).
 
     Parameters
     ----------
     source, target
         float64 [m, 3], m > 0; the third column is zero in 2-D.
+    near
+        float64 [3, 3]; where the points leave a rotation open, as a pair does, R is the nearest to this one.
+        None: to no rotation.
 
     Returns
     -------
@@ -80,5 +83,5 @@ def align(source: Floats, target: Floats, dim: int) -> tuple[Floats, Floats]:
     """
     R, t = np.zeros((3, 3)), np.zeros(3)
     y, b = np.ascontiguousarray(target.T), np.ascontiguousarray(source.T)
-    weighted_pose(y, b, np.ones(len(source)), dim, R, t)
+    weighted_pose(y, b, np.ones(len(source)), dim, np.eye(3) if near is None else near, R, t)
     return R, t

@@ -11,6 +11,8 @@ SOFT = 9.0
 # Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points
 # leave open, such as the turn of a pair about its own axis; chosen on the scenes of docs/accuracy.md.
 _PULL = 1e-3
+# The same where a pose is only to be determined, not smoothed: far above rounding, far below noise.
+_SLIGHT_PULL = 1e-10
 
 
 @compiled()
@@ -43,7 +45,7 @@ def fit_poses(
     need = 2 if (dim == 2 or m <= 2) else 3
     started = np.zeros(count, np.bool_)
     weights, H, work, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
-    soft = 1.0 / (SOFT * dim)
+    soft, identity = 1.0 / (SOFT * dim), np.eye(3)
     for iteration in range(iterations):
         sums = np.zeros((4, m))
         neighbour = -1
@@ -55,7 +57,7 @@ def fit_poses(
                 if dim == 2:
                     planar_rotation(H, R[f])
                 else:
-                    _pull(H, R[neighbour], neighbour >= 0)
+                    _pull(H, R[neighbour] if neighbour >= 0 else identity, _PULL)
                     # The frame's own rotation of the last iteration is nearer still than its neighbour's.
                     start = f if iteration > 0 and started[f] else neighbour
                     spatial_rotation(H, R[start], neighbour >= 0, R[f], work)
@@ -67,14 +69,27 @@ def fit_poses(
 
 
 @compiled()
-def weighted_pose(y: Floats, b: Floats, weights: Floats, dim: int, R: Floats, t: Floats) -> None:
-    """Weighted least-squares pose y = R b + t of points [3, m], in place: float64 [3, 3] and [3]."""
+def weighted_pose(
+    y: Floats, b: Floats, weights: Floats, dim: int, near: Floats, R: Floats, t: Floats
+) -> None:
+    """Weighted least-squares pose y = R b + t, in place.
+
+    Parameters
+    ----------
+    y, b, weights
+        float64 [3, m], [3, m] and [m].
+    near
+        float64 [3, 3]; a rotation that the points leave open, as those of a pair do, is the nearest to this.
+    R, t
+        Out: float64 [3, 3] and [3].
+    """
     H, work, centres = np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
     _moments(y, b, weights, centres, H)
     if dim == 2:
         planar_rotation(H, R)
     else:
-        spatial_rotation(H, R, False, R, work)
+        _pull(H, near, _SLIGHT_PULL)
+        spatial_rotation(H, near, False, R, work)
     _translation(R, centres, t)
 
 
@@ -163,16 +178,16 @@ def _translation(R: Floats, centres: Floats, t: Floats) -> None:
 
 
 @compiled()
-def _pull(H: Floats, near: Floats, pulled: bool) -> None:
-    """Add a little of the rotation `near` to the moments, in place; of no rotation where not `pulled`."""
+def _pull(H: Floats, near: Floats, share: float) -> None:
+    """Add a share of the rotation `near` to the moments, in place."""
     squared = 0.0
     for p in range(3):
         for q in range(3):
             squared += H[p, q] * H[p, q]
-    pull = _PULL * np.sqrt(squared)
+    pull = share * np.sqrt(squared)
     for p in range(3):
         for q in range(3):
-            H[p, q] += pull * (near[p, q] if pulled else (1.0 if p == q else 0.0))
+            H[p, q] += pull * near[p, q]
 
 
 @compiled()
