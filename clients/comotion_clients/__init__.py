@@ -1,1 +1,1 @@
-"""Processes that look: subscribe, watch, evaluate."""
+"""Clients: subscribe to a scene, watch, view, record and evaluate it."""

@@ -1,8 +1,7 @@
-"""A colour per hypothesis: it stays with its id, in every client, and is safe for the colour-blind.
+"""Colours of hypotheses: hypothesis id -> colour, the same in every client and safe for the colour-blind.
 
-The seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black; ids beyond
-seven repeat the hues in a darker and a lighter shade. Together with the markers of plots the first
-105 ids differ.
+The seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black. Further ids
+repeat the hues in a darker and a lighter shade. With the markers of plots the first 105 ids differ.
 """
 
 from typing import TypeAlias
@@ -14,7 +13,7 @@ from comotion_schemas import UNDETERMINED
 
 RGB: TypeAlias = tuple[int, int, int]
 
-# Ordered so that the first few, which are the most seen, lie farthest apart in lightness and hue.
+# Ordered so that the first few differ most in lightness and hue.
 HUES: tuple[RGB, ...] = (
     (0, 114, 178),  # blue
     (230, 159, 0),  # orange
@@ -24,11 +23,11 @@ HUES: tuple[RGB, ...] = (
     (213, 94, 0),  # vermilion
     (240, 228, 66),  # yellow
 )
-# Dark enough to differ from the reddish purple as deuteranopes see it.
+# Dark enough to differ from the reddish purple under deuteranopia.
 GREY: RGB = (120, 120, 120)
 MARKERS = ("o", "s", "^", "D", "v")
-_SHADES = (0.0, -0.35, 0.45)
-_LEGIBLE = (0.45, 0.6)
+_SHADES = (0.0, -0.35, 0.45)  # share mixed in of black (below 0) or white
+_LEGIBLE = (0.45, 0.6)  # range of luma that is legible on black and on white
 
 
 def colour(hypothesis: int) -> RGB:
@@ -41,7 +40,7 @@ def colour(hypothesis: int) -> RGB:
 
 
 def legible(hypothesis: int) -> RGB:
-    """Colour of a hypothesis id for words on any ground: of the same hue, neither dark nor light."""
+    """Colour of a hypothesis id for text on any background: the same hue with medium lightness."""
     red, green, blue = colour(hypothesis)
     luma = (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255  # Rec. 709
     darkest, lightest = _LEGIBLE
@@ -67,10 +66,10 @@ def colours(hypotheses: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def marker(hypothesis: int) -> str:
-    """Matplotlib marker that tells apart hypotheses of one colour; a cross for undetermined."""
+    """Matplotlib marker that distinguishes hypotheses of one colour; a cross for undetermined."""
     return "x" if hypothesis == UNDETERMINED else MARKERS[hypothesis // len(HUES) % len(MARKERS)]
 
 
 def _shaded(value: int, shade: float) -> int:
-    """Mix with black (shade below zero) or white."""
+    """Mix a value in 0..255 with black (shade below zero) or white."""
     return round(value * (1 + shade)) if shade < 0 else round(value + (255 - value) * shade)

@@ -1,42 +1,38 @@
-"""``comotion evaluate`` without files: NMI of a running scene against its truth, as it runs."""
+"""Live evaluation: running scene -> NMI of its updates against the published truth."""
 
 import contextlib
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import zenoh
-from rich.console import Console
-from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.component import Component, new_session_id
 from comotion_schemas.transport import SessionSettings
 
 from .metrics import Score, Truth
-from .scoring import Observed, SpaceRef, Summary, Tally, finite_or_none
+from .progress import reporting
+from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
 from .subscription import Subscription
 from .watch_view import number
 
-TICK_S = 0.1
+POLL_S = 0.1
 REPORT_S = 1.0
-PATIENCE_S = 10.0
-"""How long a run of limited duration waits for its first update, if that is longer."""
-SETTLE_S = 0.15
-"""An update is scored this long after its arrival: the batches it rests on are here by then."""
+FIRST_UPDATE_TIMEOUT_S = 10.0
+"""Least time that a run of limited duration waits for its first update."""
 
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions:
-    """How to evaluate live.
+    """Options of a live evaluation.
 
-    `duration`: seconds from the first update on, None until stopped; `quiet`: report nothing on the
-    way; `on_update`: called with every scored update; `ready_file`: written once it listens.
+    `duration`: seconds from the first update on, None: until stopped; `quiet`: no progress;
+    `on_update`: called with every scored update; `ready_file`: written once it is subscribed.
     """
 
     duration: float | None = None
@@ -47,7 +43,7 @@ class EvaluateOptions:
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What was seen: the scores, the true objects, the sources' spaces, the updates lost on the way."""
+    """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates."""
 
     summary: Summary
     scores: list[Score]
@@ -58,7 +54,7 @@ class LiveRun:
 
 
 class _Feed:
-    """The subscriptions of one scene, emptied into a tally."""
+    """Scores the updates of one scene from its subscriptions."""
 
     def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
         self.tally = Tally(Truth())
@@ -72,7 +68,7 @@ class _Feed:
         self.updates = Subscription(session, HypothesisUpdate, scene)
 
     def poll(self, *, settled: bool = False) -> None:
-        """Take in what has come and score the updates that are due; all of them when `settled`."""
+        """Process received messages and score the updates that are due; all of them if `settled`."""
         self._waiting += self.updates.drain()
         for _, truth in self._truths.drain():
             self.tally.truth.add(truth)
@@ -83,8 +79,8 @@ class _Feed:
         now = time.monotonic()
         while self._waiting and (settled or now - self._waiting[0][0] >= SETTLE_S):
             _, update = self._waiting.pop(0)
-            # Where time stands still (every source has ended), an update says nothing new; scoring it
-            # again and again would let the last state outweigh the run.
+            # After all sources have ended, updates repeat their stamp. Scoring them would overweight the
+            # last state.
             if update.stamp_ns != self._scored_ns:
                 self._scored_ns = update.stamp_ns
                 self._on_update(update, self.tally.add(update, self.observed))
@@ -100,22 +96,22 @@ def evaluate(
     settings: SessionSettings | None = None,
     options: EvaluateOptions | None = None,
 ) -> LiveRun:
-    """Score a running scene until the time is over or it is told to stop.
+    """Score a running scene until the duration is over or a signal arrives.
 
-    Every track that is observed at an update's stamp is scored, listed by the update or not. Updates
-    that repeat a stamp, because all sources have ended, are left out.
+    Every track that is observed at the stamp of an update is scored, whether the update lists it or
+    not. Updates that repeat a stamp, because all sources have ended, are left out.
 
     Parameters
     ----------
     scene, settings
-        What to evaluate and where to connect.
+        Name of the scene; how to connect.
     options
-        How long, and what to report on the way.
+        Duration and progress.
 
     Raises
     ------
     ValueError
-        If no update came, or none could be scored for want of truth.
+        If no update was received, or none could be scored because no source publishes truth.
     """
     options = options or EvaluateOptions()
     presence = Component(
@@ -129,11 +125,12 @@ def evaluate(
         feed = _Feed(component.session, scene, options.on_update)
         if options.ready_file is not None:
             component.ready()
-        with contextlib.closing(feed), _reporting(options.quiet) as report:
+        progress = reporting(quiet=options.quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+        with contextlib.closing(feed), progress as report:
             begun = time.monotonic()
-            while not component.stop.wait(TICK_S) and not _is_over(feed, options.duration, begun):
+            while not component.stop.wait(POLL_S) and not _is_over(feed, options.duration, begun):
                 feed.poll()
-                report(feed.tally)
+                report(lambda: progress_line(feed.tally))
             feed.poll(settled=True)
     return _result(feed, scene)
 
@@ -142,14 +139,14 @@ def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
     if duration is None:
         return False
     if feed.first_at is None:
-        return time.monotonic() - begun >= max(duration, PATIENCE_S)
+        return time.monotonic() - begun >= max(duration, FIRST_UPDATE_TIMEOUT_S)
     return time.monotonic() - feed.first_at >= duration
 
 
 def _result(feed: _Feed, scene: str) -> LiveRun:
     summary = feed.tally.summary()
     if not summary.updates:
-        raise ValueError(f"no update came in scene {scene!r}: is the service running?")
+        raise ValueError(f"no update was received in scene {scene!r}: is the service running?")
     if not summary.scored:
         raise ValueError(f"no update of scene {scene!r} could be scored: no source publishes truth")
     return LiveRun(
@@ -163,7 +160,7 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
 
 
 def progress_line(tally: Tally) -> str:
-    """How it stands, in one line."""
+    """Format the scores so far as one line."""
     if not tally.scores:
         return "waiting for updates"
     score, summary = tally.scores[-1], tally.summary()
@@ -176,31 +173,8 @@ def progress_line(tally: Tally) -> str:
     )
 
 
-@contextlib.contextmanager
-def _reporting(quiet: bool) -> Iterator[Callable[[Tally], None]]:
-    """Report progress on standard error once a second: one line that changes, or a new line."""
-    if quiet:
-        yield lambda tally: None  # noqa: ARG005
-    elif sys.stderr.isatty():
-        with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
-            yield _EverySecond(live.update)
-    else:
-        yield _EverySecond(lambda line: print(line, file=sys.stderr, flush=True))  # noqa: T201
-
-
-class _EverySecond:
-    def __init__(self, show: Callable[[str], None]) -> None:
-        self._show = show
-        self._due = time.monotonic() + REPORT_S
-
-    def __call__(self, tally: Tally) -> None:
-        if time.monotonic() >= self._due:
-            self._due += REPORT_S
-            self._show(progress_line(tally))
-
-
 def summary_lines(run: LiveRun) -> list[str]:
-    """The result in words."""
+    """Format the result as text."""
     s = run.summary
     lines = [
         f"mean NMI {number(s.mean_nmi, 3)}, final {number(s.final_nmi, 3)}, over {s.scored} updates",
@@ -214,7 +188,7 @@ def summary_lines(run: LiveRun) -> list[str]:
 
 
 def as_json(run: LiveRun) -> dict[str, Any]:
-    """The result as plain values, with NMI over time; what is not known is null."""
+    """Convert the result to plain values for JSON, with NMI over time; unknown values are None."""
     return {
         **finite_or_none(asdict(run.summary)),
         "lost": run.lost,

@@ -1,4 +1,4 @@
-"""A bounded mailbox between the thread that receives and the one, or the event loop, that reads."""
+"""A bounded queue between a receiving thread and a reading thread or event loop."""
 
 import asyncio
 import threading
@@ -8,22 +8,28 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Closed(Exception):  # noqa: N818 - an end, not an error
-    """Nothing more will come."""
+class Closed(Exception):  # noqa: N818 - the end of a stream, not an error
+    """The inbox is closed and empty."""
 
 
 class Inbox(Generic[T]):
-    """Keeps the newest `capacity` items; putting never blocks, reading waits.
+    """Keeps the newest `capacity` items; `put` never blocks, `get` waits.
 
     Parameters
     ----------
     capacity
-        Items kept; when full the oldest makes room and :attr:`dropped` counts it.
+        Most items kept, at least 1; when it is full, the oldest item is dropped and counted in
+        :attr:`dropped`.
+
+    Raises
+    ------
+    ValueError
+        If the capacity is below 1.
     """
 
     def __init__(self, capacity: int) -> None:
         if capacity < 1:
-            raise ValueError("an inbox needs room for one item")
+            raise ValueError("the capacity of an inbox is at least 1")
         self.dropped = 0
         self._items: deque[T] = deque()
         self._capacity = capacity
@@ -41,7 +47,7 @@ class Inbox(Generic[T]):
             self._notify()
 
     def close(self) -> None:
-        """Let readers drain what is there and then end."""
+        """Close the inbox; readers get the remaining items first."""
         with self._changed:
             self._closed = True
             self._notify()
@@ -52,7 +58,7 @@ class Inbox(Generic[T]):
         Raises
         ------
         TimeoutError
-            If none came within `timeout` seconds.
+            If no item arrives within `timeout` seconds (None: no limit).
         Closed
             If the inbox is closed and empty.
         """
@@ -85,7 +91,7 @@ class Inbox(Generic[T]):
     def _notify(self) -> None:
         self._changed.notify_all()
         for loop, future in self._waiters:
-            # A loop that was closed while it waited has nobody left to tell.
+            # The loop may have been closed while the future was pending.
             if not loop.is_closed():
                 loop.call_soon_threadsafe(_wake, future)
         self._waiters.clear()

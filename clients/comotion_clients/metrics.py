@@ -1,7 +1,4 @@
-"""How good a grouping is: NMI, misclassification rate and label switches.
-
-Pure functions on arrays and messages; no transport, no clock.
-"""
+"""Metrics: partition or update, and truth -> NMI, misclassification rate, label switches. Pure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -21,7 +18,7 @@ TrackIds: TypeAlias = Mapping[SourceKey, NDArray[np.uint64]]
 
 
 def contingency(labels: Labels, truth: Labels) -> NDArray[np.int64]:
-    """Count the members that each pair of clusters shares.
+    """Count the tracks that each pair of clusters has in common.
 
     Parameters
     ----------
@@ -30,7 +27,12 @@ def contingency(labels: Labels, truth: Labels) -> NDArray[np.int64]:
 
     Returns
     -------
-    int64 [K, L], one row per cluster of `labels` and one column per cluster of `truth`, in sorted order.
+    int64 [K, L], one row per cluster of `labels` and one column per cluster of `truth`, sorted.
+
+    Raises
+    ------
+    ValueError
+        If the two are not vectors of one length.
     """
     if np.shape(labels) != np.shape(truth) or np.ndim(labels) != 1:
         raise ValueError(f"two vectors of one length expected, got {np.shape(labels)} and {np.shape(truth)}")
@@ -41,17 +43,17 @@ def contingency(labels: Labels, truth: Labels) -> NDArray[np.int64]:
 
 
 def nmi(labels: Labels, truth: Labels) -> float:
-    """Normalised mutual information 2I(C;G) / (H(C) + H(G)), equation (4.1) of the thesis.
+    """Normalised mutual information 2 I(C;G) / (H(C) + H(G)), equation (4.1) of the thesis.
 
     Parameters
     ----------
     labels, truth
-        Integers [N], the obtained and the true partition. Every value is a cluster; see
-        :func:`isolate` for tracks that belong to none.
+        Integers [N], the estimated and the true partition. Every value is a cluster; see
+        :func:`isolate` for tracks without a hypothesis.
 
     Returns
     -------
-    A number in 0..1; 1 when both partitions are one single cluster; NaN without tracks.
+    A number in 0..1; 1 if both partitions have a single cluster; NaN without tracks.
     """
     counts = contingency(labels, truth)
     if not counts.size:
@@ -60,7 +62,7 @@ def nmi(labels: Labels, truth: Labels) -> float:
     p_c, p_g = joint.sum(axis=1), joint.sum(axis=0)
     k, g = np.nonzero(counts)
     if len(k) == len(p_c) == len(p_g):
-        # The same partition twice, a single cluster included: exactly 1, whatever rounding does.
+        # Equal partitions, including a single cluster: exactly 1 without rounding errors.
         return 1.0
     information = float(np.sum(joint[k, g] * np.log(joint[k, g] / (p_c[k] * p_g[g]))))
     return min(max(2.0 * information / (_entropy(p_c) + _entropy(p_g)), 0.0), 1.0)
@@ -71,15 +73,15 @@ def _entropy(p: NDArray[np.float64]) -> float:
 
 
 def misclassification(labels: Labels, truth: Labels) -> float:
-    """Share of tracks that are wrong under the best one-to-one match of clusters to true objects.
+    """Share of tracks that are wrong under the best one-to-one assignment of clusters to true objects.
 
-    The members of clusters beyond the number of objects are all errors. The match maximises the
-    number of right tracks (Hungarian method).
+    The assignment maximises the number of right tracks (Hungarian method). All members of a cluster
+    without an object are wrong.
 
     Parameters
     ----------
     labels, truth
-        Integers [N].
+        Integers [N], the estimated and the true partition.
 
     Returns
     -------
@@ -93,18 +95,18 @@ def misclassification(labels: Labels, truth: Labels) -> float:
 
 
 def isolate(labels: Labels, marker: int = UNDETERMINED) -> NDArray[np.int64]:
-    """Give every track that carries `marker` a cluster of its own.
+    """Put every track with the label `marker` into a separate cluster.
 
     Parameters
     ----------
     labels
         Integers [N].
     marker
-        The label that means "belongs to no hypothesis".
+        The label of tracks without a hypothesis.
 
     Returns
     -------
-    int64 [N] in 0..K-1, K clusters with the singletons.
+    int64 [N] in 0..K-1, where K includes the singletons.
     """
     alone = np.asarray(labels) == marker
     known, inverse = np.unique(np.asarray(labels)[~alone], return_inverse=True)
@@ -115,7 +117,7 @@ def isolate(labels: Labels, marker: int = UNDETERMINED) -> NDArray[np.int64]:
 
 
 class Truth:
-    """What the sources said about the true object of each feature; batches add up."""
+    """The true object of each feature, accumulated from truth batches."""
 
     def __init__(self, batches: Iterable[TruthBatch] = ()) -> None:
         self._objects: dict[SourceKey, dict[int, int]] = {}
@@ -124,35 +126,35 @@ class Truth:
             self.add(batch)
 
     def add(self, batch: TruthBatch) -> None:
-        """Take in a batch; the last value of an id holds."""
+        """Add a batch; a later value of an id replaces an earlier one."""
         table = self._objects.setdefault((batch.source, batch.session), {})
         table.update(zip(batch.ids.tolist(), batch.objects.tolist(), strict=True))
         self.names.update((int(number), name) for number, name in batch.names.items())
 
     def __len__(self) -> int:
-        """Count the features with a statement, ambiguous ones included."""
+        """Number of features with truth, including ambiguous ones."""
         return sum(len(table) for table in self._objects.values())
 
     def objects(self, source: SourceKey, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
-        """Look up object numbers: int32 [N], -1 where ambiguous or not stated."""
+        """Look up the object numbers of features uint64 [N]: int32 [N], -1 if ambiguous or unknown."""
         table = self._objects.get(source, {})
         return np.fromiter((table.get(i, -1) for i in ids.tolist()), np.int32, len(ids))
 
 
 @dataclass(frozen=True)
 class Score:
-    """One update against the truth.
+    """Score of one update.
 
     Attributes
     ----------
     stamp_ns
         Event time of the update.
     nmi, misclassification
-        Over the scored tracks; NaN where there is none.
+        Over the scored tracks; NaN without any.
     hypotheses, objects
-        Distinct hypotheses and distinct true objects among the scored tracks.
+        Number of hypotheses and of true objects among the scored tracks.
     scored, singletons
-        Tracks with a truth; those of them that are undetermined or not listed by the update.
+        Number of tracks with truth; number of these that are undetermined or not in the update.
     """
 
     stamp_ns: int
@@ -165,7 +167,7 @@ class Score:
 
 
 def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
-    """Hypothesis id of every listed track: (name, session) -> feature id -> hypothesis id."""
+    """Map the tracks of an update: (name, session) -> feature id -> hypothesis id."""
     tables: list[dict[int, int]] = [{} for _ in update.sources]
     rows = zip(
         update.track_source.tolist(), update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True
@@ -176,9 +178,9 @@ def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
 
 
 def bodies_of(update: HypothesisUpdate) -> dict[int, int]:
-    """Body of each hypothesis that is linked: the lowest id among those that are one, itself included.
+    """Map each linked hypothesis to its body: the lowest id among the linked hypotheses.
 
-    Hypotheses of one space that are one body name each other only through those of other spaces.
+    Two hypotheses of one space are linked only through hypotheses of other spaces.
     """
     lowest = {h.id: min([h.id, *h.linked]) for h in update.hypotheses if h.linked}
     return {one: min(lowest.get(low, low), low) for one, low in lowest.items()}
@@ -190,12 +192,12 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
     Parameters
     ----------
     update
-        What the service, or the core, said.
+        An update of the service or the core.
     truth
-        True objects; tracks that are ambiguous (-1) or without a statement are never scored.
+        True objects; tracks that are ambiguous (-1) or without truth are not scored.
     observed
-        The tracks that are observed at the update's stamp: these are scored, and one that the
-        update leaves out, or calls undetermined, is a singleton. None: the tracks of the update.
+        The tracks observed at the stamp of the update: these are scored, and a track that is
+        undetermined or not in the update is a singleton. None: the tracks of the update.
     """
     listed, bodies = tracks_of(update), bodies_of(update)
     if observed is None:
@@ -210,7 +212,17 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
 
 
 def score_labels(labels: NDArray[np.int64], objects: NDArray[np.int32], stamp_ns: int) -> Score:
-    """Score hypothesis ids int64 [N] (UNDETERMINED: a singleton) against objects int32 [N] (-1: left out)."""
+    """Score labels against the truth.
+
+    Parameters
+    ----------
+    labels
+        int64 [N], hypothesis ids; UNDETERMINED is a singleton.
+    objects
+        int32 [N], true objects; tracks with -1 are left out.
+    stamp_ns
+        Event time of the score.
+    """
     scored = objects >= 0
     labels, objects = labels[scored], objects[scored]
     clusters = isolate(labels)
@@ -228,7 +240,7 @@ def score_labels(labels: NDArray[np.int64], objects: NDArray[np.int32], stamp_ns
 
 @dataclass(frozen=True)
 class Switches:
-    """Label switches among the tracks that two updates share; sums of updates add up."""
+    """Number of label switches, and of tracks that two consecutive updates have in common."""
 
     switched: int = 0
     common: int = 0
@@ -238,14 +250,14 @@ class Switches:
 
     @property
     def per_100(self) -> float:
-        """Switches per 100 tracks present in both updates; 0 without such tracks."""
+        """Switches per 100 common tracks; 0 without common tracks."""
         return 100.0 * self.switched / self.common if self.common else 0.0
 
 
 def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> Switches:
-    """Count the tracks whose hypothesis id differs from the previous update's.
+    """Count the tracks whose hypothesis id differs between two updates.
 
-    Becoming undetermined, or ceasing to be, is a difference as well.
+    A change from or to undetermined counts as well.
     """
     before, switched, common = tracks_of(previous), 0, 0
     for key, table in tracks_of(current).items():

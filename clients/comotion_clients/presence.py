@@ -1,4 +1,4 @@
-"""Who is in a scene: its liveliness tokens, as they come and go."""
+"""Presence: the liveliness tokens of the components of a scene."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from comotion_schemas import Keys
 
 
 class Presence:
-    """Follows the components of one scene within an open session."""
+    """Subscribes to the liveliness tokens of one scene in an open session."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(256)
@@ -17,7 +17,7 @@ class Presence:
         )
 
     def drain(self) -> list[tuple[str, str, bool]]:
-        """Take what is new, without waiting: (role, name, whether it is alive)."""
+        """Return the changes since the last call: (role, name, whether the component is alive)."""
         found = []
         while (sample := self._tokens.try_recv()) is not None:
             role, name = str(sample.key_expr).split("/")[-2:]

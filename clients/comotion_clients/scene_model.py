@@ -1,6 +1,7 @@
-"""What one scene looks like right now, put together from its messages. Pure: time is handed in.
+"""Scene model: messages of one scene -> snapshot of its sources, service, hypotheses and events. Pure.
 
-`now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall clock.
+The caller passes the time: `now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall
+clock in nanoseconds.
 """
 
 import math
@@ -15,17 +16,22 @@ from comotion_schemas.sequence import SequenceCounter
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
 
 RATE_SPAN_S = 3.0
-RATE_LEAST_S = 0.5
+"""A rate is the mean over this time."""
+RATE_MIN_SPAN_S = 0.5
+"""Without arrivals over this time the rate is unknown: the first messages may come in a burst."""
 STALL_S = 1.0
+"""A stream is stalled after this time or :data:`STALL_PERIODS` periods, whichever is longer."""
 STALL_PERIODS = 3
 LOSS_SHOWN_S = 10.0
+"""How long a loss is highlighted."""
 GONE_SHOWN_S = 60.0
+"""How long a source that has left remains in the list."""
 EVENTS_KEPT = 100
 
 
 @dataclass
 class Stream:
-    """Arrivals of one publisher: its rate, its age and what went missing."""
+    """Arrivals of one publisher: rate, age and number of lost messages."""
 
     lost: int = 0
     lost_at: float = -np.inf
@@ -51,17 +57,16 @@ class Stream:
         return (self.arrivals[-1] - self.arrivals[0]) / (len(self.arrivals) - 1)
 
     def stalled(self, now: float) -> bool:
-        """Whether it has been silent for longer than its rhythm explains."""
+        """Whether the last arrival is too long ago for the period of the stream."""
         return self.age(now) > max(STALL_S, STALL_PERIODS * self.period())
 
     def rate(self, now: float) -> float:
-        """Messages per second; 0 once it stalls, and while too little was heard to tell."""
-        # What had been waiting comes in a burst.
-        known = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_LEAST_S
+        """Messages per second; 0 while stalled or unknown."""
+        known = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_MIN_SPAN_S
         return 1.0 / self.period() if known and not self.stalled(now) else 0.0
 
     def losing(self, now: float) -> bool:
-        """Whether something was lost lately."""
+        """Whether a message was lost in the last 10 s."""
         return now - self.lost_at < LOSS_SHOWN_S
 
 
@@ -72,18 +77,18 @@ class _Source:
     lag: float = float("nan")
     gone_at: float | None = None
 
-    def age(self, now: float, told: float) -> float:
-        """Seconds since its last batch; `told` by the service where none was heard."""
-        return self.stream.age(now) if self.stream.arrivals else told
+    def age(self, now: float, reported: float) -> float:
+        """Seconds since the last batch; `reported` by the service if none was received here."""
+        return self.stream.age(now) if self.stream.arrivals else reported
 
 
 class SceneModel:
-    """Follows one scene.
+    """Accumulates the messages of one scene.
 
     Parameters
     ----------
     scene
-        Its name.
+        Name of the scene.
     """
 
     def __init__(self, scene: str) -> None:
@@ -99,7 +104,7 @@ class SceneModel:
 
     @property
     def seen(self) -> bool:
-        """Whether anything was heard of the scene."""
+        """Whether any message of the scene was received."""
         return bool(self._sources) or self._update is not None or self._service is not None
 
     @property
@@ -108,7 +113,7 @@ class SceneModel:
         return self._update
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
-        """Take in a batch of a source."""
+        """Add a batch of a source."""
         source = self._sources.setdefault(batch.source, _Source())
         lost = self._sequences.sight(f"obs/{batch.source}", batch.session, batch.seq).lost
         source.stream.arrive(lost, arrived)
@@ -117,7 +122,7 @@ class SceneModel:
         self._units[batch.space] = batch.unit
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
-        """Take in an update; answers with the events that no earlier one had."""
+        """Add an update; returns the events that no earlier update had."""
         lost = self._sequences.sight("hypotheses", update.session, update.seq).lost
         self._updates.arrive(lost, arrived)
         self._update, self._service_gone = update, False
@@ -128,14 +133,14 @@ class SceneModel:
         return new
 
     def on_status(self, status: Status) -> None:
-        """Take in the Status of a component; the service's names sources that fell silent before."""
+        """Add a Status; that of the service also names sources that were silent since the start."""
         if status.role == "service":
             self._service = status
             for name in status.ages:
                 self._sources.setdefault(name, _Source())
 
     def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
-        """Take in that a component came or went."""
+        """Process that a component entered or left the scene."""
         if role == "service":
             self._service_gone = not alive
         elif role == "source":
@@ -145,7 +150,7 @@ class SceneModel:
                 self._sources[name].gone_at = now
 
     def snapshot(self, now: float) -> Snapshot:
-        """Everything as of now."""
+        """Build the snapshot at the time `now`."""
         update = self._update
         labels = np.zeros(0, np.uint32) if update is None else update.track_hypothesis
         return Snapshot(
@@ -183,10 +188,10 @@ class SceneModel:
 
     def _source_rows(self, now: float) -> list[SourceRow]:
         tracks = self._tracks_per_source()
-        told = {} if self._service is None else self._service.ages
+        reported = {} if self._service is None else self._service.ages
         rows = []
         for name, source in sorted(self._sources.items()):
-            age = source.age(now, told.get(name, float("inf")))
+            age = source.age(now, reported.get(name, float("inf")))
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
                 del self._sources[name]
                 continue

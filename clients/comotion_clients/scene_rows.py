@@ -1,4 +1,4 @@
-"""What `comotion watch` shows of a scene: plain values."""
+"""The rows of a scene snapshot: plain values for `comotion watch` and `comotion view`."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,8 +11,8 @@ ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
 class SourceRow:
     """One source: `rate` in batches/s, `age` s since its last batch, `lag` s from acquisition to arrival.
 
-    `state`: ``silent`` has never been heard, ``stalled`` no longer, ``gone`` has left the scene.
-    `losing`: batches were lost in the last 10 s. `tracks` counts those of the newest update.
+    `state`: ``silent``: no batch so far; ``stalled``: no batch for too long; ``gone``: left the scene.
+    `losing`: batches were lost in the last 10 s. `tracks`: number of its tracks in the newest update.
     """
 
     name: str
@@ -73,7 +73,7 @@ class ServiceRow:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything `comotion watch` shows."""
+    """State of a scene at one time."""
 
     scene: str
     stamp_ns: int

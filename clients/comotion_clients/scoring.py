@@ -1,4 +1,4 @@
-"""Scoring a run: which tracks are observed when, and what the scores add up to. Pure."""
+"""Scoring of a run: updates, batches and truth -> scores and their summary. Pure."""
 
 import bisect
 import math
@@ -14,14 +14,17 @@ from comotion_schemas.types import Unit
 
 from .metrics import Score, SourceKey, Switches, Truth, label_switches, score_update
 
+SETTLE_S = 0.15
+"""A live update is scored this long after its arrival: its batches have then arrived as well."""
 TRACK_TIMEOUT_S = 0.5
-_PERIODS = 3
-_BATCHES_KEPT = 4096
+"""A track is outdated after this time or 3 periods of its source (docs/protocol.md)."""
+_TIMEOUT_PERIODS = 3
+_BATCHES_KEPT = 4096  # per source: 40 s at 100 Hz, should no update arrive
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """One batch of a source: its rows, by acquisition time."""
+class _Batch:
+    """The rows of one batch of a source, with its first acquisition time."""
 
     first_ns: int
     session: str
@@ -39,15 +42,15 @@ class SpaceRef:
 
 
 def spaces_of(update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[SpaceRef]:
-    """Tell the coordinate space of every source of an update.
+    """Determine the coordinate space of every source of an update.
 
     Parameters
     ----------
     update
-        What the service said.
+        An update.
     known
-        Spaces by source, from its batches. Where those were not heard, the hypotheses of its tracks
-        tell, and the unit is taken for m in 3-D and px in 2-D.
+        Source -> space, from its batches. For other sources the space is that of the hypotheses of
+        its tracks, with the unit m in 3-D and px in 2-D.
     """
     return [
         known.get(source.name) or _space_of_tracks(update, number)
@@ -64,61 +67,63 @@ def _space_of_tracks(update: HypothesisUpdate, source: int) -> SpaceRef:
 
 
 class Observed:
-    """Which tracks are observed at a given time, from the batches of every source.
+    """Determines which tracks are observed at a given time, from the batches of all sources.
 
-    A track is observed at W if it is in its source's newest batch at W, and that batch is not
-    outdated: no older than 0.5 s, or three periods of the source if longer. A source that sends
-    several instants in one batch counts with those up to W. :attr:`spaces` tells the coordinate
-    space of every source.
+    A track is observed at time W if it is in the newest batch of its source at W and this batch is at
+    most 0.5 s, or three periods of the source if longer, old. Of a batch with several instants, those
+    up to W count. :attr:`spaces` maps each source to its coordinate space.
     """
 
     def __init__(self) -> None:
         self.spaces: dict[str, SpaceRef] = {}
-        self._sources: dict[str, list[_Seen]] = {}
+        self._sources: dict[str, list[_Batch]] = {}
 
     def add(self, batch: ObservationBatch) -> None:
-        """Take in a batch, in any order."""
+        """Add a batch; batches may come in any order."""
         self.spaces[batch.source] = SpaceRef(batch.space, batch.unit, batch.dim)
         stamps = batch.stamps_ns if batch.stamps_ns is not None and len(batch.ids) else None
         first = batch.stamp_ns if stamps is None else int(stamps.min())
-        seen = self._sources.setdefault(batch.source, [])
-        bisect.insort(seen, _Seen(first, batch.session, batch.ids, stamps), key=lambda s: s.first_ns)
-        if len(seen) > _BATCHES_KEPT:
-            del seen[0]
+        batches = self._sources.setdefault(batch.source, [])
+        bisect.insort(batches, _Batch(first, batch.session, batch.ids, stamps), key=lambda s: s.first_ns)
+        if len(batches) > _BATCHES_KEPT:
+            del batches[0]
 
     def at(self, stamp_ns: int) -> dict[SourceKey, NDArray[np.uint64]]:
-        """Feature ids observed at a time, by source; times must not decrease from call to call."""
+        """Return the feature ids uint64 [N] observed at a time, by source.
+
+        Times must not decrease from call to call: older batches are discarded.
+        """
         tracks: dict[SourceKey, NDArray[np.uint64]] = {}
-        for source, seen in self._sources.items():
-            count = bisect.bisect_right(seen, stamp_ns, key=lambda s: s.first_ns)
+        for source, batches in self._sources.items():
+            count = bisect.bisect_right(batches, stamp_ns, key=lambda s: s.first_ns)
             if not count:
                 continue
-            newest = seen[count - 1]
-            period_ns = newest.first_ns - seen[count - 2].first_ns if count > 1 else 0
-            if stamp_ns - newest.first_ns <= max(TRACK_TIMEOUT_S * 1e9, _PERIODS * period_ns):
+            newest = batches[count - 1]
+            period_ns = newest.first_ns - batches[count - 2].first_ns if count > 1 else 0
+            if stamp_ns - newest.first_ns <= max(TRACK_TIMEOUT_S * 1e9, _TIMEOUT_PERIODS * period_ns):
                 rows = slice(None) if newest.stamps_ns is None else newest.stamps_ns <= stamp_ns
                 tracks[source, newest.session] = np.unique(newest.ids[rows])
-            # The one before is kept for the period.
-            del seen[: count - 2 if count > 2 else 0]
+            # Keep the batch before as well, to determine the period.
+            del batches[: count - 2 if count > 2 else 0]
         return tracks
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run adds up to.
+    """Summary of the scores of a run.
 
     Attributes
     ----------
     updates, scored
-        Updates in all, and those with at least one track to score.
+        Number of updates; number of those with at least one scored track.
     mean_nmi, final_nmi
         Over the scored updates; NaN without truth.
     mean_misclassification, final_misclassification
-        Likewise.
+        Over the scored updates; NaN without truth.
     mean_hypotheses, mean_objects
-        Hypotheses and true objects among the scored tracks; without truth the hypotheses listed.
+        Hypotheses and true objects among the scored tracks; without truth all hypotheses.
     switches_per_100
-        Tracks whose hypothesis id changed from one update to the next, per 100 present in both.
+        Tracks whose hypothesis id changed between consecutive updates, per 100 common tracks.
     """
 
     updates: int
@@ -133,7 +138,7 @@ class Summary:
 
 
 class Tally:
-    """Scores every update of a run as it comes."""
+    """Scores the updates of a run one by one."""
 
     def __init__(self, truth: Truth) -> None:
         self.truth = truth
@@ -153,7 +158,7 @@ class Tally:
         return score
 
     def summary(self) -> Summary:
-        """Everything so far."""
+        """Summarise the scores so far."""
         scored = [score for score in self.scores if score.scored]
         return Summary(
             updates=len(self.scores),
@@ -177,5 +182,5 @@ def _average(values: list[Any]) -> float:
 
 
 def finite_or_none(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace what is not known (NaN) by None, for JSON."""
+    """Replace NaN and infinity by None, for JSON."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}

@@ -1,10 +1,12 @@
-"""Typed subscriptions: valid messages, the last one at once, and never in the way of the session.
+"""Subscription with a session of its own: scene name -> validated messages.
+
+Example::
 
     with subscribe(scene="default") as updates:
         for update in updates:
             print(update.stamp_ns, len(update.hypotheses))
 
-In asyncio the same object serves ``async with`` and ``async for``.
+In asyncio the same object supports ``async with`` and ``async for``.
 """
 
 import asyncio
@@ -26,7 +28,7 @@ Endpoints: TypeAlias = str | Sequence[str]
 
 
 class Subscribing(Generic[M]):
-    """Opens a session and a subscription in it; a context manager, also for ``async with``."""
+    """Opens a session and a subscription; a context manager, also for ``async with``."""
 
     def __init__(
         self,
@@ -115,20 +117,20 @@ def subscribe(
     connect
         Endpoint of the router, or several.
     message
-        HypothesisUpdate: the last one comes at once, and none comes twice or out of order.
-        TruthBatch and Status: what was published before comes first. ObservationBatch: live only.
+        Message type. HypothesisUpdate: the last update comes at once, and none comes twice or out of
+        order. TruthBatch and Status: cached messages come first. ObservationBatch: only new ones.
     timeout
-        Seconds to wait for the router, and for each next message; None: for ever.
+        Seconds to wait for the router, and for each message; None: no limit.
     capacity
-        Messages kept for a slow reader; 1: only the newest. None: 64 updates, more of the others.
+        Messages kept for a slow reader; 1: only the newest. None: 64 updates, or more of other types.
     tls
         Certificates of a mutual TLS link.
 
     Raises
     ------
     TimeoutError
-        On entering when no router answers, from the iterator when no message comes.
+        On entry if no router answers; from the iterator if no message arrives.
     ValueError
-        If the scene is no valid name, or an endpoint is wrong.
+        If the scene name or an endpoint is not valid.
     """
     return Subscribing(message, scene, connect, timeout, capacity, tls)

@@ -1,4 +1,4 @@
-"""One subscription within an open session: valid messages, bounded, never in the way of the session."""
+"""Subscription in an open session: Zenoh samples -> validated messages in a bounded inbox."""
 
 import threading
 import time
@@ -35,7 +35,7 @@ _KINDS: dict[type, Kind] = {
     Status: "status",
     Preview: "preview",
 }
-# Truth comes as a burst of everything that publishers keep for late joiners; none of it may drop.
+# Truth arrives as a burst, since publishers cache it for late joiners; none of it may be dropped.
 _CAPACITIES: dict[type, int] = {
     HypothesisUpdate: 64,
     ObservationBatch: 1024,
@@ -43,16 +43,16 @@ _CAPACITIES: dict[type, int] = {
     Status: 256,
     Preview: 16,
 }
-_RING = 1024
-_RINGS: dict[type, int] = {Preview: 32}  # images are large
+_DEFAULT_RING_SAMPLES = 1024
+_RING_SAMPLES: dict[type, int] = {Preview: 32}  # images are large
 
 
 @dataclass
 class Counters:
-    """What a subscription has seen.
+    """Counters of a subscription.
 
-    `received` valid messages; `lost` gaps in their sequence numbers; `stale` updates that were
-    repeated or overtaken, and skipped; `invalid` payloads by the protocol's rejection reason.
+    `received`: valid messages; `lost`: missing sequence numbers; `stale`: skipped updates that were
+    repeated or out of order; `invalid`: payloads by rejection reason of the protocol.
     """
 
     received: int = 0
@@ -62,30 +62,30 @@ class Counters:
 
 
 class Subscription(Generic[M]):
-    """The messages of one kind in one scene, within an open session.
+    """The messages of one type in one scene, in an open session.
 
-    A thread takes them from a ring inside Zenoh, checks them, and leaves them in a bounded inbox:
-    a reader that is too slow loses the oldest (:attr:`dropped`) and delays nobody. Invalid payloads
-    are counted and skipped.
+    A thread takes samples from a ring in Zenoh, validates them and puts them into a bounded inbox. A slow
+    reader loses the oldest messages (:attr:`dropped`) and delays no other subscriber. Invalid payloads are
+    counted and skipped.
 
     Parameters
     ----------
     session
         An open Zenoh session.
     message
-        Which messages: HypothesisUpdate, ObservationBatch, TruthBatch, Status or Preview. Subscribing to
-        Preview is what asks cameras to encode images.
+        Message type: HypothesisUpdate, ObservationBatch, TruthBatch, Status or Preview. Cameras encode
+        previews only while there is a subscription to them.
     scene
         Name of the scene.
     capacity
-        Messages kept for the reader; 1: only the newest is of interest. None: by kind.
+        Messages kept for the reader; 1: only the newest. None: a default for the type.
     timeout
-        Seconds that iteration waits for the next message before it raises TimeoutError; None: for ever.
+        Seconds that iteration waits for the next message before it raises TimeoutError; None: no limit.
 
     Raises
     ------
     ValueError
-        If the scene is no valid name.
+        If the scene name is not valid.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Subscription(Generic[M]):
         self._sequences = SequenceCounter()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
-        size = _RINGS.get(message, max(_RING, _CAPACITIES[message]))
+        size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(size)
         self._subscriber = declare_subscriber(session, key, kind, ring)
         self._thread = threading.Thread(target=self._receive, name=f"subscribe-{kind}", daemon=True)
@@ -113,7 +113,7 @@ class Subscription(Generic[M]):
 
     @property
     def dropped(self) -> int:
-        """Messages that gave way to newer ones because the reader was too slow."""
+        """Number of messages that were dropped because the reader was too slow."""
         return self._inbox.dropped
 
     def get(self, timeout: float | None = None) -> M:
@@ -122,14 +122,14 @@ class Subscription(Generic[M]):
         Raises
         ------
         TimeoutError
-            If none came within `timeout` seconds (None: waits for ever).
+            If no message arrives within `timeout` seconds (None: no limit).
         Closed
             If the subscription was closed.
         """
         return self._inbox.get(timeout)[1]
 
     def drain(self) -> list[tuple[float, M]]:
-        """Take what is there, without waiting: (time of arrival by ``time.monotonic()``, message)."""
+        """Return all received messages at once: (time of arrival by ``time.monotonic()``, message)."""
         found: list[tuple[float, M]] = []
         while True:
             try:
@@ -156,7 +156,7 @@ class Subscription(Generic[M]):
             raise StopAsyncIteration from None
 
     def close(self) -> None:
-        """Stop receiving; iteration ends after what was received."""
+        """Stop receiving; iteration ends after the messages received so far."""
         if self._thread.is_alive():
             self._subscriber.undeclare()
             self._thread.join()
@@ -168,7 +168,7 @@ class Subscription(Generic[M]):
         self.close()
 
     def _receive(self) -> None:
-        # The handler, not the subscriber: one that waits in its own recv cannot be undeclared.
+        # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
         samples = self._subscriber.handler
         try:
             while True:
@@ -195,7 +195,7 @@ class Subscription(Generic[M]):
             self._inbox.put((time.monotonic(), message))
 
     def _is_new(self, message: M) -> bool:
-        """Follow the sequence numbers; an update that is repeated or overtaken says nothing new."""
+        """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
         lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)
@@ -207,7 +207,7 @@ class Subscription(Generic[M]):
 
 
 def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status | Preview) -> str:
-    """Who says it published this, in the words of the key."""
+    """Name of the publisher in a message, which must equal the name in its key."""
     match message:
         case HypothesisUpdate():
             return message.scene

@@ -1,4 +1,4 @@
-"""``comotion watch``: one scene, live, in a terminal, a log or a script."""
+"""Watch: running scene -> live table in a terminal, plain lines or JSON."""
 
 import contextlib
 import json
@@ -25,20 +25,19 @@ from .scene_rows import EventRow
 from .subscription import Subscription
 from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
 
-REFRESH_S = 0.25
-PLAIN_PERIOD_S = 1.0
-PLAIN_WIDTH = 100
-SETTLE_S = 1.5
-"""What `--once` listens for, so that rates are known."""
+REFRESH_S = 0.25  # of the screen
+PLAIN_PERIOD_S = 1.0  # between two plain lines
+PLAIN_WIDTH = 100  # characters of a table that is not shown on a terminal
+ONCE_S = 1.5
+"""How long `--once` collects messages, so that rates are known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WatchOptions:
-    """How to watch.
+    """Options of watch.
 
-    `once`: one picture and the end; `json`: machine-readable, one object per line; `sort`: initial
-    order; `timeout`: seconds that `once` waits for anything at all; `ready_file`: written once it
-    listens.
+    `once`: show one snapshot and end; `json`: one JSON object per line; `sort`: initial order;
+    `timeout`: seconds that `once` waits for a first message; `ready_file`: written once subscribed.
     """
 
     once: bool = False
@@ -49,7 +48,7 @@ class WatchOptions:
 
 
 class _Feed:
-    """The subscriptions of one scene, emptied into a model."""
+    """Fills a scene model from the subscriptions of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         self.model = SceneModel(scene)
@@ -59,7 +58,7 @@ class _Feed:
         self._presence = Presence(session, scene)
 
     def poll(self) -> list[Event]:
-        """Take in everything that has come; answers with the new events."""
+        """Process received messages; returns the new events."""
         now, wall_ns = time.monotonic(), time.time_ns()
         for arrived, batch in self._batches.drain():
             self.model.on_batch(batch, arrived, wall_ns - round((now - arrived) * 1e9))
@@ -81,21 +80,21 @@ def watch(
     settings: SessionSettings | None = None,
     options: WatchOptions | None = None,
 ) -> None:
-    """Show a scene until it is told to stop.
+    """Show a scene until a signal arrives.
 
     Parameters
     ----------
     scene, settings
-        What to watch and where to connect.
+        Name of the scene; how to connect.
     options
-        How to show it.
+        Format and order.
 
     Raises
     ------
     TimeoutError
-        With `once`, if no router answers or nothing of the scene is heard.
+        With `once`, if no router answers or no message of the scene arrives.
     ValueError
-        If the scene is no valid name, or an endpoint is wrong.
+        If the scene name or an endpoint is not valid.
     """
     settings, options = settings or SessionSettings(), options or WatchOptions()
     if options.once:
@@ -122,8 +121,8 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     with connect(settings, timeout=options.timeout) as session:
         feed = _Feed(session, scene)
         try:
-            _await_something(feed, settings, options.timeout)
-            time.sleep(SETTLE_S)
+            _wait_for_message(feed, settings, options.timeout)
+            time.sleep(ONCE_S)
             feed.poll()
         finally:
             feed.close()
@@ -136,18 +135,18 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     console.print(render(snapshot, console.width, everything, options.sort, keys=False))
 
 
-def _await_something(feed: _Feed, settings: SessionSettings, timeout: float) -> None:
+def _wait_for_message(feed: _Feed, settings: SessionSettings, timeout: float) -> None:
     deadline = time.monotonic() + timeout
     while not feed.model.seen:
         if time.monotonic() > deadline:
             where = ", ".join(settings.connect)
-            raise TimeoutError(f"nothing of scene {feed.model.scene!r} is heard at {where}")
+            raise TimeoutError(f"no message of scene {feed.model.scene!r} arrives at {where}")
         time.sleep(0.05)
         feed.poll()
 
 
 def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
-    """One line a second, and one per event: for logs, pipes and scripts."""
+    """Print one line per second and one per event, for logs, pipes and scripts."""
     while not component.stop.wait(PLAIN_PERIOD_S):
         events = feed.poll()
         snapshot = feed.model.snapshot(time.monotonic())
@@ -178,7 +177,7 @@ def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
 
 @contextlib.contextmanager
 def _keyboard() -> Iterator[Callable[[float], str]]:
-    """Single key presses without echo; answers "" when none came in time."""
+    """Yield a function that waits up to a timeout for a key press and returns the key or ""."""
     if not sys.stdin.isatty():
         yield _no_key
         return
@@ -209,10 +208,10 @@ def _clock() -> str:
 
 
 def _emit(line: str) -> None:
-    """Print a line; a reader that has gone (``| head``) ends the command without a word."""
+    """Print a line; end the command silently if the reader has closed the pipe (``| head``)."""
     try:
         print(line, flush=True)  # noqa: T201 - the result of the command
     except BrokenPipeError:
-        # What is left in the buffer would raise once more at exit.
+        # The rest of the buffer would raise again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise KeyboardInterrupt from None

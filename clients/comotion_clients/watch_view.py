@@ -1,4 +1,4 @@
-"""How a snapshot of a scene is drawn: a screen that fits any terminal, plain lines, or JSON."""
+"""Scene snapshot -> screen that fits the terminal, plain line, or JSON."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,13 +26,13 @@ _STATE_STYLES = {
     "static": "",
 }
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
-_EVENTS_AT_MOST = 4
+_MAX_EVENT_ROWS = 4
 _COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")
 
 
 @dataclass(frozen=True)
 class _Column(Generic[Row]):
-    """A column of a table: what it shows, how wide it is, and from which terminal width on."""
+    """A column of a table: title, width, content, and least terminal width at which it is shown."""
 
     title: str
     width: int
@@ -42,36 +42,45 @@ class _Column(Generic[Row]):
 
 
 def render(snapshot: Snapshot, width: int, height: int, sort: Sort, *, keys: bool = True) -> Group:
-    """Draw a snapshot into `width` x `height` characters."""
+    """Render a snapshot in `width` x `height` characters; `keys`: with a line about the keys."""
     head = _head(snapshot)
     foot = [Text(f"sorted by {sort}   s: sort   q: quit", style="dim")] if keys else []
     sources = sort_sources(snapshot.sources, sort)
     hypotheses = sort_hypotheses(snapshot.hypotheses, sort)
-    rooms = share_rows(height - len(head) - len(foot), (len(sources), len(hypotheses), len(snapshot.events)))
+    heights = share_rows(
+        height - len(head) - len(foot), (len(sources), len(hypotheses), len(snapshot.events))
+    )
     return Group(
         *_cropped(head, width),
-        *_table("sources", sources, SOURCE_COLUMNS, rooms[0], width),
-        *_table("hypotheses", hypotheses, HYPOTHESIS_COLUMNS, rooms[1], width),
-        *_cropped(_event_lines(snapshot.events, rooms[2]), width),
+        *_table("sources", sources, SOURCE_COLUMNS, heights[0], width),
+        *_table("hypotheses", hypotheses, HYPOTHESIS_COLUMNS, heights[1], width),
+        *_cropped(_event_lines(snapshot.events, heights[2]), width),
         *foot,
     )
 
 
 def share_rows(height: int, wanted: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Share the rows among sources, hypotheses and events; each has one row of title besides.
+    """Divide the rows of the screen among sources, hypotheses and events.
 
-    Events take up to four rows, sources up to half of the rest, hypotheses what remains; what one
-    does not need goes to the others.
+    Events get up to four rows, sources up to half of the others, hypotheses the rest. Rows that one
+    table does not need go to the others. Each table also has one title row.
+
+    Parameters
+    ----------
+    height
+        Rows of the screen.
+    wanted
+        Number of sources, hypotheses and events.
     """
-    room = max(height - 3, 0)
-    events = min(wanted[2], _EVENTS_AT_MOST, room // 3)
-    sources = min(wanted[0], max((room - events) // 2, room - events - wanted[1]))
-    hypotheses = min(wanted[1], room - events - sources)
-    return sources, hypotheses, min(wanted[2], room - sources - hypotheses)
+    height_left = max(height - 3, 0)
+    events = min(wanted[2], _MAX_EVENT_ROWS, height_left // 3)
+    sources = min(wanted[0], max((height_left - events) // 2, height_left - events - wanted[1]))
+    hypotheses = min(wanted[1], height_left - events - sources)
+    return sources, hypotheses, min(wanted[2], height_left - sources - hypotheses)
 
 
 def sort_sources(rows: Sequence[SourceRow], sort: Sort) -> list[SourceRow]:
-    """Most tracks, first name, or longest silence first."""
+    """Sort by number of tracks (most first), name, or age (oldest first)."""
     orders: dict[Sort, Callable[[SourceRow], Any]] = {
         "size": lambda r: (-r.tracks, r.name),
         "name": lambda r: r.name,
@@ -81,7 +90,7 @@ def sort_sources(rows: Sequence[SourceRow], sort: Sort) -> list[SourceRow]:
 
 
 def sort_hypotheses(rows: Sequence[HypothesisRow], sort: Sort) -> list[HypothesisRow]:
-    """Largest, lowest id, or youngest first."""
+    """Sort by size (largest first), id, or age (youngest first)."""
     orders: dict[Sort, Callable[[HypothesisRow], Any]] = {
         "size": lambda r: (-r.size, r.id),
         "name": lambda r: r.id,
@@ -102,12 +111,12 @@ def _head(snapshot: Snapshot) -> list[Text]:
     )
     undetermined = f", {snapshot.undetermined} undetermined" if snapshot.undetermined else ""
     second = Text(f"{snapshot.tracks} tracks in {len(snapshot.hypotheses)} hypotheses{undetermined}   ")
-    second.append_text(_troubles(service))
+    second.append_text(_problems(service))
     return [first, second]
 
 
-def _troubles(service: ServiceRow) -> Text:
-    """What the service says of now, and what it has dropped or refused so far."""
+def _problems(service: ServiceRow) -> Text:
+    """Message of the service, and its counts of dropped and rejected data so far."""
     parts = [f"{service.counters[n]} {n}" for n in _COUNTERS_SHOWN if service.counters.get(n)]
     parts += [f"{count} rejected as {reason}" for reason, count in sorted(service.rejected.items()) if count]
     total = f"   so far: {', '.join(parts)}" if parts else ""
@@ -120,27 +129,27 @@ def _lost(lost: int, *, losing: bool) -> Text:
 
 
 def _table(
-    title: str, rows: Sequence[Row], columns: Sequence[_Column[Row]], room: int, width: int
+    title: str, rows: Sequence[Row], columns: Sequence[_Column[Row]], height_left: int, width: int
 ) -> list[Table | Text]:
     shown = [c for c in columns if width >= c.from_width]
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
     for column in shown:
         justify: Literal["left", "right"] = "left" if column.left else "right"
         table.add_column(column.title, justify=justify, width=column.width, no_wrap=True, overflow="ellipsis")
-    hidden = len(rows) - room
-    for row in rows[: room if hidden <= 0 else max(room - 1, 0)]:
+    hidden = len(rows) - height_left
+    for row in rows[: height_left if hidden <= 0 else max(height_left - 1, 0)]:
         table.add_row(*(column.cell(row) for column in shown))
-    more = [Text(f"... and {hidden + 1} more {title}", style="dim")] if hidden > 0 and room else []
+    more = [Text(f"... and {hidden + 1} more {title}", style="dim")] if hidden > 0 and height_left else []
     return [table, *more]
 
 
-def _event_lines(events: Sequence[EventRow], room: int) -> list[Text]:
+def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:
     title = Text("last events" if events else "no events yet", style="bold dim")
-    return [title, *(Text.assemble(f"{duration(e.ago):>8} ago  ", describe(e)) for e in events[:room])]
+    return [title, *(Text.assemble(f"{duration(e.ago):>8} ago  ", describe(e)) for e in events[:height_left])]
 
 
 def describe(event: EventRow) -> Text:
-    """An event in words."""
+    """Format an event."""
     others = ", ".join(str(other) for other in event.others)
     words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
     return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {event.hypothesis}{words}")
@@ -192,7 +201,7 @@ HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
 
 
 def number(value: float, digits: int) -> str:
-    """Format a number, or a dash where there is none."""
+    """Format a number; a dash if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
 
@@ -212,7 +221,7 @@ def duration(seconds: float) -> str:
 
 
 def plain_line(snapshot: Snapshot) -> str:
-    """One line for logs and pipes."""
+    """Format a snapshot as one line for logs and pipes."""
     service = snapshot.service
     head = f"{snapshot.scene} service {service.state}"
     if snapshot.service.seq >= 0:
@@ -220,8 +229,8 @@ def plain_line(snapshot: Snapshot) -> str:
     body = (
         f"{snapshot.tracks} tracks {len(snapshot.hypotheses)} hypotheses {snapshot.undetermined} undetermined"
     )
-    trouble = [_troubles(service).plain] if service.state != "ok" and service.message else []
-    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *trouble])
+    problem = [_problems(service).plain] if service.state != "ok" and service.message else []
+    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem])
 
 
 def _plain_source(row: SourceRow) -> str:
@@ -230,7 +239,7 @@ def _plain_source(row: SourceRow) -> str:
 
 
 def as_json(snapshot: Snapshot) -> dict[str, Any]:
-    """The snapshot as plain values; what is not known is null."""
+    """Convert a snapshot to plain values for JSON; unknown values are None."""
     found = _plain(asdict(snapshot))
     for row in found["hypotheses"]:
         row["colour"] = hex_colour(row["id"])

@@ -85,7 +85,7 @@ def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: 
     process.wait_line(lambda line: line == "waiting for updates")
     process.interrupt()
     assert process.wait() == 2
-    assert process.lines[-1] == "error: no update came in scene 'default': is the service running?"
+    assert process.lines[-1] == "error: no update was received in scene 'default': is the service running?"
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def recorded(
     assert told.rates["hypotheses"] > 0
     recorder.interrupt()
     assert recorder.wait() == 0
-    assert "recorded although not valid: 1 malformed" in recorder.lines
+    assert "recorded although invalid: 1 malformed" in recorder.lines
     return path
 
 

@@ -96,7 +96,7 @@ def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
 def test_once_without_a_scene_is_one_clear_line(start: Callable, endpoint: str) -> None:
     process = start("watch", "--once", "--timeout", 0.3, "--connect", endpoint, ready=False)
     assert process.wait() == 2
-    assert process.lines == [f"error: nothing of scene 'default' is heard at {endpoint}"]
+    assert process.lines == [f"error: no message of scene 'default' arrives at {endpoint}"]
 
 
 def test_lines_when_the_output_is_no_terminal(start: Callable, endpoint: str, scene: None) -> None:

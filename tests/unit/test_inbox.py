@@ -1,4 +1,4 @@
-"""The mailbox between a receiving thread and its reader."""
+"""The bounded queue between a receiving thread and its reader."""
 
 import asyncio
 import threading
@@ -24,7 +24,7 @@ def test_the_oldest_makes_room_and_is_counted() -> None:
 
 
 def test_an_inbox_without_room_is_refused() -> None:
-    with pytest.raises(ValueError, match="room"):
+    with pytest.raises(ValueError, match="capacity"):
         Inbox(0)
 
 

@@ -17,7 +17,7 @@ from comotion import Fusion, FusionConfig
 from comotion_clients.recording import disk
 from comotion_clients.recording.export import export
 from comotion_clients.recording.file import RecordingFile, StorageError
-from comotion_clients.recording.intake import Waiting
+from comotion_clients.recording.intake import PendingPayloads
 from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_deploy.cli import run
@@ -87,8 +87,8 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
         assert reader.get_summary().statistics.message_count == len(SCENE)
         assert [m.name for m in reader.iter_metadata()] == ["comotion", "comotion.losses"]
     nonsense = sum(a.payload == b"nonsense" for a in SCENE)
-    assert series.tally.invalid == {"malformed": nonsense}
-    assert series.tally.lost == {}
+    assert series.counts.invalid == {"malformed": nonsense}
+    assert series.counts.lost == {}
 
 
 def test_an_existing_file_is_not_touched(tmp_path):
@@ -102,7 +102,7 @@ def test_an_existing_file_is_not_touched(tmp_path):
 def test_gaps_in_sequence_numbers_are_losses(tmp_path):
     mine = [a for a in SCENE if a.key.endswith("obs/simulator-3") and a.payload != b"nonsense"]
     series = record(tmp_path / "take.mcap", [*mine[:10], *mine[13:20], mine[15], *mine[21:30]])
-    assert series.tally.lost == {mine[0].key: 4}
+    assert series.counts.lost == {mine[0].key: 4}
 
 
 @pytest.mark.parametrize("options", [{"max_bytes": 20_000}, {"max_seconds": 1.0}], ids=str)
@@ -290,15 +290,15 @@ def test_misuse_is_one_clear_line(tmp_path, monkeypatch, capsys, arguments, word
 
 
 def test_what_waits_is_bounded_and_the_rest_is_counted():
-    waiting = Waiting(limit=100)
+    pending = PendingPayloads(limit=100)
     for number in range(5):
-        waiting.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
-    assert [a.log_ns for a in waiting.take(0.0)] == [0, 1]
-    assert waiting.dropped == {KEYS.stream("obs", "a"): 3}
+        pending.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
+    assert [a.log_ns for a in pending.take(0.0)] == [0, 1]
+    assert pending.dropped == {KEYS.stream("obs", "a"): 3}
     small = Arrival("obs", KEYS.stream("obs", "a"), 9, bytes(90))
-    waiting.put(small)
-    assert waiting.take(0.0) == [small]
-    assert waiting.take(0.0) == []
+    pending.put(small)
+    assert pending.take(0.0) == [small]
+    assert pending.take(0.0) == []
 
 
 def test_the_export_is_what_foxglove_reads(tmp_path):
@@ -342,7 +342,7 @@ def colours_of(cloud):
 def test_a_key_without_messages_is_refused(tmp_path: Path):
     with (
         RecordingFile(tmp_path / "x.mcap", scene="lab") as file,
-        pytest.raises(ValueError, match="no messages"),
+        pytest.raises(ValueError, match="is not a key of messages"),
     ):
         file.add(KEYS.query("status"), BEGIN, b"", None)
 
@@ -351,7 +351,7 @@ def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, m
     monkeypatch.setattr("comotion_clients.recording.series.MAX_KEYS", 5)
     flood = [Arrival("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
     series = record(tmp_path / "take.mcap", [SCENE[0], *flood])
-    assert series.tally.invalid == {"malformed": 4, "limit": 6}
+    assert series.counts.invalid == {"malformed": 4, "limit": 6}
     assert len(read(series.path)) == 5
     with MessageLog(series.path) as log:
         assert log.sources == ["simulator-1"]

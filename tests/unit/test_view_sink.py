@@ -58,6 +58,8 @@ class TestWithRerun:
     def test_a_window_that_fails_ends_the_command_with_one_line(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
+        import threading
+
         import rerun_cli
 
         from comotion_clients.viewing.sink import Destination, RerunSink
@@ -66,11 +68,11 @@ class TestWithRerun:
         broken.write_text("#!/bin/sh\necho starting\necho 'Error: no adapter' >&2\nexit 3\n")
         broken.chmod(0o755)
         monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "__init__.py"))
-        with RerunSink(Destination(window=True)) as sink:
-            assert sink._window is not None
-            sink._window.wait(30)
-            with pytest.raises(OSError, match=r"failed \(status 3\): Error: no adapter"):
-                _ = sink.closed
+        with (
+            RerunSink(Destination(window=True)) as sink,
+            pytest.raises(OSError, match=r"failed \(status 3\): Error: no adapter"),
+        ):
+            sink.wait(threading.Event(), duration=30)
 
     @pytest.mark.parametrize("option", ["--port", "--data-port"])
     def test_a_port_in_use_is_told(self, option: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,20 +1,23 @@
 """What `comotion view` shows of a scene, without anything to show it with."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from comotion_clients.colours import GREY, colour, legible
-from comotion_clients.viewing.cameras import HELD, PATIENCE_S, Cameras
+from comotion_clients.scoring import SETTLE_S, SpaceRef
+from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
 from comotion_clients.viewing.features import Features
 from comotion_clients.viewing.hypotheses import draw_hypotheses
 from comotion_clients.viewing.paths import Paths, plain
-from comotion_clients.viewing.picture import SETTLE_S, ScenePicture
+from comotion_clients.viewing.picture import ScenePicture
 from comotion_clients.viewing.shapes import (
     Arrows,
+    Cleared,
     Entry,
     Image,
     Moment,
-    Nothing,
     Number,
     Points,
     Segments,
@@ -118,35 +121,33 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
         ("spaces/b_pixels", "b/pixels", "image"),
     }
     (moment,) = picture.on_update(update([1], 2 * S), 0.1)
-    gone = {shape.path for shape in moment.shapes if isinstance(shape, Nothing)}
+    gone = {shape.path for shape in moment.shapes if isinstance(shape, Cleared)}
     assert {"spaces/b_pixels/features/b", "spaces/b_pixels/trails"} <= gone
     assert not any(path.startswith("spaces/world") for path in gone)
 
 
 def test_a_plane_in_metres_has_y_up_and_an_optical_frame_is_seen_as_one() -> None:
-    features, known = Features(), ScenePicture("lab")
-    known.on_batch(batch("a", "plane", dim=2), 0.0, S)
-    known.on_batch(batch("b", "cam/optical"), 0.0, S)
-    both = update([1, 2], sources=(("a", SESSION), ("b", SESSION)), track_source=[0, 1])
-    features.draw(both, known._observed.spaces)
+    features = Features()
+    known = {"a": SpaceRef("plane", "m", 2), "b": SpaceRef("cam/optical", "m", 3)}
+    features.draw(update([1, 2], sources=(("a", SESSION), ("b", SESSION)), track_source=[0, 1]), known)
     assert {v.name: v.axes for v in features.views.values()} == {"plane": "y-up", "cam/optical": "optical"}
 
 
 def test_a_trail_joins_the_same_feature_and_nothing_else() -> None:
     trails = Trails()
-    places = np.array([[0, 0], [1, 1], [2, 2]], np.float32)
-    rows, ends = trails.step("s", 1 * S // 10, np.array([5, 7, 6], np.uint64), places)
+    positions = np.array([[0, 0], [1, 1], [2, 2]], np.float32)
+    rows, ends = trails.step("s", 1 * S // 10, np.array([5, 7, 6], np.uint64), positions)
     assert len(rows) == len(ends) == 0
-    rows, ends = trails.step("s", 2 * S // 10, np.array([6, 9, 5], np.uint64), places + 10)
+    rows, ends = trails.step("s", 2 * S // 10, np.array([6, 9, 5], np.uint64), positions + 10)
     assert rows.tolist() == [0, 2]
     assert ends.tolist() == [[[2, 2], [10, 10]], [[0, 0], [12, 12]]]
 
 
 @pytest.mark.parametrize(("key", "stamp_ns"), [("t", 2), ("s", 1), ("s", 2 + LONGEST_GAP_NS)])
 def test_a_trail_begins_anew_in_another_session_backwards_and_after_a_gap(key: str, stamp_ns: int) -> None:
-    trails, ids, places = Trails(), np.array([5], np.uint64), np.zeros((1, 3), np.float32)
-    trails.step("s", 1, ids, places)
-    rows, ends = trails.step(key, stamp_ns, ids, places)
+    trails, ids, positions = Trails(), np.array([5], np.uint64), np.zeros((1, 3), np.float32)
+    trails.step("s", 1, ids, positions)
+    rows, ends = trails.step(key, stamp_ns, ids, positions)
     assert len(rows) == 0
     assert ends.shape == (0, 2, 3)
 
@@ -210,17 +211,17 @@ def test_an_image_waits_for_the_update_that_knows_its_features() -> None:
 
 def test_without_a_service_images_are_shown_grey_and_never_pile_up() -> None:
     cameras = Cameras()
-    for k in range(HELD + 5):
+    for k in range(MAX_DELAYED + 5):
         cameras.add(preview(k, [10]), 0.0)
-    moments = cameras.due(None, PATIENCE_S + 0.1)
-    assert [m.stamp_ns for m in moments] == list(range(5, HELD + 5))
+    moments = cameras.due(None, MAX_DELAY_S + 0.1)
+    assert [m.stamp_ns for m in moments] == list(range(5, MAX_DELAYED + 5))
     assert one(moments[0].shapes, Points, "cameras/a/features").colours.tolist() == [list(GREY)]
 
 
 def test_a_camera_with_a_wrong_clock_does_not_drag_the_time_line_along() -> None:
     cameras = Cameras()
     cameras.add(preview(1000 * S, [10]), 0.0)
-    (moment,) = cameras.due(update([1], S), PATIENCE_S + 0.1)
+    (moment,) = cameras.due(update([1], S), MAX_DELAY_S + 0.1)
     assert moment.stamp_ns == S
 
 
@@ -285,15 +286,14 @@ def test_curves_carry_the_colours_of_the_features() -> None:
     assert one(shapes, Points, "legend/dots").colours.tolist() == [list(colour(8))]
 
 
-def test_what_drops_out_of_sight_is_forgotten() -> None:
-    picture = ScenePicture("lab")
+def test_memory_does_not_grow_with_what_has_ended() -> None:
+    picture, sizes = ScenePicture("lab"), []
     for k in range(1, 400):
         picture.on_batch(batch(seq=k, stamp_ns=k * S), float(k), k * S)
         picture.on_update(update([k], k * S, sources=((f"s{k}", SESSION),)), float(k))
         picture.tick(k + 0.5)
-    assert len(picture._features._trails) == 1
-    assert len(picture._unscored) < 3
-    assert len(picture._observed._sources["a"]) < 3
+        sizes.append(len(pickle.dumps(picture)))
+    assert (sizes[-1] - sizes[199]) / 199 < 100  # bytes: the path of a source keeps its name
 
 
 def test_every_name_has_a_path_of_its_own() -> None:

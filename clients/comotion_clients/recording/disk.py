@@ -1,4 +1,4 @@
-"""Bytes to disk in whole chunks: what is in the file is complete, whatever fails."""
+"""Writes complete chunks to a file: after any failure the file ends with a complete chunk."""
 
 import contextlib
 import os
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class ChunkStream:
-    """What an MCAP writer writes into; nothing reaches the file before :meth:`commit`.
+    """The output stream of an MCAP writer; :meth:`commit` writes pending bytes to the file.
 
     Parameters
     ----------
@@ -16,7 +16,7 @@ class ChunkStream:
     Raises
     ------
     OSError
-        If it exists or cannot be made.
+        If the file exists or cannot be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -26,28 +26,28 @@ class ChunkStream:
 
     @property
     def pending(self) -> int:
-        """Bytes that wait for :meth:`commit`."""
+        """Number of bytes that :meth:`commit` would write."""
         return len(self._pending)
 
     def write(self, data: bytes) -> int:
-        """Take bytes in."""
+        """Append bytes to the pending ones."""
         self._pending += data
         return len(data)
 
     def tell(self) -> int:
-        """Position in the file once everything is committed."""
+        """Size of the file after the next commit."""
         return self.committed + len(self._pending)
 
     def flush(self) -> None:
-        """Do nothing: only the owner knows when a chunk is whole."""
+        """Do nothing: the owner commits when a chunk is complete."""
 
     def commit(self) -> None:
-        """Write what waits, wholly or not at all, and see it through to the disk.
+        """Write all pending bytes and synchronise the file, or write nothing.
 
         Raises
         ------
         OSError
-            If the disk does not take it (full, gone, broken); the file ends where it ended before.
+            If writing fails; pending bytes are then discarded and the file is unchanged.
         """
         if not self._pending:
             return
@@ -63,19 +63,19 @@ class ChunkStream:
         self._pending.clear()
 
     def close(self) -> None:
-        """Close the file; what is not committed is forgotten."""
+        """Close the file; pending bytes are discarded."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 def create(path: Path) -> int:
-    """Make a file for writing; answers with its descriptor.
+    """Create a file for writing and return its descriptor.
 
     Raises
     ------
     OSError
-        If it exists or cannot be made; one line that names it.
+        If the file exists or cannot be created; one line that names it.
     """
     try:
         return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
@@ -84,21 +84,21 @@ def create(path: Path) -> int:
 
 
 def write_all(descriptor: int, data: bytes) -> None:
-    """Write bytes and see them through to the disk.
+    """Write bytes and synchronise the file.
 
     Raises
     ------
     OSError
-        If not all of them could be written; some may have been.
+        If writing fails; part of the bytes may have been written.
     """
     view = memoryview(data)
     while view:
         view = view[os.write(descriptor, view) :]
-    # Some file systems tell only now that there is no room.
+    # Some file systems report a full disk only here.
     os.fdatasync(descriptor)
 
 
 def free_bytes(folder: Path) -> int:
-    """Room on the disk for a user without privileges."""
+    """Bytes that an unprivileged user can still write to the disk of a folder."""
     usage = os.statvfs(folder)
     return usage.f_bavail * usage.f_frsize

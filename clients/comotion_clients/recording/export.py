@@ -1,4 +1,4 @@
-"""A recording as Foxglove shows it: points, poses, labels, images, events and numbers in JSON.
+"""Foxglove export: recording -> MCAP file with points, poses, labels, images, events and numbers in JSON.
 
 | topic | schema |
 |---|---|
@@ -11,7 +11,7 @@
 | ``/numbers`` | comotion.Numbers: counts, confidence, lag, and NMI where truth was recorded |
 | ``/health/<component>`` | comotion.Health: rates, ages, counters, rejections |
 
-Log times stay those of the recording; the time stamps inside are those of acquisition.
+Log times are those of the recording; time stamps within messages are acquisition times.
 """
 
 import json
@@ -43,32 +43,32 @@ from .reading import Reading
 
 @dataclass
 class Exported:
-    """What was written: messages by topic; `invalid` payloads were left out."""
+    """Result of an export: number of messages by topic; `invalid` payloads were left out."""
 
     messages: dict[str, int] = field(default_factory=dict)
     invalid: int = 0
 
     def as_json(self) -> Json:
-        """Plain values."""
+        """Convert to plain values."""
         return asdict(self)
 
     def lines(self, target: Path) -> list[str]:
-        """The result in words."""
+        """Format the result as text."""
         total = sum(self.messages.values())
         lines = [f"{target}: {total} messages on {len(self.messages)} topics"]
         lines += [f"  {topic}: {count}" for topic, count in sorted(self.messages.items())]
         if self.invalid:
-            lines.append(f"left out as not valid: {self.invalid}")
+            lines.append(f"left out as invalid: {self.invalid}")
         return lines
 
 
 def export(source: Path, target: Path) -> Exported:
-    """Turn a recording into a file for Foxglove.
+    """Convert a recording to a file for Foxglove.
 
     Parameters
     ----------
     source
-        A recording of ``comotion record``; what holds no update has nothing to show.
+        A recording of ``comotion record`` that includes the service.
     target
         The new file; it must not exist.
 
@@ -95,7 +95,7 @@ def export(source: Path, target: Path) -> Exported:
 
 
 class _Exporter:
-    """Turns messages into those of Foxglove, as they come."""
+    """Converts messages one by one."""
 
     def __init__(self, writer: Writer) -> None:
         self.exported = Exported()
@@ -105,10 +105,10 @@ class _Exporter:
         self._channels: dict[str, int] = {}
         self._observed = Observed()
         self._tally = Tally(Truth())
-        self._told: set[tuple[int, str, int]] = set()
+        self._written_events: set[tuple[int, str, int]] = set()
 
     def add(self, log_ns: int, message: Message) -> None:
-        """Take in one message of the recording."""
+        """Convert one message of the recording."""
         match message:
             case ObservationBatch():
                 self._observed.add(message)
@@ -163,11 +163,11 @@ class _Exporter:
         return foxglove.PIXEL_M if units == {"px"} else 1.0
 
     def _events(self, log_ns: int, update: HypothesisUpdate) -> None:
-        """An event is repeated for 2 s; it is told once."""
+        """Write each event once, although updates repeat it for 2 s."""
         for event in update.events:
             key = (event.stamp_ns, event.kind, event.hypothesis)
-            if key not in self._told:
-                self._told.add(key)
+            if key not in self._written_events:
+                self._written_events.add(key)
                 self._put("/events", "foxglove.Log", log_ns, foxglove.log_line(event))
 
     def _put(self, topic: str, schema: str, log_ns: int, content: Json) -> None:

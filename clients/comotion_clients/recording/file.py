@@ -1,4 +1,4 @@
-"""One MCAP file of a scene: channels by key, whole chunks, an index at its end."""
+"""Writes one MCAP file of a scene: payloads -> one channel per key, complete chunks, an index."""
 
 import contextlib
 import json
@@ -26,14 +26,15 @@ from .disk import ChunkStream
 from .index import write_index
 
 CHUNK_BYTES = 1024 * 1024
+"""Size at which the writer completes a chunk; the default of the MCAP library."""
 
 
 class StorageError(OSError):
-    """The disk takes no more; what had been written before is intact."""
+    """The disk is full or failed; what was committed before is intact."""
 
 
 class RecordingFile:
-    """Writes one file; a context manager that completes it.
+    """Writes one file; a context manager that completes the file at its end.
 
     ::
 
@@ -45,24 +46,24 @@ class RecordingFile:
     path
         The file; it must not exist.
     scene
-        The scene, for the metadata.
+        Name of the scene, for the metadata.
     number
-        Which file of a series it is, from 1.
+        Number of the file in a series, from 1.
 
     Raises
     ------
     OSError
-        If the file exists or cannot be made.
+        If the file exists or cannot be created.
     StorageError
-        From every method, if the disk takes no more. What was committed before stays, and has its
-        index if there is room for that; the file is closed.
+        From every method, if writing fails. Committed messages remain, with an index if there is
+        space for it; the file is closed.
     """
 
     def __init__(self, path: Path, *, scene: str, number: int = 1) -> None:
         self.path = path
         self.messages = 0
         self._stream = ChunkStream(path)
-        # mcap asks for no more of a stream than write, tell and flush.
+        # mcap uses only write, tell and flush of a stream.
         self._writer = Writer(cast("Any", self._stream), chunk_size=CHUNK_BYTES)
         self._channels: dict[str, int] = {}
         self._schemas: dict[Kind, int] = {}
@@ -82,20 +83,20 @@ class RecordingFile:
         Parameters
         ----------
         key
-            The key it came on; one that carries messages.
+            Key of the payload; it must be a key of messages.
         log_ns
-            When it was received.
+            Time of receipt, nanoseconds since the Unix epoch.
         payload
-            Exactly what was received.
+            The payload as received.
         message
-            What it says; None if it is not valid.
+            The decoded payload; None if it is invalid.
 
         Raises
         ------
         ValueError
-            If the key carries no messages.
+            If it is not a key of messages.
         StorageError
-            If the disk takes no more.
+            If writing fails.
         """
         self._writer.add_message(
             channel_id=self._channel(key),
@@ -105,7 +106,7 @@ class RecordingFile:
             sequence=sequence(message),
         )
         self._uncommitted += 1
-        if self._stream.pending:  # the message has completed a chunk
+        if self._stream.pending:  # the message completed a chunk
             self._commit()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
@@ -115,12 +116,12 @@ class RecordingFile:
         self._commit()
 
     def flush(self) -> None:
-        """Complete the chunk in progress: all messages so far are in the file."""
+        """Complete the current chunk and write it: all messages so far are then in the file."""
         self._writer.flush()
         self._commit()
 
     def close(self) -> None:
-        """Complete the file with its index."""
+        """Write the index and close the file."""
         if not self._open:
             return
         self._writer.finish()
@@ -137,7 +138,7 @@ class RecordingFile:
         if key not in self._channels:
             kind = kind_of(key)
             if kind is None:
-                raise ValueError(f"key {key!r} carries no messages")
+                raise ValueError(f"{key!r} is not a key of messages")
             self._channels[key] = self._writer.register_channel(
                 topic=key, message_encoding=MESSAGE_ENCODING, schema_id=self._schema(kind)
             )

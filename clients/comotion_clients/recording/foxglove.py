@@ -1,4 +1,4 @@
-"""Messages that Foxglove knows, as JSON. Pure."""
+"""comotion messages -> Foxglove messages as JSON. Pure."""
 
 import base64
 
@@ -11,9 +11,9 @@ from ..colours import colour, colours
 from .foxglove_schemas import UNUSED, Json
 
 PIXEL_M = 0.001
-"""A pixel is drawn as a millimetre: Foxglove's 3-D panel is in metres."""
-_FLOAT32, _UINT8, _UINT32 = 7, 1, 5
-_INFO = 2
+"""A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""
+_FLOAT32, _UINT8, _UINT32 = 7, 1, 5  # foxglove.PackedElementField, NumericType
+_INFO = 2  # foxglove.Log, Level
 _POINT = np.dtype(
     [
         ("x", "<f4"),
@@ -31,13 +31,25 @@ _TYPES = {"<f4": _FLOAT32, "|u1": _UINT8, "<u4": _UINT32}
 
 
 def time_of(stamp_ns: int) -> Json:
-    """Foxglove's time; before 1970 there is none."""
+    """Convert a stamp to a Foxglove time; stamps before 1970 become 0."""
     sec, nsec = divmod(max(stamp_ns, 0), 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
 
 
 def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float) -> Json:
-    """The features of one space, coloured by hypothesis; undetermined ones grey."""
+    """Build the point cloud of one space, coloured by hypothesis.
+
+    Parameters
+    ----------
+    update
+        The update.
+    space
+        Name of the space.
+    rows
+        intp [M], tracks of the space.
+    scale
+        Metres per unit of the space.
+    """
     points = np.zeros(len(rows), _POINT)
     positions = np.nan_to_num(update.track_position[rows] * np.float32(scale))
     points["x"], points["y"], points["z"] = positions.T
@@ -48,7 +60,7 @@ def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], sc
     return {
         "timestamp": time_of(update.stamp_ns),
         "frame_id": space,
-        "pose": _pose([0.0, 0.0, 0.0], _UPRIGHT),
+        "pose": _pose([0.0, 0.0, 0.0], _IDENTITY),
         "point_stride": _POINT.itemsize,
         "fields": [
             {"name": name, "offset": offset, "type": _TYPES[dtype.str]}
@@ -59,24 +71,24 @@ def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], sc
 
 
 def poses(update: HypothesisUpdate, space: str, scale: float) -> Json:
-    """Centroid and turn since birth of the hypotheses of one space."""
+    """Centroid and rotation since birth of the hypotheses of one space; `scale` in metres per unit."""
     return {
         "timestamp": time_of(update.stamp_ns),
         "frame_id": space,
-        "poses": [_pose(_place(h, scale), _turn(h)) for h in update.hypotheses if h.space == space],
+        "poses": [_pose(_position(h, scale), _orientation(h)) for h in update.hypotheses if h.space == space],
     }
 
 
 def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> Json:
-    """A frame ``hypothesis-<id>`` for every hypothesis whose pose is known."""
+    """Frame ``hypothesis-<id>`` of every hypothesis with a pose; `scales`: space -> metres per unit."""
     return {
         "transforms": [
             {
                 "timestamp": time_of(update.stamp_ns),
                 "parent_frame_id": h.space,
                 "child_frame_id": f"hypothesis-{h.id}",
-                "translation": _xyz(_place(h, scales[h.space])),
-                "rotation": _turn(h),
+                "translation": _xyz(_position(h, scales[h.space])),
+                "rotation": _orientation(h),
             }
             for h in update.hypotheses
             if h.pose is not None
@@ -85,7 +97,7 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> Json:
 
 
 def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
-    """Id, state and size at every centroid, with an arrow along its velocity; they last three periods."""
+    """Id, state and size at every centroid with an arrow along its velocity, shown for three periods."""
     lifetime = time_of(3 * update.period_ns)
     return {
         "deletions": [],
@@ -107,7 +119,7 @@ def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
 
 
 def image(preview: Preview) -> Json:
-    """A camera image."""
+    """Convert a camera image."""
     return {
         "timestamp": time_of(preview.stamp_ns),
         "frame_id": f"{preview.source}/pixels",
@@ -117,7 +129,7 @@ def image(preview: Preview) -> Json:
 
 
 def log_line(event: Event) -> Json:
-    """An event in words."""
+    """Format an event."""
     others = f" ({', '.join(map(str, event.others))})" if event.others else ""
     return {
         "timestamp": time_of(event.stamp_ns),
@@ -130,7 +142,7 @@ def log_line(event: Event) -> Json:
 
 
 def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: float | None) -> Json:
-    """Counts, lag and scores of an update."""
+    """Collect counts, lag and scores of an update."""
     confidence = update.track_confidence
     return {
         "timestamp": time_of(update.stamp_ns),
@@ -146,7 +158,7 @@ def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: floa
 
 
 def health(status: Status) -> Json:
-    """What a component told about itself."""
+    """Convert the Status of a component."""
     return {
         "timestamp": time_of(status.stamp_ns),
         "state": status.state,
@@ -158,7 +170,7 @@ def health(status: Status) -> Json:
     }
 
 
-_UPRIGHT: Json = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+_IDENTITY: Json = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
 def _base64(data: bytes) -> str:
@@ -174,14 +186,14 @@ def _pose(position: list[float], orientation: Json) -> Json:
     return {"position": _xyz(position), "orientation": orientation}
 
 
-def _place(hypothesis: Hypothesis, scale: float) -> list[float]:
+def _position(hypothesis: Hypothesis, scale: float) -> list[float]:
     return [value * scale for value in hypothesis.centroid]
 
 
-def _turn(hypothesis: Hypothesis) -> Json:
-    """The rotation since birth; upright where it is not known."""
+def _orientation(hypothesis: Hypothesis) -> Json:
+    """Rotation since birth; the identity if it is unknown."""
     if hypothesis.pose is None:
-        return _UPRIGHT
+        return _IDENTITY
     rotation = hypothesis.pose.rotation
     if isinstance(rotation, list):
         return dict(zip("xyzw", rotation, strict=True))
@@ -195,7 +207,7 @@ def _colour(hypothesis: int) -> Json:
 
 def _label(hypothesis: Hypothesis, scale: float) -> Json:
     return {
-        "pose": _pose(_place(hypothesis, scale), _UPRIGHT),
+        "pose": _pose(_position(hypothesis, scale), _IDENTITY),
         "billboard": True,
         "font_size": 14.0,
         "scale_invariant": True,
@@ -205,7 +217,7 @@ def _label(hypothesis: Hypothesis, scale: float) -> Json:
 
 
 def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
-    """The velocity, as long as the way of half a second."""
+    """Arrow along the velocity; its length is the distance moved in 0.5 s."""
     if hypothesis.twist is None:
         return []
     x, y, z = (*(value * scale for value in hypothesis.twist.linear), 0.0)[:3]
@@ -214,7 +226,7 @@ def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
         return []
     return [
         {
-            "pose": _pose(_place(hypothesis, scale), _along(np.array([x, y, z]))),
+            "pose": _pose(_position(hypothesis, scale), _along(np.array([x, y, z]))),
             "shaft_length": 0.8 * length,
             "shaft_diameter": 0.05 * length,
             "head_length": 0.2 * length,
@@ -225,11 +237,11 @@ def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
 
 
 def _along(direction: NDArray[np.float64]) -> Json:
-    """Quaternion that turns x, along which arrows point, into a direction."""
+    """Quaternion that rotates the x axis, along which arrows point, to a direction [3]."""
     x, y, z = direction / np.linalg.norm(direction)
     if x < -0.999999:
         return {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}
-    # Half-way quaternion between (1, 0, 0) and the direction: (u x v, 1 + u.v), normalised.
+    # For unit vectors u = (1, 0, 0) and v it is (u x v, 1 + u.v), normalised.
     w = 1.0 + x
     norm = float(np.sqrt(w * w + y * y + z * z))
     return {"x": 0.0, "y": float(-z / norm), "z": float(y / norm), "w": float(w / norm)}

@@ -1,7 +1,7 @@
-"""JSON Schemas of the messages that Foxglove knows by name, with the fields that the export uses.
+"""JSON Schemas of the Foxglove messages that the export writes, with the fields that it uses.
 
-Field names and units are those of Foxglove's message schemas; `comotion.Numbers` and
-`comotion.Health` are plain objects whose numbers its plots show.
+Field names and units are those of the Foxglove message schemas. `comotion.Numbers` and
+`comotion.Health` are plain objects for plots.
 """
 
 from typing import Any
@@ -68,7 +68,7 @@ _ENTITY = _object(
     frame_locked={"type": "boolean"},
     arrows=_array(_ARROW),
     texts=_array(_LABEL),
-    # Viewers read these without asking whether they are there.
+    # Viewers require these fields.
     **{name: _array({"type": "object"}) for name in UNUSED},
 )
 _DELETION = _object("foxglove.SceneEntityDeletion", timestamp=_TIME, type=_ENUM, id=_TEXT)

@@ -1,8 +1,8 @@
-"""Everything that a scene publishes, as it arrives: exact payloads, bounded memory.
+"""Receives all messages of a scene: Zenoh samples -> exact payloads with their time of receipt.
 
-A thread per kind takes the samples from a ring inside Zenoh at once, so that the time of receipt is
-right and the ring does not overflow while the disk is slow. What then waits is bounded in bytes:
-beyond that the newest payloads are dropped, and counted.
+One thread per kind of message takes samples from a ring in Zenoh at once. The time of receipt is
+therefore right, and a slow disk does not make the ring overflow. The pending payloads have a limit in
+bytes; when it is reached, new payloads are dropped and counted.
 """
 
 import threading
@@ -20,22 +20,22 @@ from comotion_schemas.transport import declare_subscriber
 
 from .series import Arrival
 
-MAX_WAITING_BYTES = 256 * 1024 * 1024
-# Truth comes as a burst of all that publishers keep for late joiners; previews are large.
-_RINGS: dict[Kind, int] = {"truth": 65536, "preview": 64}
-_RING = 8192
+MAX_PENDING_BYTES = 256 * 1024 * 1024
+# Truth arrives as a burst, since publishers cache it for late joiners; previews are large.
+_RING_SAMPLES: dict[Kind, int] = {"truth": 65536, "preview": 64}
+_DEFAULT_RING_SAMPLES = 8192
 
 
-class Waiting:
-    """Payloads between the threads that receive and the one that writes.
+class PendingPayloads:
+    """Queue of payloads between the receiving threads and the writing thread.
 
     Parameters
     ----------
     limit
-        Bytes kept; what comes when it is full is dropped and counted by key in :attr:`dropped`.
+        Most bytes kept; further payloads are dropped and counted by key in :attr:`dropped`.
     """
 
-    def __init__(self, limit: int = MAX_WAITING_BYTES) -> None:
+    def __init__(self, limit: int = MAX_PENDING_BYTES) -> None:
         self.dropped: dict[str, int] = {}
         self._limit = limit
         self._bytes = 0
@@ -53,7 +53,7 @@ class Waiting:
             self._changed.notify()
 
     def take(self, timeout: float) -> list[Arrival]:
-        """Take what is there; waits up to `timeout` seconds for the first."""
+        """Return all pending payloads; waits up to `timeout` seconds for the first."""
         with self._changed:
             self._changed.wait_for(lambda: self._items, timeout)
             items = list(self._items)
@@ -63,16 +63,16 @@ class Waiting:
 
 
 class Intake:
-    """Subscribes to every kind of message of a scene; a context manager."""
+    """Subscribes to all kinds of messages of a scene; a context manager."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys, waiting: Waiting) -> None:
-        self._waiting = waiting
+    def __init__(self, session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> None:
+        self._pending = pending
         self._subscribers: list[Any] = []
         self._threads: list[threading.Thread] = []
         for kind in QOS:
-            ring: RingChannel[zenoh.Sample] = RingChannel(_RINGS.get(kind, _RING))
+            ring: RingChannel[zenoh.Sample] = RingChannel(_RING_SAMPLES.get(kind, _DEFAULT_RING_SAMPLES))
             subscriber = declare_subscriber(session, key_of(keys, kind), kind, ring)
-            # The handler, not the subscriber: one that waits in its own recv cannot be undeclared.
+            # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
             thread = threading.Thread(
                 target=self._receive, args=(kind, subscriber.handler), name=f"record-{kind}", daemon=True
             )
@@ -95,4 +95,4 @@ class Intake:
                 sample = samples.recv()
             except zenoh.ZError:  # undeclared, or the session is closed
                 return
-            self._waiting.put(Arrival(kind, str(sample.key_expr), time.time_ns(), sample.payload.to_bytes()))
+            self._pending.put(Arrival(kind, str(sample.key_expr), time.time_ns(), sample.payload.to_bytes()))

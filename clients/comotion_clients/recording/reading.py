@@ -1,4 +1,4 @@
-"""The messages of a recording, for clients that look at it. Needs the extra `record`."""
+"""Reads a recording for clients: file -> messages. Needs the extra `record`."""
 
 import struct
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from zstandard import ZstdError
 from comotion_schemas import DEFAULT_SCENE, DecodeError, Message, decode
 from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
 
-# What reading damaged bytes raises.
+# Raised by mcap and its decompressors on damaged bytes.
 _DAMAGED = (
     McapError,
     CRCValidationError,
@@ -27,19 +27,19 @@ _DAMAGED = (
 
 
 class Reading:
-    """A recording that is open; a context manager.
+    """An open recording; a context manager.
 
     Attributes
     ----------
     invalid
-        Payloads so far that were left out because they are not valid.
+        Number of invalid payloads that were left out so far.
 
     Raises
     ------
     ValueError
-        If it is damaged or was never completed; from reading on, too.
+        If the file is damaged or incomplete; reading may also raise it.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,7 +1,7 @@
-"""What a crash or a bad disk has left of a recording, saved into a whole file.
+"""Repair: damaged recording -> complete file with all readable messages.
 
-The records are followed one by one. Where that fails, the next chunk is searched for: a chunk
-tells its own length twice and carries a checksum, so that one is not mistaken for another thing.
+Records are read one by one. After a damaged record the next chunk is searched: a chunk contains its
+length twice and a checksum, so other bytes are not mistaken for a chunk.
 """
 
 import mmap
@@ -23,11 +23,11 @@ from comotion_schemas.recording import PROFILE
 
 from .disk import create
 
-# Chunk record: opcode, length, two times, uncompressed size, CRC; then the compression's name.
+# Chunk record: opcode, length, start and end time, uncompressed size, CRC; then the compression name.
 _CHUNK = struct.Struct("<BQQQQI")
 _FRAME = struct.Struct("<BQ")
 _NAMES = (b"\x04\0\0\0zstd", b"\x03\0\0\0lz4", b"\0\0\0\0")
-_LARGEST_CHUNK = 256 * 1024 * 1024
+_MAX_CHUNK_BYTES = 256 * 1024 * 1024  # of damaged lengths; chunks of the recorder have about 1 MiB
 _DEFINITIONS: dict[int, type[Schema | Channel | Metadata]] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
@@ -36,12 +36,12 @@ _DEFINITIONS: dict[int, type[Schema | Channel | Metadata]] = {
 
 
 @dataclass
-class Repaired:
-    """What was saved, and what could not be.
+class RepairResult:
+    """Result of a repair.
 
-    `messages`, `chunks`: recovered; `damaged` chunks with a wrong checksum; `skipped` bytes that are
-    no records, at the end of the file as a rule; `orphans`: messages of a channel whose definition
-    is lost; `seconds` from the first to the last message.
+    `messages`, `chunks`: recovered; `damaged`: records with a wrong checksum or content; `skipped`:
+    bytes that are not records, usually at the end of the file; `orphans`: messages of a channel whose
+    definition is lost; `seconds` from the first to the last message.
     """
 
     messages: int = 0
@@ -54,32 +54,32 @@ class Repaired:
 
     @property
     def seconds(self) -> float:
-        """Time between the first message and the last."""
+        """Seconds between the first and the last message."""
         return (self.end_ns - self.start_ns) / 1e9
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Convert to plain values."""
         return asdict(self)
 
     def lines(self, target: Path) -> list[str]:
-        """The result in words."""
+        """Format the result as text."""
         lines = [f"{target}: {self.messages} messages in {self.chunks} chunks, {self.seconds:.1f} s"]
         if self.damaged or self.skipped or self.orphans:
             lines.append(
-                f"not recovered: {self.damaged} damaged records, {self.skipped} bytes that are no records, "
+                f"not recovered: {self.damaged} damaged records, {self.skipped} bytes that are not records, "
                 f"{self.orphans} messages of unknown channels"
             )
         return lines
 
-    def note(self, message: Message) -> None:
+    def count(self, message: Message) -> None:
         """Count a message."""
         self.start_ns = min(self.start_ns, message.log_time) if self.messages else message.log_time
         self.end_ns = max(self.end_ns, message.log_time)
         self.messages += 1
 
 
-def repair(source: Path, target: Path) -> Repaired:
-    """Copy every readable message of a file into a new one with an index.
+def repair(source: Path, target: Path) -> RepairResult:
+    """Copy every readable message of a file to a new file with an index.
 
     Parameters
     ----------
@@ -91,16 +91,16 @@ def repair(source: Path, target: Path) -> Repaired:
     Raises
     ------
     ValueError
-        If there is not one readable message.
+        If there is no readable message.
     OSError
         If a file cannot be read or written, or `target` exists.
     """
     if source.stat().st_size == 0:
         raise ValueError(f"{source}: the file is empty")
-    result = Repaired()
+    result = RepairResult()
     with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         definitions = _Definitions()
-        for record in _records(data, Repaired()):
+        for record in _records(data, RepairResult()):
             definitions.add(record)
         with os.fdopen(create(target), "wb") as output:
             try:
@@ -115,13 +115,13 @@ def repair(source: Path, target: Path) -> Repaired:
 
 @dataclass
 class _Definitions:
-    """Schemas and channels from anywhere in the file, its end included."""
+    """All schemas and channels of the file; the end of a file repeats them."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
 
     def add(self, record: McapRecord) -> None:
-        """Take note of a definition."""
+        """Add a record if it is a definition."""
         if isinstance(record, Schema):
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -129,7 +129,7 @@ class _Definitions:
 
 
 class _Renumbered:
-    """Registers the old definitions with the writer as they are needed."""
+    """Registers definitions with the writer on first use and maps old numbers to new ones."""
 
     def __init__(self, definitions: _Definitions, writer: Writer) -> None:
         self._old, self._writer = definitions, writer
@@ -137,7 +137,7 @@ class _Renumbered:
         self._channels: dict[int, int] = {}
 
     def channel(self, number: int) -> int | None:
-        """New number of an old channel; None if its definition is lost."""
+        """Return the new number of a channel; None if its definition is lost."""
         old = self._old.channels.get(number)
         if old is None:
             return None
@@ -159,7 +159,7 @@ class _Renumbered:
         return self._schemas[number]
 
 
-def _copy(data: mmap.mmap, definitions: _Definitions, writer: Writer, result: Repaired) -> None:
+def _copy(data: mmap.mmap, definitions: _Definitions, writer: Writer, result: RepairResult) -> None:
     writer.start(profile=PROFILE)
     numbers = _Renumbered(definitions, writer)
     for record in _records(data, result):
@@ -171,7 +171,7 @@ def _copy(data: mmap.mmap, definitions: _Definitions, writer: Writer, result: Re
             if channel is None:
                 result.orphans += 1
                 continue
-            result.note(record)
+            result.count(record)
             writer.add_message(
                 channel_id=channel,
                 log_time=record.log_time,
@@ -182,8 +182,8 @@ def _copy(data: mmap.mmap, definitions: _Definitions, writer: Writer, result: Re
     writer.finish()
 
 
-def _records(data: mmap.mmap, result: Repaired) -> Iterator[McapRecord]:
-    """Messages, definitions and metadata of a file; what is damaged is counted and passed over."""
+def _records(data: mmap.mmap, result: RepairResult) -> Iterator[McapRecord]:
+    """Yield messages, definitions and metadata of a file; count and skip damaged parts."""
     position = len(MCAP0_MAGIC) if data[: len(MCAP0_MAGIC)] == MCAP0_MAGIC else 0
     while position < len(data) - len(MCAP0_MAGIC) or data[position:] not in {b"", MCAP0_MAGIC}:
         end = _end_of_record(data, position)
@@ -196,7 +196,7 @@ def _records(data: mmap.mmap, result: Repaired) -> Iterator[McapRecord]:
         position = end
 
 
-def _read(record: bytes, result: Repaired) -> Iterator[McapRecord]:
+def _read(record: bytes, result: RepairResult) -> Iterator[McapRecord]:
     opcode, content = record[0], record[_FRAME.size :]
     try:
         if opcode == Opcode.CHUNK:
@@ -208,7 +208,7 @@ def _read(record: bytes, result: Repaired) -> Iterator[McapRecord]:
             found = [_DEFINITIONS[opcode].read(ReadDataStream(BytesIO(content)))]
         else:
             return
-    except Exception:  # decompression and parsing of damaged bytes raise many types; all mean the same
+    except Exception:  # decompression and parsing raise many types on damaged bytes
         result.damaged += 1
         return
     yield from found
@@ -216,20 +216,20 @@ def _read(record: bytes, result: Repaired) -> Iterator[McapRecord]:
 
 def _break_up(content: bytes) -> list[McapRecord]:
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    if chunk.uncompressed_size > _LARGEST_CHUNK:
-        raise ValueError("no recorder makes chunks of this size")
+    if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
+        raise ValueError("the size of the chunk is not plausible")
     return breakup_chunk(chunk, validate_crc=True)
 
 
 def _end_of_record(data: mmap.mmap, position: int) -> int | None:
-    """Where the record at a position ends; None if there is no whole record."""
+    """Return the end of the record at a position; None if there is no complete record."""
     if position + _FRAME.size > len(data):
         return None
     opcode, length = _FRAME.unpack_from(data, position)
     end = position + _FRAME.size + length
     if not Opcode.HEADER <= opcode <= Opcode.DATA_END or end > len(data):
         return None
-    if opcode == Opcode.CHUNK and not _agrees(data, position, length):
+    if opcode == Opcode.CHUNK and not _lengths_agree(data, position, length):
         return None
     if opcode == Opcode.MESSAGE_INDEX and not _is_index(data, position, length):
         return None
@@ -237,15 +237,15 @@ def _end_of_record(data: mmap.mmap, position: int) -> int | None:
 
 
 def _is_index(data: mmap.mmap, position: int, length: int) -> bool:
-    """An index tells its length twice as well: it must not leap over chunks."""
+    """Whether the two lengths of a message index agree; a wrong length would skip chunks."""
     if length < 6:
         return False
     (entries,) = struct.unpack_from("<I", data, position + _FRAME.size + 2)
     return bool(length == 6 + entries)
 
 
-def _agrees(data: mmap.mmap, position: int, length: int) -> bool:
-    """Whether the two lengths that a chunk tells agree."""
+def _lengths_agree(data: mmap.mmap, position: int, length: int) -> bool:
+    """Whether the two lengths in a chunk agree."""
     name = position + _CHUNK.size
     for compression in _NAMES:
         if data[name : name + len(compression)] == compression:
@@ -256,7 +256,7 @@ def _agrees(data: mmap.mmap, position: int, length: int) -> bool:
 
 
 def _next_chunk(data: mmap.mmap, start: int) -> int:
-    """Position of the next whole chunk; the end of the file if there is none."""
+    """Return the position of the next complete chunk, or the end of the file."""
     at = start + _CHUNK.size
     while (at := data.find(_NAMES[0], at)) >= 0:
         position = at - _CHUNK.size

@@ -1,4 +1,4 @@
-"""A recording as a series of files, each whole in itself. The clock is injected."""
+"""A series of files: payloads -> one complete MCAP file after the other. The clock is injected."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,13 +15,13 @@ from .disk import free_bytes
 from .file import RecordingFile, StorageError
 
 MAX_KEYS = 10_000
-"""What comes on further keys is refused: MCAP numbers its channels with 16 bits."""
+"""Payloads on further keys are not recorded: MCAP numbers channels with 16 bits."""
 _INDEX_SHARE = 0.02
-"""An index takes well under this share of its file."""
+"""Space kept free for the index, as a share of the file; an index takes well under this."""
 
 
 class Arrival(NamedTuple):
-    """One payload: on which key it came, when (wall clock, ns), and what it was."""
+    """One received payload with its key and time of receipt (wall clock, ns)."""
 
     kind: Kind
     key: str
@@ -31,10 +31,10 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesOptions:
-    """Where to and how long a file may become.
+    """Path and limits of the files.
 
-    `max_bytes`, `max_seconds`: begin a new file at this size or age; None: one file only.
-    `reserve_bytes`: room on the disk that is left to others; recording stops before it is touched.
+    `max_bytes`, `max_seconds`: a new file begins at this size or age; None: a single file.
+    `reserve_bytes`: space that remains free on the disk; recording stops before it is used.
     """
 
     path: Path
@@ -45,12 +45,11 @@ class SeriesOptions:
 
 
 @dataclass
-class Tally:
-    """What has been recorded.
+class Counts:
+    """Counts of the recorded messages.
 
-    `lost`: gaps in the sequence numbers of a stream, by key; `invalid`: payloads by the reason why
-    they are not valid (they are recorded all the same, but for ``limit``: one key too many);
-    `newest`: wall clock ns of a kind's last one.
+    `lost`: missing sequence numbers by key; `invalid`: invalid payloads by reason (recorded as well,
+    except ``limit``: too many keys); `newest`: wall clock ns of the newest message by kind.
     """
 
     messages: dict[Kind, int] = field(default_factory=dict)
@@ -61,50 +60,50 @@ class Tally:
 
     @property
     def total(self) -> int:
-        """Messages of all kinds."""
+        """Number of messages of all kinds."""
         return sum(self.messages.values())
 
 
 class Series:
-    """Writes what arrives into one file after the other.
+    """Writes payloads to a sequence of files.
 
-    A file that is not the first starts with the truth known so far, stamped with its own beginning,
-    so that it can be scored alone. A source's truth is forgotten when its session ends.
+    Every further file starts with the truth so far, logged at its start, so that it can be scored alone.
+    The truth of a source is discarded when its session ends.
 
     Raises
     ------
     OSError
-        If a file exists or cannot be made.
+        If a file exists or cannot be created.
     StorageError
-        If the disk is full; what is in the files is intact.
+        If the disk is full; the files are intact.
     """
 
     def __init__(self, options: SeriesOptions) -> None:
         self._options = options
-        self.tally = Tally()
+        self.counts = Counts()
         self.paths: list[Path] = []
         self._sequences = SequenceCounter()
         self._keys: set[str] = set()
         self._truth: dict[str, tuple[str, list[tuple[bytes, TruthBatch]]]] = {}
         self._begun_ns: int | None = None
         self._closed_bytes = 0
-        self._require_room()
+        self._check_free_space()
         self._file = self._next_file()
 
     @property
     def path(self) -> Path:
-        """The file that is being written."""
+        """Path of the current file."""
         return self.paths[-1]
 
     @property
     def file_bytes(self) -> int:
-        """Bytes in all files."""
+        """Total size of all files in bytes."""
         return self._closed_bytes + self._file.size
 
     def add(self, arrival: Arrival) -> None:
         """Record one payload."""
-        if not self._admits(arrival.key):
-            self.tally.invalid["limit"] = self.tally.invalid.get("limit", 0) + 1
+        if not self._accepts_key(arrival.key):
+            self.counts.invalid["limit"] = self.counts.invalid.get("limit", 0) + 1
             return
         message = self._check(arrival)
         if self._begun_ns is None:
@@ -113,41 +112,41 @@ class Series:
             self._rotate(arrival.log_ns)
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
-            self._remember(arrival, message)
-        t = self.tally
+            self._keep_truth(arrival, message)
+        t = self.counts
         t.messages[arrival.kind] = t.messages.get(arrival.kind, 0) + 1
         t.newest[arrival.kind] = arrival.log_ns
         t.payload_bytes += len(arrival.payload)
 
     def flush(self) -> None:
-        """See to it that everything so far is in the file, and that there is room for more."""
+        """Write everything so far to the disk and check the free space."""
         self._file.flush()
-        self._require_room()
+        self._check_free_space()
 
     def close(self, losses: Mapping[str, int] | None = None) -> None:
-        """Complete the last file; `losses` are told in its metadata."""
+        """Complete the last file; `losses` go to its metadata."""
         if losses is not None:
             self._file.describe(LOSSES, {name: str(count) for name, count in losses.items()})
         self._file.close()
 
     def abandon(self) -> None:
-        """Complete the last file as far as the disk lets one; never raises."""
-        _try(self._file.flush)
-        _try(self._file.close)
+        """Complete the last file as far as possible; never raises OSError."""
+        _ignore_os_errors(self._file.flush)
+        _ignore_os_errors(self._file.close)
 
-    def _admits(self, key: str) -> bool:
+    def _accepts_key(self, key: str) -> bool:
         if key not in self._keys and len(self._keys) < MAX_KEYS:
             self._keys.add(key)
         return key in self._keys
 
     def _check(self, arrival: Arrival) -> Message | None:
-        """Decode, and count what is missing or not valid."""
+        """Decode a payload and count missing messages and invalid payloads."""
         try:
             message = decode(arrival.payload)
             if type(message).__name__ != QOS[arrival.kind].message:
                 raise DecodeError("schema", f"a {type(message).__name__} on {arrival.key}")
         except DecodeError as error:
-            self.tally.invalid[error.reason] = self.tally.invalid.get(error.reason, 0) + 1
+            self.counts.invalid[error.reason] = self.counts.invalid.get(error.reason, 0) + 1
             return None
         self._count_lost(arrival.key, message)
         return message
@@ -156,9 +155,9 @@ class Series:
         seq = getattr(message, "seq", None)
         lost = 0 if seq is None else self._sequences.sight(key, message.session, seq).lost
         if lost:
-            self.tally.lost[key] = self.tally.lost.get(key, 0) + lost
+            self.counts.lost[key] = self.counts.lost.get(key, 0) + lost
 
-    def _remember(self, arrival: Arrival, truth: TruthBatch) -> None:
+    def _keep_truth(self, arrival: Arrival, truth: TruthBatch) -> None:
         name = last_chunk(arrival.key)
         session, batches = self._truth.get(name, ("", []))
         if session != truth.session:
@@ -190,7 +189,7 @@ class Series:
         self.paths.append(path)
         return RecordingFile(path, scene=o.scene, number=number)
 
-    def _require_room(self) -> None:
+    def _check_free_space(self) -> None:
         folder = self._options.path.parent
         size = self._file.size if self.paths else 0
         needed = self._options.reserve_bytes + round(_INDEX_SHARE * size)
@@ -200,7 +199,7 @@ class Series:
             )
 
 
-def _try(action: Callable[[], None]) -> None:
+def _ignore_os_errors(action: Callable[[], None]) -> None:
     try:
         action()
     except OSError:

@@ -1,1 +1,1 @@
-"""``comotion view``: a scene as shapes (pure), and what shows them (Rerun, the extra `view`)."""
+"""``comotion view``: messages -> shapes (pure), and shapes -> Rerun (extra `view`)."""

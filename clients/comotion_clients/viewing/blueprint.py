@@ -1,4 +1,4 @@
-"""What the viewer looks like at once: a view for every space and camera, curves, a page and the log."""
+"""Layout of the viewer: spaces and cameras -> Rerun blueprint with views, curves, a page and a log."""
 
 from typing import Any
 
@@ -10,29 +10,29 @@ from .shapes import LEGEND, TRAIL_S, CameraView, Layout, SpaceView
 
 TIMELINE = "stamp"
 CURVES_S = 60.0
+"""Time span of the curves."""
 _AXES = {"z-up": rr.ViewCoordinates.RIGHT_HAND_Z_UP, "optical": rr.ViewCoordinates.RDF}
-# Neither the dark nor the light shades of hypotheses get lost in it.
-_GROUND = (52, 52, 58)
+_GROUND = (52, 52, 58)  # the dark and the light shades of hypotheses are visible on it
 _LINES = rrb.LineGrid3D(visible=True, color=(90, 90, 96))
 
 
 def prepare(recording: Any, layout: Layout) -> None:
-    """Say once how the spaces are oriented."""
+    """Log the orientation of the spaces."""
     for space in layout.spaces:
         if space.axes in _AXES:
             recording.log(space.path, _AXES[space.axes], static=True)
         elif space.axes == "y-up":
-            # Rerun's 2-D views are images, with y down.
+            # The y axis of Rerun's 2-D views points down.
             recording.log(space.path, rr.Transform3D(scale=(1.0, -1.0, 1.0)), static=True)
 
 
 def blueprint(layout: Layout) -> Any:
-    """Arrange views for what there is."""
+    """Build the blueprint of a layout."""
     words = rrb.Horizontal(
         rrb.TextLogView(
             origin="log",
             name="Events",
-            # The sink writes the time into the text: the column of a time line is too narrow to read.
+            # The sink writes the time into the text, because the time column is too narrow to read.
             columns=rrb.TextLogColumns(
                 timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
                 text_log_columns=["loglevel", "body"],
@@ -54,7 +54,7 @@ def blueprint(layout: Layout) -> Any:
 
 
 def _scene(layout: Layout) -> Any:
-    """Spaces on the left, cameras beside them."""
+    """Arrange the spaces on the left and the cameras on the right."""
     spaces = [_space(space) for space in layout.spaces]
     cameras = [_camera(camera) for camera in layout.cameras]
     if not spaces and not cameras:
@@ -91,14 +91,14 @@ def _camera(camera: CameraView) -> Any:
 
 
 def _trails(path: str) -> dict[str, Any]:
-    """Segments are drawn with those before them; everything else is as of now."""
+    """Show the segments of the last seconds; all other shapes are the newest ones."""
     return {f"/{path}/trails": rrb.VisibleTimeRanges([_last(TRAIL_S)])}
 
 
 def _side(layout: Layout) -> Any:
     views = [_legend(), _curve("sizes", "Features per hypothesis", legend=False)]
     if layout.scored:
-        views.append(_curve("scores", "Agreement with the truth", range_=(0.0, 1.02)))
+        views.append(_curve("scores", "ScoreCurves with the truth", range_=(0.0, 1.02)))
     views += [_curve("rates", "Rates, Hz"), _curve("lags", "Lags, ms")]
     return rrb.Vertical(*views)
 

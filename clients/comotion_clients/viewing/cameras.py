@@ -1,7 +1,7 @@
-"""Camera images with their features, in the colours that the service gives them. Pure.
+"""Camera views: previews and updates -> images with features in the colours of their hypotheses. Pure.
 
-An image waits until the service has fused what it shows, so that every feature has the hypothesis
-of that instant; without a service it is shown after a while, all grey.
+An image is delayed until the service has fused its instant, so that every feature has the hypothesis of
+that instant. Without a service it is shown after 1.5 s with grey features.
 """
 
 from collections import deque
@@ -17,36 +17,38 @@ from .paths import Paths
 from .shapes import CameraView, Image, Moment, Points, Segments, Shape
 from .trails import Trails
 
-HELD = 16
-PATIENCE_S = 1.5
+MAX_DELAYED = 16
+"""Images that are delayed at most; then the oldest is dropped."""
+MAX_DELAY_S = 1.5
+"""Longest delay of an image."""
 _LABELLED = 3
 """A hypothesis with fewer features in an image gets no label there."""
 
 
 class Cameras:
-    """Holds previews back and draws them when their time has come."""
+    """Delays previews and draws them when they are due."""
 
     def __init__(self) -> None:
         self._paths = Paths("cameras")
         self._names: list[str] = []
         self._trails: dict[str, Trails] = {}
-        self._held: deque[tuple[float, Preview]] = deque(maxlen=HELD)
+        self._held: deque[tuple[float, Preview]] = deque(maxlen=MAX_DELAYED)
 
     @property
     def views(self) -> dict[str, CameraView]:
-        """The cameras that have shown something, by source; grows only."""
+        """Source -> view of every camera that has shown an image."""
         return {name: CameraView(self._paths(name), name) for name in self._names}
 
     def add(self, preview: Preview, arrived: float) -> None:
-        """Take in an image; when too many wait, the oldest is dropped."""
+        """Add an image."""
         self._held.append((arrived, preview))
 
     def due(self, update: HypothesisUpdate | None, now: float) -> list[Moment]:
-        """Draw the images up to the update's stamp, and those that have waited too long."""
+        """Draw the images up to the stamp of the update, and those that have reached the longest delay."""
         moments, waiting = [], []
         for arrived, preview in self._held:
             fused = update is not None and update.stamp_ns >= preview.stamp_ns
-            if fused or now - arrived > PATIENCE_S:
+            if fused or now - arrived > MAX_DELAY_S:
                 moments.append(self._draw(preview, update))
             else:
                 waiting.append((arrived, preview))
@@ -69,13 +71,13 @@ class Cameras:
             Points(f"{path}/features", preview.pixels, shades, values={"feature": preview.ids}),
             _labels(f"{path}/hypotheses", preview, hypotheses),
         ]
-        # A stamp that the service never reaches may be that of a wrong clock.
+        # A camera with a wrong clock may have a stamp that the service never reaches.
         newest = preview.stamp_ns if update is None else update.stamp_ns
         return Moment(min(preview.stamp_ns, newest), shapes)
 
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
-    """Hypotheses uint32 [N] of the features of an image."""
+    """Look up the hypotheses uint32 [N] of the features of an image."""
     found = np.full(len(preview.ids), UNDETERMINED, np.uint32)
     if update is None:
         return found
@@ -93,9 +95,9 @@ def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np
 
 
 def _labels(path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
-    """The id of a hypothesis in the middle of its features."""
+    """Labels with hypothesis ids at the median position of their features."""
     shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
     shown = shown[counts >= _LABELLED]
     middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
-    places = np.array(middles, np.float32).reshape(-1, 2)
-    return labels(path, shown, places, tuple(map(str, shown.tolist())))
+    positions = np.array(middles, np.float32).reshape(-1, 2)
+    return labels(path, shown, positions, tuple(map(str, shown.tolist())))

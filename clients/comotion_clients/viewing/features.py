@@ -1,4 +1,4 @@
-"""An update as shapes: features by space and source, with trails, and the hypotheses of each space. Pure."""
+"""Update -> shapes: features by space and source, trails, and hypotheses. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from ..colours import colours
 from ..scoring import SpaceRef, spaces_of
 from .hypotheses import axis_length, draw_hypotheses
 from .paths import Paths
-from .shapes import Axes, Colours, Nothing, Places, Points, Segments, Shape, SpaceView
+from .shapes import Axes, Cleared, Colours, Points, Positions, Segments, Shape, SpaceView
 from .trails import Trails
 
 
@@ -27,7 +27,7 @@ class _Space:
 
 
 class Features:
-    """Draws updates one after the other; remembers of each feature where it was last."""
+    """Draws updates in order; stores the last position of each feature for the trails."""
 
     def __init__(self) -> None:
         self._spaces: dict[str, _Space] = {}
@@ -37,11 +37,19 @@ class Features:
 
     @property
     def views(self) -> dict[str, SpaceView]:
-        """What there is to show, by name of the space; grows only."""
+        """Space name -> view of every space with features so far."""
         return {name: space.view for name, space in self._spaces.items()}
 
     def draw(self, update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[Shape]:
-        """Draw an update; what an earlier one had drawn and this one does not is taken away."""
+        """Draw an update, and clear shapes of the update before that it does not replace.
+
+        Parameters
+        ----------
+        update
+            The update.
+        known
+            Source -> space, from its batches.
+        """
         refs = spaces_of(update, known)
         shapes: list[Shape] = []
         for ref in dict.fromkeys(refs):
@@ -52,7 +60,7 @@ class Features:
         gone = self._drawn - paths
         self._trails = {path: trails for path, trails in self._trails.items() if path in paths}
         self._drawn = paths
-        return [*(Nothing(path) for path in sorted(gone)), *shapes]
+        return [*(Cleared(path) for path in sorted(gone)), *shapes]
 
     def _space(self, ref: SpaceRef) -> _Space:
         space = self._spaces.get(ref.name)
@@ -66,7 +74,7 @@ class Features:
         everything = update.track_position[np.isin(update.track_source, sources), :dim]
         space.axis = axis_length(everything, space.axis)
         shapes: list[Shape] = []
-        ends: list[Places] = [np.empty((0, 2, dim), np.float32)]
+        ends: list[Positions] = [np.empty((0, 2, dim), np.float32)]
         shades: list[Colours] = [np.empty((0, 3), np.uint8)]
         for number in sources:
             points = _points(update, space, number)

@@ -1,4 +1,4 @@
-"""How the scene is: curves of rates, lags and sizes, a page of numbers, and a log. Pure."""
+"""Health views: scene snapshots -> curves of rates, lags and sizes, a summary page, and a log. Pure."""
 
 from collections.abc import Sequence
 
@@ -14,16 +14,18 @@ from .paths import Paths
 from .shapes import LEGEND, Document, Entry, Level, Number, Points, Shape
 
 PERIOD_S = 0.5
+"""Interval of the curves and the page."""
 ROWS = 30
+"""Most rows of a table on the page."""
 _LOG = "log"
-_TOLD_S = 60.0
-"""A lag beyond this is that of a recording which is played with its own stamps: no lag at all."""
+_MAX_LAG_S = 60.0
+"""A larger difference to the clock is not a lag: a recording is played with its original stamps."""
 _ALARM = (213, 94, 0)
 _SERVICE, _VIEW = (150, 150, 150), (204, 121, 167)
 
 
 class Health:
-    """Turns snapshots of a scene, a few a second, into curves, a page and log entries."""
+    """Draws snapshots as curves, a page and log entries."""
 
     def __init__(self) -> None:
         self._rates, self._lags = Paths("rates"), Paths("lags")
@@ -37,9 +39,9 @@ class Health:
         Parameters
         ----------
         snapshot
-            The scene as of now.
+            The snapshot.
         view_age
-            Seconds from an update's publication until it was shown here; None: not known.
+            Seconds from the publication of an update until this viewer showed it; None: unknown.
         """
         return [
             *self._curves(snapshot, view_age),
@@ -54,12 +56,12 @@ class Health:
         for row in snapshot.sources:
             hue = self._hues.setdefault(row.name, HUES[len(self._hues) % len(HUES)])
             shapes.append(Number(self._rates(row.name), row.rate, row.name, hue))
-            if row.state == "ok" and abs(row.lag) < _TOLD_S:
+            if row.state == "ok" and abs(row.lag) < _MAX_LAG_S:
                 shapes.append(Number(self._lags(row.name), 1e3 * row.lag, row.name, hue))
         service = snapshot.service
         if service.seq >= 0:
             shapes.append(Number("rates/.service", service.rate, "service", _SERVICE))
-        if abs(service.lag) < _TOLD_S:
+        if abs(service.lag) < _MAX_LAG_S:
             shapes.append(Number("lags/.service", 1e3 * service.lag, "service", _SERVICE))
         if view_age is not None:
             shapes.append(Number("lags/.view", 1e3 * view_age, "this view", _VIEW))
@@ -93,14 +95,14 @@ class Health:
 
 
 def event_entry(event: Event) -> Entry:
-    """An event in words, in the colour of its hypothesis."""
+    """Build the log entry of an event, in the colour of its hypothesis."""
     others = ", ".join(map(str, event.others))
     words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
     return Entry(_LOG, f"hypothesis {event.hypothesis} {event.kind}{words}", colour=legible(event.hypothesis))
 
 
 def _sizes(snapshot: Snapshot) -> list[Shape]:
-    """Features by hypothesis: the curves whose legend names the colours."""
+    """Curves of the number of features per hypothesis."""
     shapes: list[Shape] = [
         Number(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", colour(row.id))
         for row in snapshot.hypotheses
@@ -112,7 +114,7 @@ def _sizes(snapshot: Snapshot) -> list[Shape]:
 
 
 def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
-    """What the colours mean: a dot and words for every hypothesis, by id, in a grid of fixed places."""
+    """Legend of the colours: a dot and a label per hypothesis, sorted by id, in a grid."""
     rows = sorted(hypotheses, key=lambda row: row.id)
     shown = rows[: LEGEND.columns * LEGEND.rows]
     words = [f"{row.id} {row.state}, {row.size}" for row in shown]
@@ -120,16 +122,16 @@ def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
         words[-1] += f" (+{len(rows) - len(shown)})"
     slots = np.arange(len(shown))
     column, row = slots % LEGEND.columns, slots // LEGEND.columns
-    places = np.stack([LEGEND.width * column, row], axis=1).astype(np.float32)
+    positions = np.stack([LEGEND.width * column, row], axis=1).astype(np.float32)
     ids = np.array([row.id for row in shown], np.uint32)
     return [
-        Points("legend/dots", places, colours(ids), radius=7.0),
-        labels("legend/words", ids, places, tuple(words)),
+        Points("legend/dots", positions, colours(ids), radius=7.0),
+        labels("legend/words", ids, positions, tuple(words)),
     ]
 
 
 def summary(snapshot: Snapshot) -> str:
-    """The scene as a page in Markdown."""
+    """Format a snapshot as a page in Markdown."""
     service = snapshot.service
     lines = [
         f"**{snapshot.scene}**: service {service.state}, {number(service.rate, 1)} Hz, "

@@ -1,4 +1,4 @@
-"""Hypotheses as shapes: a label, a frame that turns with the body, arrows of its twist. Pure."""
+"""Hypotheses -> shapes: label, body frame, and arrows of the twist. Pure."""
 
 from collections.abc import Sequence
 
@@ -9,22 +9,30 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas import Hypothesis
 
 from ..colours import colours, legible
-from .shapes import Arrows, Places, Points, Shape
+from .shapes import Arrows, Points, Positions, Shape
 
-# Red, green and blue stand for x, y and z everywhere; the shades differ in lightness too.
+# Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.
 AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
 SHOWN = 0.1
 """Arrows shorter than this share of an axis are left out."""
 LONGEST = 4.0
-"""An arrow ends at this many axes: a few features can seem to race, and the view must still fit."""
-_AXIS_SHARE = 0.07
+"""Arrows are cut at this multiple of an axis: the velocity of few features may be far too large."""
+_AXIS_SHARE = 0.07  # length of an axis as a share of the extent of the features
 
 
-def axis_length(places: Places, before: float) -> float:
-    """Length of the axes for features at places [N, dim]: a share of their extent, steady over time."""
-    if len(places) < 2:
+def axis_length(positions: Positions, before: float) -> float:
+    """Choose the length of the axes: a share of the extent of the features.
+
+    Parameters
+    ----------
+    positions
+        float32 [N, dim].
+    before
+        Length of the update before; it is kept unless it is wrong by a factor of 2.
+    """
+    if len(positions) < 2:
         return before
-    low, high = np.percentile(places, (5, 95), axis=0)
+    low, high = np.percentile(positions, (5, 95), axis=0)
     length = float(_AXIS_SHARE * np.linalg.norm(high - low))
     if length <= 0 or (before > 0 and 0.5 < length / before < 2):
         return before
@@ -34,9 +42,9 @@ def axis_length(places: Places, before: float) -> float:
 def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) -> list[Shape]:
     """Draw the hypotheses of one space, with axes of length `axis`.
 
-    The arrow of the linear velocity leads to where the centroid is in a second. The angular velocity
-    points along the axis of rotation, one axis long at 1 rad/s; in 2-D it is the way of the tip of
-    the x axis in a second.
+    The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
+    velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
+    distance that the tip of the x axis moves in 1 s.
     """
     ids = np.array([h.id for h in hypotheses], np.uint32)
     dim = len(hypotheses[0].centroid) if hypotheses else 3
@@ -46,24 +54,36 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
         labels(f"{path}/hypotheses", ids, centroids, tuple(label(h) for h in hypotheses)),
         _frames(path, hypotheses, centroids, axis),
         _velocities(path, hypotheses, centroids, shades, axis),
-        _spins(path, hypotheses, centroids, shades, axis),
+        _angular_velocities(path, hypotheses, centroids, shades, axis),
     ]
 
 
-def labels(path: str, ids: NDArray[np.uint32], places: Places, words: tuple[str, ...]) -> Points:
-    """Words at places [N, dim] without a point, in the colours of hypotheses [N] as far as legible."""
+def labels(path: str, ids: NDArray[np.uint32], positions: Positions, words: tuple[str, ...]) -> Points:
+    """Build labels without points.
+
+    Parameters
+    ----------
+    path
+        Path of the shape.
+    ids
+        uint32 [N], hypotheses, for the colours.
+    positions
+        float32 [N, dim].
+    words
+        N texts.
+    """
     shades = np.array([legible(h) for h in ids.tolist()], np.uint8).reshape(-1, 3)
-    return Points(path, places, shades, radius=0.0, labels=words)
+    return Points(path, positions, shades, radius=0.0, labels=words)
 
 
 def label(hypothesis: Hypothesis) -> str:
-    """Id, and state where it is known."""
+    """Text of a hypothesis: its id, and its state if known."""
     state = "" if hypothesis.state == "undetermined" else f" {hypothesis.state}"
     return f"{hypothesis.id}{state}"
 
 
-def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Places, axis: float) -> Arrows:
-    """The axes of the space, turned as the body has turned since its birth."""
+def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, axis: float) -> Arrows:
+    """The axes of the space, rotated by the rotation since birth."""
     rows = [k for k, h in enumerate(hypotheses) if h.pose is not None]
     dim = centroids.shape[1]
     turns = np.array([_matrix(hypotheses[k]) for k in rows], np.float32).reshape(-1, dim, dim)
@@ -76,7 +96,7 @@ def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Places, axis
 
 
 def _velocities(
-    path: str, hypotheses: Sequence[Hypothesis], centroids: Places, shades: NDArray[np.uint8], axis: float
+    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: NDArray[np.uint8], axis: float
 ) -> Arrows:
     linear = np.array(
         [h.twist.linear if h.twist else [0.0] * centroids.shape[1] for h in hypotheses], np.float32
@@ -85,8 +105,8 @@ def _velocities(
     return Arrows(f"{path}/twist/linear", centroids[rows], vectors, shades[rows], 2.5)
 
 
-def _spins(
-    path: str, hypotheses: Sequence[Hypothesis], centroids: Places, shades: NDArray[np.uint8], axis: float
+def _angular_velocities(
+    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: NDArray[np.uint8], axis: float
 ) -> Arrows:
     origins, vectors = centroids.copy(), np.zeros_like(centroids)
     for k, h in enumerate(hypotheses):
@@ -102,8 +122,8 @@ def _spins(
     return Arrows(f"{path}/twist/angular", origins[rows], arrows, shades[rows], 1.2)
 
 
-def _in_sight(vectors: Places, axis: float) -> tuple[NDArray[np.intp], Places]:
-    """Rows of the vectors that are not too short to be seen, and these, none of them too long."""
+def _in_sight(vectors: Positions, axis: float) -> tuple[NDArray[np.intp], Positions]:
+    """Select the vectors that are long enough to be visible, and limit their length."""
     lengths = np.linalg.norm(vectors, axis=1)
     rows = np.flatnonzero(lengths > SHOWN * axis)
     shares = np.minimum(1.0, LONGEST * axis / lengths[rows])

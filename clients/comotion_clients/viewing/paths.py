@@ -1,17 +1,17 @@
-"""Names as viewers take them: paths that need no escape, and words that every font has."""
+"""Names -> paths and texts that the viewer can show."""
 
 import re
 
 
 class Paths:
-    """A path of its own for every name, made of letters that need no escape."""
+    """Maps each name to a unique path of characters that need no escape."""
 
     def __init__(self, root: str) -> None:
         self._root = root
         self._paths: dict[str, str] = {}
 
     def __call__(self, name: str) -> str:
-        """Path of a name; the same each time."""
+        """Return the path of a name."""
         if name not in self._paths:
             plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", name)[:64] or "_"
             taken = set(self._paths.values())
@@ -23,5 +23,5 @@ class Paths:
 
 
 def plain(text: str) -> str:
-    """Replace letters that a viewer's font may lack, which has ended one."""
+    """Replace characters outside Latin-1: a missing glyph has crashed the viewer."""
     return text.encode("latin-1", "replace").decode("latin-1")

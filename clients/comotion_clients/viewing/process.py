@@ -1,7 +1,7 @@
-"""The viewer as a process: subscriptions on one side, a sink for shapes on the other.
+"""The viewer process: subscriptions of a scene -> shapes -> sink.
 
-It reads from bounded rings and inboxes that drop the oldest, so that it delays nobody however slow
-the display is.
+It reads from bounded rings and inboxes that drop the oldest messages, so that a slow display does not
+delay other components.
 """
 
 import logging
@@ -33,54 +33,54 @@ from ..subscription import Subscription
 from .picture import ScenePicture
 from .shapes import Layout, Moment
 
-TICK_S = 0.02
+POLL_S = 0.02
 UPDATES_KEPT = 4
-"""Updates that may wait when the display is slow; older ones are not worth showing any more."""
-_AGES_KEPT = 36_000
+"""Updates kept while the display is slow; older ones are dropped."""
+_AGES_KEPT = 36_000  # one hour at 10 Hz
 _log = logging.getLogger(__name__)
 
 
 class Sink(Protocol):
-    """Where moments are shown."""
+    """Output of shapes."""
 
     @property
     def closed(self) -> bool:
-        """Whether nobody looks any more."""
+        """Whether the user has closed the window."""
 
     def arrange(self, layout: Layout) -> None:
         """Arrange the views."""
 
     def show(self, moments: Iterable[Moment]) -> None:
-        """Show moments; returns when they are handed over."""
+        """Show moments; returns when they are delivered."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions:
-    """How long to view, in s (None: until stopped), and the file to write once it shows."""
+    """Duration in s (None: until stopped), and the file to write once the viewer is subscribed."""
 
     duration: float | None = None
     ready_file: Path | None = None
 
 
 class Ages:
-    """How old updates are when they are shown: s from publication, of the last hour at 10 Hz."""
+    """Ages of updates when they are shown, in s since publication, over the last hour at 10 Hz."""
 
     def __init__(self) -> None:
         self.shown = 0
         self._recent: deque[float] = deque(maxlen=_AGES_KEPT)
 
     def add(self, age: float) -> None:
-        """Take in the age of an update that has just been shown."""
+        """Add the age of an update that was shown."""
         self.shown += 1
         self._recent.append(age)
 
     @property
     def newest(self) -> float | None:
-        """That of the last update; None before the first."""
+        """Age of the last update; None before the first."""
         return self._recent[-1] if self._recent else None
 
     def summary(self) -> dict[str, float | None]:
-        """Median, 99th percentile and largest, in s; None without any."""
+        """Median, 99th percentile and largest age, in s; None without any."""
         if not self._recent:
             return {"median": None, "p99": None, "max": None}
         median, p99, largest = np.percentile(np.array(self._recent), (50, 99, 100)).tolist()
@@ -89,7 +89,7 @@ class Ages:
 
 @dataclass(frozen=True)
 class Viewed:
-    """What was shown, and what was not: `lost` on the way, `dropped` because the display was slow."""
+    """Result: updates shown, `lost` in transport, and `dropped` because the display was slow."""
 
     updates: int
     lost: int
@@ -97,7 +97,7 @@ class Viewed:
     age_s: dict[str, float | None]
 
     def line(self) -> str:
-        """The result in words."""
+        """Format the result as one line."""
         line = f"{self.updates} updates shown, {self.lost} lost, {self.dropped} dropped"
         median, p99 = self.age_s["median"], self.age_s["p99"]
         if median is None or p99 is None:
@@ -106,7 +106,7 @@ class Viewed:
 
 
 class _Feed:
-    """The subscriptions of one scene, emptied into a picture."""
+    """Fills a scene picture from the subscriptions of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         self.picture = ScenePicture(scene)
@@ -119,7 +119,7 @@ class _Feed:
         self.published_ns: int | None = None
 
     def poll(self) -> list[Moment]:
-        """Take in everything that has come; answers with what there is to show."""
+        """Process received messages; returns the shapes to show."""
         picture, now, wall_ns = self.picture, time.monotonic(), time.time_ns()
         for role, name, alive in self._presence.drain():
             picture.on_presence(role, name, alive=alive, now=now)
@@ -157,12 +157,21 @@ def view(
     settings: SessionSettings | None = None,
     options: ViewOptions | None = None,
 ) -> Viewed:
-    """Show a scene until it is told to stop, the time is over, or the window is closed.
+    """Show a scene until a signal arrives, the duration is over, or the window is closed.
+
+    Parameters
+    ----------
+    sink
+        Output of the shapes.
+    scene, settings
+        Name of the scene; how to connect.
+    options
+        Duration and ready file.
 
     Raises
     ------
     ValueError
-        If the scene is no valid name, or an endpoint is wrong.
+        If the scene name or an endpoint is not valid.
     """
     options, ages = options or ViewOptions(), Ages()
     feeds: list[_Feed] = []
@@ -178,7 +187,7 @@ def view(
         feeds.append(feed)
         component.ready()
         end = None if options.duration is None else time.monotonic() + options.duration
-        while not component.stop.wait(TICK_S) and not sink.closed:
+        while not component.stop.wait(POLL_S) and not sink.closed:
             _step(feed, sink, ages)
             if end is not None and time.monotonic() >= end:
                 break
@@ -195,7 +204,7 @@ def _step(feed: _Feed, sink: Sink, ages: Ages) -> None:
 
 
 def _status(feeds: list[_Feed], ages: Ages) -> StatusFields:
-    """What the viewer tells about itself, once a second."""
+    """Build the Status of the viewer."""
     counters: dict[str, int] = {"updates": ages.shown}
     for feed in feeds:
         counters |= {"lost": feed.updates.counters.lost, "dropped": feed.updates.dropped}
@@ -204,18 +213,18 @@ def _status(feeds: list[_Feed], ages: Ages) -> StatusFields:
 
 
 def view_messages(messages: Iterable[tuple[int, Message]], scene: str, sink: Sink) -> int:
-    """Show a recording at once: its own time line is what is played then.
+    """Send a recording to a sink as fast as possible; the viewer then plays it.
 
     Parameters
     ----------
     messages
-        (Receipt in ns, message), in order.
+        (Time of receipt in ns, message), in order.
     scene
-        Its name.
+        Name of the scene.
 
     Returns
     -------
-    How many updates were shown.
+    Number of updates shown.
     """
     picture, updates = ScenePicture(scene), 0
     for moments, message in _replayed(picture, messages):

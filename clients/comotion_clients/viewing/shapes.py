@@ -1,8 +1,8 @@
-"""What there is to see, without regard to who shows it: arrays, colours and words under a path.
+"""Shapes: what a viewer draws, independent of the viewer.
 
-Positions are float32 in the unit of their space, 2-D or 3-D; colours uint8 [N, 3]. A later shape of
-the same path and kind replaces the earlier one; segments are drawn together with those of the last
-:data:`TRAIL_S` seconds.
+Every shape has a path. Positions are float32 in the unit of their space, 2-D or 3-D; colours uint8
+[N, 3]. A later shape of the same path and kind replaces the earlier one; segments are drawn with those
+of the last :data:`TRAIL_S` seconds.
 """
 
 from collections.abc import Mapping
@@ -16,18 +16,18 @@ from ..colours import RGB
 
 TRAIL_S = 2.0
 Axes = Literal["z-up", "optical", "y-up", "image"]
-"""How a space is looked at: two ways in 3-D (optical: z away from the camera), two in 2-D (image: y down)."""
-Places: TypeAlias = NDArray[np.float32]
+"""Orientation of a view: in 3-D z up or optical (z away from the camera), in 2-D y up or image (y down)."""
+Positions: TypeAlias = NDArray[np.float32]
 Colours: TypeAlias = NDArray[np.uint8]
 Level = Literal["INFO", "WARN"]
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points [N, dim]; `radius` in points of the screen, `values` [N] to be read on demand."""
+    """Points [N, dim]; `radius` in points of the screen, `values` [N] that a viewer shows on selection."""
 
     path: str
-    positions: Places
+    positions: Positions
     colours: Colours
     radius: float = 3.0
     labels: tuple[str, ...] = ()
@@ -36,10 +36,10 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Lines from one place to another: ends [N, 2, dim]."""
+    """Line segments: ends [N, 2, dim]."""
 
     path: str
-    ends: Places
+    ends: Positions
     colours: Colours
 
 
@@ -48,15 +48,15 @@ class Arrows:
     """Arrows [N, dim] from `origins`; `radius` in points of the screen."""
 
     path: str
-    origins: Places
-    vectors: Places
+    origins: Positions
+    vectors: Positions
     colours: Colours
     radius: float = 1.5
 
 
 @dataclass(frozen=True)
 class Image:
-    """A JPEG image; its pixels are the coordinates of what is drawn beside it."""
+    """A JPEG image; shapes in the same view have pixel coordinates."""
 
     path: str
     jpeg: bytes
@@ -91,18 +91,18 @@ class Document:
 
 
 @dataclass(frozen=True)
-class Nothing:
-    """What was under this path is no more."""
+class Cleared:
+    """Removes the shapes under a path."""
 
     path: str
 
 
-Shape: TypeAlias = Points | Segments | Arrows | Image | Number | Entry | Document | Nothing
+Shape: TypeAlias = Points | Segments | Arrows | Image | Number | Entry | Document | Cleared
 
 
 @dataclass(frozen=True)
 class Moment:
-    """Shapes of one time: nanoseconds since the Unix epoch, of acquisition."""
+    """Shapes of one acquisition time, nanoseconds since the Unix epoch."""
 
     stamp_ns: int
     shapes: list[Shape]
@@ -110,7 +110,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class SpaceView:
-    """A coordinate space to be shown: what is under `path`."""
+    """View of a coordinate space: the shapes under `path`."""
 
     path: str
     name: str
@@ -119,7 +119,7 @@ class SpaceView:
 
 @dataclass(frozen=True)
 class CameraView:
-    """A camera whose images are shown: what is under `path`."""
+    """View of a camera: the shapes under `path`."""
 
     path: str
     name: str
@@ -127,7 +127,7 @@ class CameraView:
 
 @dataclass(frozen=True)
 class Grid:
-    """Places for words, from (0, 0) on, a row at a distance of 1."""
+    """A grid for labels that starts at (0, 0), with columns `width` apart and rows 1 apart."""
 
     columns: int
     rows: int
@@ -139,7 +139,7 @@ LEGEND = Grid(columns=4, rows=3, width=3.3)
 
 @dataclass(frozen=True)
 class Layout:
-    """What needs a view of its own; `scored`: there is a truth to compare with."""
+    """The views; `scored`: with curves of the scores."""
 
     spaces: tuple[SpaceView, ...] = ()
     cameras: tuple[CameraView, ...] = ()

@@ -1,4 +1,4 @@
-"""Where shapes are shown: in a window, a browser or a file, by Rerun. Needs the extra `view`."""
+"""The Rerun sink: shapes -> window, web page or file. Needs the extra `view`."""
 
 import contextlib
 import math
@@ -24,12 +24,12 @@ from .blueprint import TIMELINE, blueprint, prepare
 from .paths import plain
 from .shapes import (
     Arrows,
+    Cleared,
     Document,
     Entry,
     Image,
     Layout,
     Moment,
-    Nothing,
     Number,
     Points,
     Segments,
@@ -37,28 +37,28 @@ from .shapes import (
 )
 
 LOOPBACK = "127.0.0.1"
-_FLUSH_S = 1.0
-_FILE_TICK_S = 1.0
-_LOOK_S = 0.2
-_TRAIL_RADIUS = 1.0
+_FLUSH_S = 1.0  # longest wait for delivery
+_FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
+_CHECK_S = 0.2  # between two checks whether the window is closed
+_TRAIL_RADIUS = 1.0  # points of the screen
 
 
 @dataclass(frozen=True, kw_only=True)
 class Destination:
-    """Where to show: any of them together.
+    """Outputs of the viewer; several may be combined.
 
     Attributes
     ----------
     window
         A window on this machine.
     web_port
-        Port of a web page, and `data_port` of what it shows; both on this machine.
+        Port of a web page, and `data_port` of its data; both on this machine.
     open_browser
-        Open the page.
+        Open the page in the browser.
     file
-        A new file ``.rrd``.
+        Path of a new ``.rrd`` file.
     memory
-        What the data server keeps for those who come late, and how much the window may use.
+        Memory for the history in the data server, and memory limit of the window.
     """
 
     window: bool = False
@@ -70,12 +70,12 @@ class Destination:
 
 
 class RerunSink:
-    """Shows moments; a context manager.
+    """Shows moments by Rerun; a context manager.
 
     Raises
     ------
     OSError
-        If a port is taken, the file exists or cannot be written, or the window does not open.
+        If a port is in use, the file exists or cannot be written, or the window does not open.
     """
 
     def __init__(self, destination: Destination) -> None:
@@ -88,7 +88,7 @@ class RerunSink:
         self._live = destination.window or destination.web_port is not None
         self._recording = rr.RecordingStream(
             "comotion",
-            # A file is smaller when many rows make a chunk; whoever looks must not wait for them.
+            # Large chunks make a file smaller; a live view needs low latency instead.
             batcher_config=(
                 rr.ChunkBatcherConfig.LOW_LATENCY()
                 if self._live
@@ -122,7 +122,7 @@ class RerunSink:
                 self._window.wait(2.0)
             self._window.kill()
             self._window.wait()
-        with contextlib.suppress(Exception):  # what cannot be delivered any more is not missed
+        with contextlib.suppress(Exception):  # the viewer may have gone
             self._recording.flush(timeout_sec=_FLUSH_S)
         self._recording.disconnect()
         self._exit.close()
@@ -134,24 +134,24 @@ class RerunSink:
         Raises
         ------
         OSError
-            If it could not be opened, or has crashed.
+            If the window could not be opened, or has crashed.
         """
         status = None if self._window is None else self._window.poll()
         if status:
-            self._words.seek(0)
-            lines = [line.strip() for line in self._words if line.strip()]
-            said = next((line for line in lines if "panicked" in line or "rror" in line), "")
-            raise OSError(f"the window has failed (status {status}): {said or ' '.join(lines)[-200:]}")
+            self._output.seek(0)
+            lines = [line.strip() for line in self._output if line.strip()]
+            message = next((line for line in lines if "panicked" in line or "rror" in line), "")
+            raise OSError(f"the window has failed (status {status}): {message or ' '.join(lines)[-200:]}")
         return status is not None
 
     def wait(self, stop: threading.Event, duration: float | None = None) -> None:
-        """Keep showing what there is until told to stop, the time is over, or the window is closed."""
+        """Wait until `stop` is set, `duration` (s) is over, or the window is closed."""
         end = math.inf if duration is None else time.monotonic() + duration
-        while not self.closed and time.monotonic() < end and not stop.wait(_LOOK_S):
+        while not self.closed and time.monotonic() < end and not stop.wait(_CHECK_S):
             pass
 
     def arrange(self, layout: Layout) -> None:
-        """Arrange the views; what the user has arranged stays until there is something new to see."""
+        """Arrange the views if the layout has changed; else the user's arrangement remains."""
         if layout == self._layout:
             return
         self._layout = layout
@@ -159,7 +159,7 @@ class RerunSink:
         self._recording.send_blueprint(blueprint(layout), make_active=True, make_default=True)
 
     def show(self, moments: Iterable[Moment]) -> None:
-        """Hand over moments, and wait until they are out of this process's hands."""
+        """Send moments, and wait until they are delivered."""
         for moment in moments:
             self._recording.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp_ns, "ns"))
             for shape in moment.shapes:
@@ -189,17 +189,17 @@ class RerunSink:
         program = Path(rerun_cli.__file__).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
         command = [str(program), "--connect", data_uri, "--memory-limit", self._where.memory]
         command += ["--hide-welcome-screen", "--bind", LOOPBACK]
-        # As Rerun's own spawn does: no questions at the first start.
+        # As rerun.spawn does: no dialogue at the first start.
         environment = {"RUST_LOG": "error", **os.environ, "RERUN_APP_ONLY": "true"}
         kept = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
-        self._words = self._exit.enter_context(kept)
+        self._output = self._exit.enter_context(kept)
         self._window = subprocess.Popen(  # noqa: S603 - the viewer of the package
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=self._words, stderr=self._words
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output
         )
 
 
 def components(shape: Shape) -> list[Any]:
-    """Translate a shape into what Rerun logs under its path."""
+    """Convert a shape to the Rerun components to log under its path."""
     found: list[Any]
     match shape:
         case Points():
@@ -219,7 +219,7 @@ def components(shape: Shape) -> list[Any]:
             found = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
         case Document():
             found = [rr.TextDocument(plain(shape.text), media_type=rr.MediaType.MARKDOWN)]
-        case Nothing():
+        case Cleared():
             found = [rr.Clear(recursive=True)]
     return found
 
@@ -232,7 +232,7 @@ def _points(shape: Points) -> list[Any]:
 
 
 def clock(stamp_ns: int) -> str:
-    """Time of day as Rerun shows it by default, in UTC, to a tenth of a second."""
+    """Format the time of day in UTC to a tenth of a second."""
     tenths = stamp_ns // 100_000_000
     seconds = tenths // 10 % 86400
     return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{tenths % 10}"
@@ -245,19 +245,19 @@ def page_url(port: int, data_uri: str) -> str:
 
 
 def free_port() -> int:
-    """A port on this machine that nobody listens at."""
+    """Return an unused TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])
 
 
 def require_free(port: int) -> None:
-    """Check a port, since Rerun's data server says nothing when it cannot have it.
+    """Check that a port is free: Rerun's data server reports no error if it is not.
 
     Raises
     ------
     OSError
-        If somebody listens there.
+        If the port is in use.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -268,7 +268,7 @@ def require_free(port: int) -> None:
 
 
 def _create(path: Path) -> None:
-    """Make sure that the file can be written, before Rerun truncates what is there."""
+    """Create a file and fail if it exists: Rerun would overwrite it."""
     try:
         with path.open("xb"):
             pass

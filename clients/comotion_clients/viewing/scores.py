@@ -1,4 +1,4 @@
-"""How well updates agree with the truth: curves per space, since each is clustered alone. Pure."""
+"""Score curves: updates and truth -> NMI and misclassification over time, per space. Pure."""
 
 from comotion_schemas import HypothesisUpdate
 
@@ -9,8 +9,8 @@ from .paths import Paths
 from .shapes import Moment, Number, Shape
 
 
-class Agreement:
-    """Scores updates; `scored`: there has been something to score."""
+class ScoreCurves:
+    """Scores updates; `scored`: whether any update could be scored."""
 
     def __init__(self) -> None:
         self.scored = False
@@ -19,8 +19,8 @@ class Agreement:
         self._paths = Paths("scores")
 
     def draw(self, update: HypothesisUpdate, observed: Observed) -> list[Moment]:
-        """Draw the scores of an update; nothing without truth. Updates come in order."""
-        # Asked in any case: it forgets what is past.
+        """Return the scores of an update as shapes; none without truth. Updates must come in order."""
+        # Called without truth as well: it discards old batches.
         tracks = observed.at(update.stamp_ns)
         if not len(self.truth):
             return []
