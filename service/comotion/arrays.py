@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 Stamps = NDArray[np.int64]
 """Nanoseconds since the Unix epoch."""
 Slots = NDArray[np.intp]

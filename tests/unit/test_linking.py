@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
-from comotion.linking.links import MARGIN, decide, evidence, joined, speakers
+from comotion.linking.decision import MARGIN, body_evidence, decide, linked_hypotheses, representatives
 from comotion.rigid.poses import pose_variances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
@@ -210,12 +210,12 @@ def test_without_calibration_or_poses_there_are_no_links() -> None:
     assert all(h.linked is None for h in update.hypotheses)
 
 
-def test_a_stray_cannot_veto_and_a_few_cannot_decide() -> None:
+def test_one_outlier_prevents_no_link_and_a_few_members_make_none() -> None:
     on, off = [0.0, -50.0, -30.0], [-50.0, -40.0, 0.0]
-    assert decide(evidence(np.array([on] * 6 + [off] * 1)), None) == 0
-    assert decide(evidence(np.array([on] * 2)), None) is None
-    assert decide(evidence(np.array([on] * 4 + [off] * 4)), None) is None
-    assert decide(evidence(np.array([off] * 8)), None) is None
+    assert decide(body_evidence(np.array([on] * 6 + [off] * 1)), None) == 0
+    assert decide(body_evidence(np.array([on] * 2)), None) is None
+    assert decide(body_evidence(np.array([on] * 4 + [off] * 4)), None) is None
+    assert decide(body_evidence(np.array([off] * 8)), None) is None
 
 
 def test_a_link_holds_until_something_beats_it() -> None:
@@ -229,13 +229,13 @@ def test_a_link_holds_until_something_beats_it() -> None:
 
 def test_hypotheses_of_one_body_are_linked_across_spaces_alone() -> None:
     space = {1: "world", 2: "a/pixels", 3: "a/pixels", 4: "b/pixels", 5: "b/pixels"}
-    assert joined({2: 1, 3: 1, 4: 1}, space) == {1: [2, 3, 4], 2: [1, 4], 3: [1, 4], 4: [1, 2, 3]}
+    assert linked_hypotheses({2: 1, 3: 1, 4: 1}, space) == {1: [2, 3, 4], 2: [1, 4], 3: [1, 4], 4: [1, 2, 3]}
 
 
-def test_the_longest_observed_members_speak() -> None:
+def test_the_longest_observed_members_represent_their_hypothesis() -> None:
     labels = np.array([7, 7, -1, 7, 9])
-    assert speakers(labels, np.array([3, 9, 50, 5, 1]), 2).tolist() == [1, 3, 4]
-    assert speakers(np.full(3, -1), np.ones(3, np.intp), 2).tolist() == []
+    assert representatives(labels, np.array([3, 9, 50, 5, 1]), 2).tolist() == [1, 3, 4]
+    assert representatives(np.full(3, -1), np.ones(3, np.intp), 2).tolist() == []
 
 
 def test_pose_variances_are_those_of_fitted_poses() -> None:

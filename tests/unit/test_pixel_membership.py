@@ -3,12 +3,12 @@
 import numpy as np
 
 from comotion.config import PixelsConfig
-from comotion.pixels.keyframes import KeyFrames
+from comotion.pixels.key_frames import KeyFrames
 from comotion.pixels.method import choose
-from comotion.pixels.misfits import reassign
-from comotion.pixels.uninformed import hold
-from comotion.pixels.young import adopt
+from comotion.pixels.reassignment import assign_newborns, label_hysteresis, reassign
 from comotion.trajectories.window import Window
+
+RIDGE = PixelsConfig().ridge
 
 
 def drawer_scene(frames=24):
@@ -30,31 +30,31 @@ def frames_of(positions, visible=None):
     return KeyFrames(np.where(visible[..., None], positions, 0).astype(np.float32), visible)
 
 
-def test_who_rests_beside_a_moving_group_goes_back_to_the_resting_one():
+def test_a_resting_trajectory_in_a_moving_group_goes_to_the_resting_group():
     positions, truth = drawer_scene()
     mistaken = truth.copy()
     mistaken[40:46] = 1
-    np.testing.assert_array_equal(reassign(frames_of(positions), mistaken).labels, truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions), mistaken, RIDGE).labels, truth)
     # Nothing has moved yet: the motion says nothing, whoever belongs where.
-    np.testing.assert_array_equal(reassign(frames_of(positions[:18]), mistaken).labels, mistaken)
+    np.testing.assert_array_equal(reassign(frames_of(positions[:18]), mistaken, RIDGE).labels, mistaken)
 
 
-def test_who_no_group_explains_stays_where_it_is():
+def test_a_trajectory_that_no_group_explains_keeps_its_label():
     positions, truth = drawer_scene()
     # Half as fast as the drawer: a feature that slides along its edge.
     positions[:, -1] = (positions[:, -1] + positions[0, -1]) / 2
     positions[-5:, 0] += np.arange(5)[:, None] * [3.0, -2.0]
-    np.testing.assert_array_equal(reassign(frames_of(positions), truth).labels, truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions), truth, RIDGE).labels, truth)
 
 
-def test_who_was_seen_only_while_nothing_moved_stays_where_it_is():
+def test_a_trajectory_seen_only_at_rest_keeps_its_label():
     positions, truth = drawer_scene()
     mistaken = truth.copy()
     mistaken[40:46] = 1
     visible = np.ones(positions.shape[:2], bool)
     visible[16:, 40:43] = False
     truth[40:43] = 1
-    np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken).labels, truth)
+    np.testing.assert_array_equal(reassign(frames_of(positions, visible), mistaken, RIDGE).labels, truth)
 
 
 def test_the_living_and_half_as_many_of_the_dead_are_compared():
@@ -68,12 +68,12 @@ def test_the_living_and_half_as_many_of_the_dead_are_compared():
     assert choose(np.full(20, 24), np.zeros(20, bool), few).tolist() == list(range(14))
 
 
-def test_the_young_go_with_neighbours_that_move_as_they_do():
+def test_newborns_go_with_neighbours_that_move_as_they_do():
     rest = np.stack([np.full(6, 40.0), np.arange(6) * 8.0], axis=1)
     drawer = np.stack([np.full(6, 0.0), np.arange(6) * 8.0], axis=1)
     # One rests just before the drawer, one moves with it close to what rests.
-    young = np.array([[10.0, 20.0], [30.0, 20.0]])
-    start = np.concatenate([rest, drawer, young])
+    newborn = np.array([[10.0, 20.0], [30.0, 20.0]])
+    start = np.concatenate([rest, drawer, newborn])
     moves = np.repeat([0, 1, 0, 1], (6, 6, 1, 1))
     window = Window(2, 10**10, 10**9)
     slots = window.open(14, 0)
@@ -83,29 +83,29 @@ def test_the_young_go_with_neighbours_that_move_as_they_do():
         window.insert(here, (1 + k) * 10**8, x[: len(here)], np.full(len(here), np.nan), None)
     labels = np.repeat([7, 8], 6)
     nobody = np.full(2, -1)
-    found, _ = adopt(window, slots[12:], slots[:12], labels, nobody, 10.0)
+    found, _ = assign_newborns(window, slots[12:], slots[:12], labels, nobody, 10.0)
     assert found.tolist() == [7, 8]
     # By place alone it would be the other way round.
-    found, _ = adopt(window, slots[12:], slots[:12], labels, nobody, 0.0)
+    found, _ = assign_newborns(window, slots[12:], slots[:12], labels, nobody, 0.0)
     assert found.tolist() == [8, 7]
 
 
-def test_the_uninformed_stay_while_the_motion_of_their_hypothesis_explains_them():
+def test_hysteresis_keeps_labels_while_the_motion_of_the_hypothesis_explains_them():
     own_evidence = np.array([0.9, 0.9, 0.9, 0.9, 0.01, 0.01, 0.01, 0.9])
     labels = np.array([0, 0, 1, 1, 1, 1, 1, 1])
     before = np.array([5, 5, 8, 8, 5, 5, -1, 5])
     explained = np.ones((2, 8), bool)
     explained[0, 5] = False
-    # The first of the uninformed goes back; then one that hypothesis 5 no longer explains, one that
-    # is new, and one whose motion has been seen.
-    assert hold(own_evidence, explained, labels, before).tolist() == [0, 0, 1, 1, 0, 1, 1, 1]
+    # The first with little evidence goes back. The others do not: hypothesis 5 no longer explains the
+    # second, the third is new, and the fourth has enough evidence.
+    assert label_hysteresis(own_evidence, explained, labels, before).tolist() == [0, 0, 1, 1, 0, 1, 1, 1]
 
 
-def test_what_rests_is_explained_by_everything_that_rests():
+def test_a_resting_trajectory_is_explained_by_every_resting_group():
     positions, truth = drawer_scene()
     positions[:, 80:, 0] += 5.0 * np.arange(24)[:, None]
     labels = np.where(np.arange(86) < 80, truth, 0)
-    found = reassign(frames_of(positions[:16]), labels)
+    found = reassign(frames_of(positions[:16]), labels, RIDGE)
     assert found.explained[:, :40].all()
     assert not found.explained[:, 80:].any()
 
@@ -119,8 +119,8 @@ def test_a_near_neighbour_counts_more_than_far_ones():
     for k in range(3):
         window.insert(slots, (1 + k) * 10**8, start, np.full(7, np.nan), None)
     labels = np.array([7, 8, 8, 8, 7, 8])
-    found, share = adopt(window, slots[6:], slots[:6], labels, np.array([-1]), 10.0)
+    found, share = assign_newborns(window, slots[6:], slots[:6], labels, np.array([-1]), 10.0)
     assert found.tolist() == [7]
     assert 0.5 < share[0] < 1
     # What it was is worth one vote of five.
-    assert adopt(window, slots[6:], slots[:6], labels, np.array([8]), 10.0)[0].tolist() == [7]
+    assert assign_newborns(window, slots[6:], slots[:6], labels, np.array([8]), 10.0)[0].tolist() == [7]

@@ -3,9 +3,8 @@
 import numpy as np
 
 from comotion.config import PixelsConfig
-from comotion.pixels.local import Residuals
-from comotion.pixels.patterns import alike
-from comotion.pixels.similarity import preference
+from comotion.pixels.affine import Residuals
+from comotion.pixels.similarity import preference, visibility_patterns
 
 
 def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
@@ -32,9 +31,9 @@ def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
     np.testing.assert_allclose(best, square.min(axis=0), rtol=1e-6)
 
 
-def test_rows_are_grouped_by_what_they_say():
+def test_equal_rows_have_one_visibility_pattern():
     rows = np.array([[1, 0, 1], [0, 0, 1], [1, 0, 1], [0, 0, 1], [1, 1, 1]])
-    first, of = alike(rows)
+    first, of = visibility_patterns(rows)
     np.testing.assert_array_equal(rows[first][of], rows)
     assert len(first) == 3
-    assert len(alike(np.zeros((4, 0))).first) == 1
+    assert len(visibility_patterns(np.zeros((4, 0))).first) == 1

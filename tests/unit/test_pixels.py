@@ -10,16 +10,14 @@ from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
-from comotion.pixels.continuity import Continuity
+from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
-from comotion.pixels.interaction import subspace
-from comotion.pixels.keyframes import KeyFrames, frame_pairs, spread
-from comotion.pixels.local import explain
-from comotion.pixels.merging import merge
-from comotion.pixels.pieces import Pieces, link
-from comotion.pixels.sampling import Neighbours
-from comotion.pixels.similarity import Similarity
+from comotion.pixels.key_frames import KeyFrames, frame_pairs, spread
+from comotion.pixels.linkage import Superclusters, link
+from comotion.pixels.merging import BoundaryContrast, merge
+from comotion.pixels.neighbour_sampling import NeighbourDistance
+from comotion.pixels.similarity import Similarity, subspace
 from comotion_clients.metrics import misclassification
 from comotion_schemas import UNDETERMINED, ObservationBatch
 
@@ -124,7 +122,7 @@ def test_local_motions_equal_a_literal_fit():
             if len(inside) < 4:
                 continue
             used[h, q] = 1
-            x, u = pairs.start[q].T.astype(float), pairs.move[q].T.astype(float)
+            x, u = pairs.start[q].T.astype(float), pairs.displacement[q].T.astype(float)
             dx, du = x[inside] - x[inside].mean(0), u[inside] - u[inside].mean(0)
             a = np.linalg.solve(dx.T @ dx + 25.0 * len(inside) * np.eye(2), dx.T @ du)
             square = ((u - u[inside].mean(0) - (x - x[inside].mean(0)) @ a) ** 2).sum(1)
@@ -137,7 +135,7 @@ def test_neighbour_distance_counts_common_frames_only():
     rng = np.random.default_rng(2)
     positions, _ = affine_scene(rng, (6,), frames=8, noise=2.0)
     visible = rng.random((8, 6)) > 0.3
-    found = Neighbours(frames_of(positions, visible), 10.0).distance(np.array([0, 3]))
+    found = NeighbourDistance(frames_of(positions, visible), 10.0).to_all(np.array([0, 3]))
     for row, i in enumerate((0, 3)):
         for j in range(6):
             both = visible[:, i] & visible[:, j]
@@ -182,7 +180,7 @@ def test_epipolar_test_tells_one_body_in_perspective_from_two():
     assert test.compare(near[:8], far) is None
 
 
-def test_what_moves_past_a_resting_group_is_another_body():
+def test_a_group_that_moves_past_a_resting_one_is_another_body():
     rng = np.random.default_rng(14)
     positions = np.repeat(rng.uniform(0, 400, (1, 60, 2)), 24, axis=0) + rng.normal(0, 0.1, (24, 60, 2))
     # At the very end only, as when a drawer begins to move.
@@ -193,38 +191,38 @@ def test_what_moves_past_a_resting_group_is_another_body():
     assert found.one_rests
 
 
-def test_border_compares_similarity_across_with_that_within():
+def test_boundary_contrast_compares_similarity_across_with_that_within():
     x = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
     left, right = np.arange(10), np.arange(10, 20)
     frames = frames_of(np.repeat(x[None], 6, axis=0))
     value = np.full((20, 20), 0.5, np.float32)
     value[:10, 10:] = value[10:, :10] = 0.125
-    border = Continuity(frames, value).border(left, right)
-    assert border.drop == pytest.approx(np.log(0.126 / 0.501), abs=1e-4)
+    contrast = BoundaryContrast(frames, value).between(left, right)
+    assert contrast.drop == pytest.approx(np.log(0.126 / 0.501), abs=1e-4)
     # The nearest five of the other side are 3 px farther away than the nearest one.
-    assert border.distance == pytest.approx(5.5 + 2, abs=1e-4)
+    assert contrast.distance == pytest.approx(5.5 + 2, abs=1e-4)
     apart = frames_of(frames.positions, (np.arange(6) < 3)[:, None] == (np.arange(20) < 10))
-    assert Continuity(apart, value).border(left, right) is None
+    assert BoundaryContrast(apart, value).between(left, right) is None
 
 
-def test_what_was_apart_is_not_joined_at_the_first_doubt():
+def test_previous_hypotheses_shift_the_merge_threshold():
     rng = np.random.default_rng(15)
     positions = rng.uniform(0, 400, (1, 80, 2)) + np.cumsum(rng.normal(0, 2, (24, 1, 2)), axis=0)
     frames = frames_of(positions + rng.normal(0, 0.1, (24, 80, 2)))
     p = PixelsConfig()
-    pieces = Pieces(
+    superclusters = Superclusters(
         np.repeat([0, 1], 40), np.full((2, 2), 1600 * p.merge_similarity), np.full((2, 2), 1600.0)
     )
     test = EpipolarTest(frames)
     left, right = np.arange(40), np.arange(40, 80)
-    distance = Continuity(frames, np.ones((80, 80), np.float32)).border(left, right).distance
-    asked = p.border_least + p.epipolar_weight * test.compare(left, right).log_ratio
+    distance = BoundaryContrast(frames, np.ones((80, 80), np.float32)).between(left, right).distance
+    threshold = p.border_least + p.epipolar_weight * test.compare(left, right).log_ratio
 
     def groups(surplus, before):
         value = np.ones((80, 80), np.float32)
-        drop = asked - p.border_distance * np.log1p(distance) + surplus
+        drop = threshold - p.border_distance * np.log1p(distance) + surplus
         value[:40, 40:] = value[40:, :40] = np.exp(drop)
-        return len(set(merge(pieces, Continuity(frames, value), test, p, before).tolist()))
+        return len(set(merge(superclusters, BoundaryContrast(frames, value), test, p, before).tolist()))
 
     apart, together = np.repeat([7, 8], 40), np.full(80, 7)
     assert [groups(0.5 * p.held_apart, before) for before in (None, together, apart)] == [1, 1, 2]
@@ -326,7 +324,7 @@ def test_identities_outlive_births_and_deaths():
     assert "ended" not in kinds
 
 
-def test_the_young_start_from_their_neighbours():
+def test_newborns_start_from_their_neighbours():
     born = np.zeros(70, int)
     born[[3, 50]] = 38
     camera = Camera(born, None)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion.config import PixelsConfig
 from comotion.partition import Previous, Rows, SpaceSpec
-from comotion.pixels.interaction import subspace
-from comotion.pixels.keyframes import KeyFrames, spread
+from comotion.pixels.key_frames import KeyFrames, spread
 from comotion.pixels.method import PixelMethod
+from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
 
 from .sequences import Sequence

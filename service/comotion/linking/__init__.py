@@ -1,4 +1,4 @@
-"""Links between spaces: which image hypotheses and which rigid bodies are one, by motion."""
+"""Image hypotheses and rigid bodies in; which of them are one by motion out: links between spaces."""
 
 from ..config import Camera
 

@@ -14,9 +14,9 @@ from ..partition import SpaceSpec
 from ..rigid.poses import Poses
 from ..trajectories.window import Window
 from .camera import CameraModel
-from .links import decide, evidence, joined, speakers
+from .decision import body_evidence, decide, linked_hypotheses, representatives
+from .image_tracks import sample_tracks
 from .reprojection import log_likelihoods
-from .sightings import sight
 
 # What moves has moved for seconds before it can be told: looking more often finds nothing sooner.
 PERIOD_NS = 500_000_000
@@ -63,7 +63,7 @@ class Linker:
         if self._due_ns is None or update.stamp_ns >= self._due_ns:
             self._due_ns = update.stamp_ns + PERIOD_NS
             self._look(views)
-        groups = joined(self._links, space)
+        groups = linked_hypotheses(self._links, space)
         found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
 
@@ -94,14 +94,14 @@ class Linker:
 
     def _link(self, space: SpaceView, poses: Poses, camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
-        who = speakers(space.labels, space.window.counts(space.current), _ASKED)
-        sightings = sight(space.window, space.current[who], poses.stamps, camera)
-        told, labels = log_likelihoods(sightings, poses, camera), space.labels[who]
-        clear = sightings.enough()
+        who = representatives(space.labels, space.window.counts(space.current), _ASKED)
+        tracks = sample_tracks(space.window, space.current[who], poses.stamps, camera)
+        told, labels = log_likelihoods(tracks, poses, camera), space.labels[who]
+        clear = tracks.fittable()
         for image in np.unique(labels).tolist():
             before = self._links.pop(image, None)
             column = _column(poses.ids, before)
-            best = decide(evidence(told[clear & (labels == image)]), column)
+            best = decide(body_evidence(told[clear & (labels == image)]), column)
             if best is not None and poses.ids[best] >= 0:
                 self._links[image] = int(poses.ids[best])
 

@@ -1,77 +1,81 @@
-"""How well a body explains an image trajectory: by one point of it that was always seen there.
+"""Image trajectories and the bodies' poses in; the likelihood of each trajectory on each body out.
 
-The point is parametrised by where the feature was at a reference frame and by its inverse depth
-there (Civera et al. 2008): in the camera's frame x_ref = (α, β, 1)/ρ. If it rides on a body, it is
+A body explains a trajectory if one point that is fixed to the body was always seen where the trajectory
+was. The point is parametrised by where the feature was at a reference frame and by its inverse depth
+there (Civera et al. 2008): in the camera's frame x_ref = (α, β, 1)/ρ. If it is fixed to a body, it is
 at x_m = A_m x_ref + a_m at frame m, so that it is seen at the projection of A_m (α, β, 1) + ρ a_m,
-which is linear in all three. They are fitted to the whole trajectory; the residual judges the body.
+which is linear in all three. They are fitted to the whole trajectory by Gauss-Newton.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats
+from ..arrays import Bools, Floats, Ints
 from ..rigid.poses import Poses
 from .camera import CameraModel
-from .sightings import Sightings
+from .image_tracks import ImageTracks
 
-ITERATIONS = 3
+_ITERATIONS = 3
 # Squared residual of a state, in variances, from which on it costs no more.
-CAP = 40.0
-# What is not on any of the bodies is charged this many times the expected residual.
-STRANGER = 4.0
+_LARGEST_SQUARE = 40.0
+# A trajectory on none of the bodies is charged this many times the expected residual. Chosen on seed 0 of the
+# link experiment, see docs/linking.md, as the next two constants were.
+_NO_BODY_CHARGE = 4.0
 # A camera elsewhere sees other parts of a body than the features it is known by: depths within
 # so many radii of their centroid are credible, and never less than this share of the distance.
-_RADII = 2.0
-_LEAST_SPREAD = 0.05
-_NEAREST = 1e-3
+_DEPTH_RADII = 2.0
+_LEAST_DEPTH_SHARE = 0.05
+# Smallest inverse depth, 1/m, and smallest depth of a visible point, in units of the reference depth.
+_SMALLEST_DEPTH = 1e-3
 
 
-def log_likelihoods(sightings: Sightings, poses: Poses, camera: CameraModel) -> Floats:
+def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
     Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
+
+    Parameters
+    ----------
+    tracks
+        N image trajectories.
+    poses
+        Of K bodies, in the axes of the space that the camera's extrinsics lead to.
+    camera
+        Calibration.
     """
-    found = np.zeros((len(sightings.frame), len(poses.ids) + 1))
+    found = np.zeros((len(tracks.frame), len(poses.ids) + 1))
     for k in range(len(poses.ids)):
-        found[:, k] = _on_body(sightings, poses, camera, k)
-    states = np.maximum(2 * sightings.seen.sum(1) - 3, 0)
-    found[:, -1] = -0.5 * STRANGER * states
+        found[:, k] = _on_body(tracks, poses, camera, k)
+    states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
+    found[:, -1] = -0.5 * _NO_BODY_CHARGE * states
     return found
 
 
-def _on_body(sightings: Sightings, poses: Poses, camera: CameraModel, k: int) -> Floats:
-    """Log-likelihood of each trajectory on body k, float64 [N]."""
-    rows = np.arange(len(sightings.frame))
-    seen = sightings.seen & poses.posed[k][sightings.frame]
-    reference = _middle(seen)
-    at = sightings.frame[rows, reference]
-    A, a = _relative(poses, camera, k, sightings.frame, at)
-    place = sightings.place[rows, reference]
-    prior, spread, shake = _priors(poses, camera, k, at, sightings.frame, place)
-    u = np.column_stack([place, prior])
-    information = np.zeros(len(rows))
-    for _ in range(ITERATIONS):
-        view = _predict(sightings, A, a, shake, u)
-        weight = np.where(seen & view.front, 1 / (1 + view.squared / CAP), 0.0) / view.variance
-        step, information = _step(A, a, view, weight, (prior - u[:, 2]) / spread**2, spread)
-        u = u + step
-        u[:, 2] = np.maximum(u[:, 2], _NEAREST)
-    view = _predict(sightings, A, a, shake, u)
-    widened = 2 * np.log(view.variance / sightings.variance[:, None])
-    charge = np.where(seen, np.minimum(view.squared, CAP) + widened, 2.0 * sightings.seen)
-    off = ((u[:, 2] - prior) / spread) ** 2
-    # Laplace: the depth was fitted, and is worth what it could have been beyond what it is.
-    occam = np.log1p(spread**2 * information)
-    return np.asarray(-0.5 * (charge.sum(1) + off + occam))
+class _Motion(NamedTuple):
+    """Motion of a body in the camera's axes from each trajectory's reference frame.
+
+    `A` [N, M, 3, 3] and `a` [N, M, 3] lead to frame m, `pose_variance` [N, M] (m²) is that of a coordinate
+    of the point by the pose's own uncertainty.
+    """
+
+    A: Floats
+    a: Floats
+    pose_variance: Floats
 
 
-@dataclass(frozen=True)
-class _View:
+class _Prior(NamedTuple):
+    """Bearing [N, 2] and inverse depth [N] that the fit starts from, and the spread of the latter [N]."""
+
+    bearing: Floats
+    inverse_depth: Floats
+    spread: Floats
+
+
+class _View(NamedTuple):
     """Where points of a body are seen.
 
-    `p` [N, M, 3] is their place in units of the reference depth, `z` its depth, positive where `front`;
+    `p` [N, M, 3] is their position in units of the reference depth, `z` its depth, positive where `front`;
     `residual` [N, M, 2], its `variance` and, in units of that, its square `squared` [N, M].
     """
 
@@ -83,26 +87,57 @@ class _View:
     squared: Floats
 
 
-def _predict(sightings: Sightings, A: Floats, a: Floats, shake: Floats, u: Floats) -> _View:
-    ray = np.append(u[:, :2], np.ones((len(u), 1)), 1)
-    p = np.einsum("nmij,nj->nmi", A, ray) + u[:, None, 2:] * a
-    front = p[..., 2] > _NEAREST
-    z = np.where(front, p[..., 2], 1.0)
-    residual = np.where(front[..., None], sightings.place - p[..., :2] / z[..., None], 1.0)
-    # p is in units of the depth at the reference frame: the true depth is z / ρ.
-    variance = sightings.variance[:, None] + shake * (u[:, 2:] / z) ** 2
-    return _View(p, z, front, residual, variance, (residual**2).sum(2) / variance)
+def _on_body(tracks: ImageTracks, poses: Poses, camera: CameraModel, k: int) -> Floats:
+    """Log-likelihood of each trajectory on body k, float64 [N]."""
+    seen = tracks.seen & poses.posed[k][tracks.frame]
+    motion, prior = _motion_and_prior(tracks, poses, camera, k, _middle(seen))
+    u = np.column_stack([prior.bearing, prior.inverse_depth])
+    information = np.zeros(len(u))
+    for _ in range(_ITERATIONS):
+        view = _predict(tracks, motion, u)
+        weight = np.where(seen & view.front, 1 / (1 + view.squared / _LARGEST_SQUARE), 0.0) / view.variance
+        pull = (prior.inverse_depth - u[:, 2]) / prior.spread**2
+        step, information = _gauss_newton(motion, view, weight, pull, prior.spread)
+        u = u + step
+        u[:, 2] = np.maximum(u[:, 2], _SMALLEST_DEPTH)
+    view = _predict(tracks, motion, u)
+    widened = 2 * np.log(view.variance / tracks.variance[:, None])
+    charge = np.where(seen, np.minimum(view.squared, _LARGEST_SQUARE) + widened, 2.0 * tracks.seen)
+    off = ((u[:, 2] - prior.inverse_depth) / prior.spread) ** 2
+    # Laplace's approximation: the fitted depth costs the more the better the trajectory determines it.
+    occam = np.log1p(prior.spread**2 * information)
+    return np.asarray(-0.5 * (charge.sum(1) + off + occam))
 
 
-def _middle(seen: Bools) -> NDArray[np.intp]:
+def _middle(seen: Bools) -> Ints:
     """Index of the middle one of the states that count, intp [N]; 0 where none does."""
     rank = np.cumsum(seen, axis=1)
     return np.asarray(np.argmax(seen & (rank > rank[:, -1:] // 2), axis=1), np.intp)
 
 
-def _relative(
-    poses: Poses, camera: CameraModel, k: int, frame: NDArray[np.intp], at: NDArray[np.intp]
-) -> tuple[Floats, Floats]:
+def _motion_and_prior(
+    tracks: ImageTracks, poses: Poses, camera: CameraModel, k: int, reference: Ints
+) -> tuple[_Motion, _Prior]:
+    """Motion of body k from the reference states intp [N], and where its features are there."""
+    rows = np.arange(len(tracks.frame))
+    at = tracks.frame[rows, reference]
+    bearing = tracks.position[rows, reference]
+    centre = np.einsum("nij,j->ni", poses.R[k][at], poses.centre[k]) + poses.t[k][at]
+    inside = (centre - camera.translation) @ camera.rotation
+    spread = np.maximum(_DEPTH_RADII * poses.radius[k], _LEAST_DEPTH_SHARE * np.abs(inside[:, 2]))
+    # The camera does not see a body beside or behind itself; its depth says nothing then.
+    z = np.maximum(inside[:, 2], spread)
+    off = np.column_stack([bearing, np.ones(len(bearing))]) * z[:, None] - inside
+    # The uncertainty of a turn grows with the distance from the features that the pose was fitted to.
+    lever = np.maximum((off**2).sum(1), poses.radius[k] ** 2)
+    pose_variance = (
+        poses.place_variance[k][tracks.frame] + lever[:, None] * poses.turn_variance[k][tracks.frame]
+    )
+    A, a = _relative(poses, camera, k, tracks.frame, at)
+    return _Motion(A, a, pose_variance), _Prior(bearing, 1 / z, spread / z**2)
+
+
+def _relative(poses: Poses, camera: CameraModel, k: int, frame: Ints, at: Ints) -> tuple[Floats, Floats]:
     """Motion of body k from frame at [N] to frame [N, M] in the camera's axes: [N, M, 3, 3], [N, M, 3]."""
     C, c = camera.rotation, camera.translation
     turn = poses.R[k][frame] @ poses.R[k][at].transpose(0, 2, 1)[:, None]
@@ -113,30 +148,23 @@ def _relative(
     return A, a
 
 
-def _priors(
-    poses: Poses, camera: CameraModel, k: int, at: NDArray[np.intp], frame: NDArray[np.intp], place: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Inverse depth of the body's features at a frame and how far it may spread, [N] each.
-
-    And the variance by which the pose's own uncertainty shakes a coordinate of the point, [N, M]: that
-    of a turn grows with the distance from the features that the pose was fitted to.
-    """
-    centre = np.einsum("nij,j->ni", poses.R[k][at], poses.centre[k]) + poses.t[k][at]
-    inside = (centre - camera.translation) @ camera.rotation
-    spread = np.maximum(_RADII * poses.radius[k], _LEAST_SPREAD * np.abs(inside[:, 2]))
-    # A body beside or behind the camera is not seen by it; its depth says nothing then.
-    z = np.maximum(inside[:, 2], spread)
-    off = np.column_stack([place, np.ones(len(place))]) * z[:, None] - inside
-    lever = np.maximum((off**2).sum(1), poses.radius[k] ** 2)
-    shake = poses.place_variance[k][frame] + lever[:, None] * poses.turn_variance[k][frame]
-    return 1 / z, spread / z**2, shake
+def _predict(tracks: ImageTracks, motion: _Motion, u: Floats) -> _View:
+    """Where points u = (α, β, ρ) [N, 3] are seen, against where the trajectories were."""
+    ray = np.append(u[:, :2], np.ones((len(u), 1)), 1)
+    p = np.einsum("nmij,nj->nmi", motion.A, ray) + u[:, None, 2:] * motion.a
+    front = p[..., 2] > _SMALLEST_DEPTH
+    z = np.where(front, p[..., 2], 1.0)
+    residual = np.where(front[..., None], tracks.position - p[..., :2] / z[..., None], 1.0)
+    # p is in units of the depth at the reference frame: the true depth is z / ρ.
+    variance = tracks.variance[:, None] + motion.pose_variance * (u[:, 2:] / z) ** 2
+    return _View(p, z, front, residual, variance, (residual**2).sum(2) / variance)
 
 
-def _step(
-    A: Floats, a: Floats, view: _View, weight: Floats, pull: Floats, spread: Floats
+def _gauss_newton(
+    motion: _Motion, view: _View, weight: Floats, pull: Floats, spread: Floats
 ) -> tuple[Floats, Floats]:
-    """Gauss-Newton step [N, 3] of (α, β, ρ), and the information on ρ when α and β are free, [N]."""
-    columns = np.concatenate([A[..., :2], a[..., None]], axis=3)
+    """Step [N, 3] of (α, β, ρ), and the information on ρ when α and β are free, [N]."""
+    columns = np.concatenate([motion.A[..., :2], motion.a[..., None]], axis=3)
     q = view.p[..., :2] / view.z[..., None]
     J = (columns[..., :2, :] - q[..., None] * columns[..., 2:, :]) / view.z[..., None, None]
     left = np.einsum("nm,nmia,nmib->nab", weight, J, J)

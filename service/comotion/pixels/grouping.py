@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import PixelsConfig
-from .continuity import Continuity
 from .epipolar import EpipolarTest
-from .keyframes import KeyFrames
-from .merging import merge
-from .misfits import reassign
-from .pieces import link, pool
+from .key_frames import KeyFrames
+from .linkage import link, pool
+from .merging import BoundaryContrast, merge
+from .reassignment import label_hysteresis, reassign, vote_of_neighbours
 from .similarity import Similarity, compare
-from .uninformed import ask_neighbours, hold
 
 
 @dataclass(frozen=True)
@@ -49,23 +47,24 @@ def group(
     frames
         F key frames of N ≥ 2 trajectories.
     parameters
-        See :class:`~comotion.config.PixelsConfig`.
+        See :class:`~comotion.PixelsConfig`.
     seed
         Of the draw of local motions: same input, same groups.
     before
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
     similarity = compare(frames, parameters, np.random.default_rng(seed))
-    pieces = link(similarity, parameters.piece_similarity)
-    merged = merge(pieces, Continuity(frames, similarity.value), EpipolarTest(frames), parameters, before)
-    _, labels = np.unique(merged[pieces.of], return_inverse=True)
-    labels, explained = reassign(frames, labels)
+    superclusters = link(similarity, parameters.piece_similarity)
+    boundary = BoundaryContrast(frames, similarity.value)
+    merged = merge(superclusters, boundary, EpipolarTest(frames), parameters, before)
+    _, labels = np.unique(merged[superclusters.of], return_inverse=True)
+    labels, explained = reassign(frames, labels, parameters.ridge)
     weighted, evidence = pool(similarity, labels)
     mean = (weighted / evidence).T
     own_evidence = np.diagonal(similarity.evidence)
-    labels = ask_neighbours(frames, own_evidence, mean, labels)
+    labels = vote_of_neighbours(frames, own_evidence, mean, labels)
     if before is not None:
-        labels = hold(own_evidence, explained, labels, before)
+        labels = label_hysteresis(own_evidence, explained, labels, before)
     return Grouping(labels, _confidence(mean, labels, parameters.merge_similarity), similarity)
 
 

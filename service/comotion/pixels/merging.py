@@ -1,29 +1,94 @@
-"""Merging of pieces, which decides the number of objects (METHOD-pixels step 6)."""
+"""Superclusters in; the group of each, one group per object, out. This decides the number of objects."""
+
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Floats, Floats32, Ints, Labels
 from ..config import PixelsConfig
-from .continuity import Continuity
 from .epipolar import EpipolarTest
-from .pieces import Pieces
+from .kernels.neighbours import similarity_to_nearest
+from .key_frames import KeyFrames
+from .linkage import Superclusters
+
+# Members of the other and of the own group that a member is compared with.
+_NEAREST = 5
+# Members of the smaller group that are compared, and key frames that their distances are taken over.
+_COMPARED = 40
+_DISTANCE_FRAMES = 12
+# Where the similarity ratio saturates in the merge rule, as a logarithm.
+_LARGEST_LOG_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """How similarity changes from one group to another.
+
+    Attributes
+    ----------
+    drop
+        Mean log similarity of the smaller group's members to their nearest in the other one, less
+        that to their nearest in their own.
+    distance
+        px; median distance of these members to their nearest in the other group.
+    """
+
+    drop: float
+    distance: float
+
+
+class BoundaryContrast:
+    """Compares similarity across the boundary of two groups with that within the smaller one.
+
+    The image motion of one rigid body varies from place to place as depth does, but trajectories that
+    lie side by side on it are still similar. Where two bodies meet, they are not.
+
+    Parameters
+    ----------
+    frames
+        Key frames of N trajectories.
+    similarity
+        float32 [N, N]; of the trajectories.
+    """
+
+    def __init__(self, frames: KeyFrames, similarity: Floats32) -> None:
+        step = max(1, len(frames.positions) // _DISTANCE_FRAMES)
+        self._positions = np.ascontiguousarray(frames.positions[::step].transpose(0, 2, 1))
+        self._seen = frames.visible[::step].astype(np.float32)
+        self._similarity = similarity
+
+    def between(self, first: Ints, second: Ints) -> Contrast | None:
+        """None where no member of the smaller group is ever seen together with one of the other."""
+        small, large = (first, second) if len(first) <= len(second) else (second, first)
+        picked = small
+        if len(small) > _COMPARED:
+            picked = small[(np.arange(_COMPARED) * len(small)) // _COMPARED]
+        across, distance = self._to_nearest(picked, large)
+        within, _ = self._to_nearest(picked, small)
+        known = np.isfinite(distance) & np.isfinite(within)
+        if not known.any():
+            return None
+        return Contrast(float((across - within)[known].mean()), float(np.median(distance[known])))
+
+    def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
+        return similarity_to_nearest(self._positions, self._seen, self._similarity, picked, others, _NEAREST)
 
 
 def merge(
-    pieces: Pieces,
-    continuity: Continuity,
-    test: EpipolarTest,
+    superclusters: Superclusters,
+    boundary: BoundaryContrast,
+    epipolar: EpipolarTest,
     parameters: PixelsConfig,
-    before: NDArray[np.int64] | None = None,
-) -> NDArray[np.intp]:
-    """Group of every piece, intp [P], as the index of a piece in it.
+    previous: Labels | None = None,
+) -> Ints:
+    """Group of every supercluster, intp [P], as the index of a supercluster in it.
 
-    The most similar pair comes first. Two groups merge if motion goes on across their border and
-    they share an epipolar geometry, the one making up for the other. What the trajectories belonged
-    to `before` (int64 [N], negative for nothing) counts too: what was seen apart is not joined at
-    the first doubt, nor is what was together taken apart. What is too small then dissolves.
+    The most similar pair comes first. Two groups merge if similarity does not drop across their boundary
+    and they share an epipolar geometry; one can make up for the other. Hypotheses of the trajectories at
+    the previous update (`previous` int64 [N], negative for none) count too: groups of one hypothesis are
+    merged more easily, groups of different ones less. In the end groups that are too small dissolve.
     """
-    state = _Merging(pieces, continuity, test, parameters, before)
+    state = _Merging(superclusters, boundary, epipolar, parameters, previous)
     while (pair := state.best_pair()) is not None:
         state.join(*pair)
     state.dissolve()
@@ -33,22 +98,22 @@ def merge(
 class _Merging:
     def __init__(
         self,
-        pieces: Pieces,
-        continuity: Continuity,
-        test: EpipolarTest,
+        superclusters: Superclusters,
+        boundary: BoundaryContrast,
+        epipolar: EpipolarTest,
         parameters: PixelsConfig,
-        before: NDArray[np.int64] | None,
+        previous: Labels | None,
     ) -> None:
         self._p = parameters
-        self._continuity = continuity
-        self._test = test
-        self._members = pieces.members()
-        self._weighted = pieces.weighted.copy()
-        self._evidence = pieces.evidence.copy()
+        self._boundary = boundary
+        self._epipolar = epipolar
+        self._members = superclusters.members()
+        self._weighted = superclusters.weighted.copy()
+        self._evidence = superclusters.evidence.copy()
         self._size = np.array([len(m) for m in self._members], np.float64)
         self._open = np.ones(len(self._size), np.bool_)
-        self._before = before
-        self._merges: dict[tuple[int, int], bool] = {}
+        self._previous = previous
+        self._decided: dict[tuple[int, int], bool] = {}
         self.group = np.arange(len(self._size))
         self._smallest = max(parameters.smallest, parameters.smallest_share * self._size.sum())
 
@@ -62,22 +127,22 @@ class _Merging:
         self._members[a] = np.concatenate([self._members[a], self._members[b]])
         self._open[b] = False
         self.group[self.group == b] = a
-        self._merges = {pair: m for pair, m in self._merges.items() if a not in pair and b not in pair}
+        self._decided = {pair: m for pair, m in self._decided.items() if a not in pair and b not in pair}
 
     def best_pair(self) -> tuple[int, int] | None:
-        """The most similar pair that merges, by the similarity that its size asks for; None if none does."""
+        """The pair that merges and has the largest similarity over the threshold for its size, if any."""
         p = self._p
         smaller = np.minimum(np.minimum(self._size[:, None], self._size[None]), p.merge_cap)
         ratio = np.triu(self._similarity(), 1) / (p.merge_similarity * np.sqrt(smaller / p.merge_size))
         pairs = np.flatnonzero(ratio >= p.merge_range[0])
         for flat in pairs[np.argsort(-ratio.flat[pairs], kind="stable")].tolist():
             a, b = divmod(flat, len(ratio))
-            if self._merge(a, b, float(ratio[a, b])):
+            if self._merges(a, b, float(ratio[a, b])):
                 return a, b
         return None
 
     def dissolve(self) -> None:
-        """Groups that are too small go where they fit best, the smallest first."""
+        """Groups that are too small go to the most similar group, the smallest first."""
         while self._open.sum() > 1:
             groups = np.flatnonzero(self._open)
             smallest = int(groups[np.argmin(self._size[groups])])
@@ -85,52 +150,53 @@ class _Merging:
                 return
             self.join(int(np.argmax(self._similarity()[smallest])), smallest)
 
-    def _similarity(self) -> NDArray[np.float64]:
-        mean: NDArray[np.float64] = self._weighted / self._evidence
+    def _similarity(self) -> Floats:
+        mean: Floats = self._weighted / self._evidence
         mean[~self._open] = -1
         mean[:, ~self._open] = -1
         np.fill_diagonal(mean, -1)
         return mean
 
-    def _merge(self, a: int, b: int, ratio: float) -> bool:
+    def _merges(self, a: int, b: int, ratio: float) -> bool:
         if ratio >= self._p.merge_range[1]:
             return True
         if min(self._size[a], self._size[b]) < self._smallest:
             return ratio >= 1
-        if (a, b) not in self._merges:
-            self._merges[a, b] = self._one_body(a, b, ratio)
-        return self._merges[a, b]
+        if (a, b) not in self._decided:
+            self._decided[a, b] = self._one_body(a, b, ratio)
+        return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
-        """Whether what speaks for one body outweighs what speaks against."""
+        """The logistic rule that was fitted to merge decisions, see docs/pixels.md."""
         p = self._p
-        held = self._held(a, b)
-        border = self._continuity.border(self._members[a], self._members[b])
-        if border is None:
-            return bool(np.log(ratio) + held >= 0)
-        evidence = border.drop + p.border_distance * np.log1p(border.distance) - p.border_least
-        evidence += p.ratio_weight * np.clip(np.log(ratio), -2, 2) + held
+        hysteresis = self._hysteresis(a, b)
+        contrast = self._boundary.between(self._members[a], self._members[b])
+        if contrast is None:
+            return bool(np.log(ratio) + hysteresis >= 0)
+        evidence = contrast.drop + p.border_distance * np.log1p(contrast.distance) - p.border_least
+        evidence += p.ratio_weight * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
+        evidence += hysteresis
         least, most = p.epipolar_limits
         if evidence < p.epipolar_weight * least:
             return False
-        seen = self._test.compare(self._members[a], self._members[b])
-        if seen is None:
+        compared = self._epipolar.compare(self._members[a], self._members[b])
+        if compared is None:
             return bool(evidence >= p.epipolar_weight * p.epipolar_unknown)
-        if seen.one_rests:
+        if compared.one_rests:
             return False
-        return bool(evidence >= p.epipolar_weight * np.clip(seen.log_ratio, least, most))
+        return bool(evidence >= p.epipolar_weight * np.clip(compared.log_ratio, least, most))
 
-    def _held(self, a: int, b: int) -> float:
-        """What having been one hypothesis, or two, counts."""
-        mine, other = (self._was(self._members[group]) for group in (a, b))
-        if mine is None or other is None:
+    def _hysteresis(self, a: int, b: int) -> float:
+        """Positive for groups of one previous hypothesis, negative for groups of two."""
+        first, second = (self._previous_hypothesis(self._members[group]) for group in (a, b))
+        if first is None or second is None:
             return 0.0
-        return self._p.held_together if mine == other else -self._p.held_apart
+        return self._p.held_together if first == second else -self._p.held_apart
 
-    def _was(self, members: NDArray[np.intp]) -> int | None:
-        """What most of the members belonged to."""
-        if self._before is None:
+    def _previous_hypothesis(self, members: Ints) -> int | None:
+        """The most frequent one of the members, None if most had none."""
+        if self._previous is None:
             return None
-        known, counts = np.unique(self._before[members], return_counts=True)
+        known, counts = np.unique(self._previous[members], return_counts=True)
         best = int(known[counts.argmax()])
         return best if best >= 0 else None

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints, Labels, Slots
+from ..arrays import Floats, Floats32, Ints, Labels, Slots
 from ..config import FusionConfig, PixelsConfig
 from ..matching import continued, largest_first
 from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
 from .describe import describe
 from .grouping import group
-from .keyframes import Floats32, KeyFrames, key_frames, spread
-from .young import adopt
+from .key_frames import KeyFrames, key_frames, spread
+from .reassignment import assign_newborns
 
 # Affinity of a pair that has not been compared (ARCHITECTURE.md: too little time in common).
 _UNKNOWN_AFFINITY = 0.5
@@ -111,7 +111,7 @@ class PixelMethod:
             return
         names = _provisional(previous.labels[grown], groups[grown], count)
         known = labelled, names[groups[labelled]], previous.labels[young]
-        labels, share = adopt(window, young, *known, self._p.motion_weight)
+        labels, share = assign_newborns(window, young, *known, self._p.motion_weight)
         group_of = {int(name): k for k, name in enumerate(names)}
         groups[young] = [group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]
         confidence[young] = share / 2

@@ -1,23 +1,22 @@
-"""How likely two trajectories belong to one body, and on what evidence (METHOD-pixels steps 3, 4)."""
+"""Key frames in; how likely two trajectories belong to one body, and on what evidence, out."""
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import ssyrk
 
-from ..compiled import compiled
+from ..arrays import Bools, Floats, Floats32, Ints
 from ..config import PixelsConfig
-from .interaction import subspace
-from .keyframes import Floats32, KeyFrames, frame_pairs
-from .local import Residuals, explain
-from .patterns import alike
-from .sampling import Indices, sample_members
+from .affine import Residuals, explain
+from .kernels.similarity import combine_kernels, mean_residuals, tanimoto, weigh_preferences
+from .key_frames import KeyFrames, frame_pairs
+from .neighbour_sampling import sample_members
 
-# Side of the blocks in which a matrix and its transpose are visited: both fit the cache.
-_TILE = 64
-_NEGLIGIBLE = 1e-6
-_BLOCK = 300
-# Motions differ little in where they can be fitted, so that some of them tell coverage.
+# Local motions per draw: the width of the preference kernel follows from the least residual in a draw.
+_MOTIONS_PER_DRAW = 300
+# Coverage is formed over every fourth motion: they differ little in where they can be fitted.
 _COVERAGE_STEP = 4
 
 
@@ -38,11 +37,26 @@ class Similarity:
     residual: Floats32
 
 
+class VisibilityPatterns(NamedTuple):
+    """P different rows among M.
+
+    Attributes
+    ----------
+    first
+        intp [P]; the first row of each pattern.
+    of
+        intp [M]; the pattern of every row.
+    """
+
+    first: Ints
+    of: Ints
+
+
 def compare(frames: KeyFrames, parameters: PixelsConfig, rng: np.random.Generator) -> Similarity:
     """Compare N ≥ 2 trajectories with one another.
 
     The preference kernel says whether the same local motions explain two trajectories; shape
-    interaction, whether they lie in one motion subspace. A pair must convince both.
+    interaction, whether they lie in one motion subspace. Similarity is the geometric mean of both.
     """
     p = parameters
     pairs = frame_pairs(frames, p.steps)
@@ -51,134 +65,116 @@ def compare(frames: KeyFrames, parameters: PixelsConfig, rng: np.random.Generato
     value, evidence, best = preference(residuals, pairs.seen, p)
     vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)
     floors = (p.preference_floor, p.interaction_floor, p.rank_floor)
-    _combine(value, vectors, np.array(p.ranks), *(np.float32(f) for f in floors))
+    combine_kernels(value, vectors, np.array(p.ranks), *(np.float32(f) for f in floors))
     return Similarity(value, evidence, best)
 
 
 def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> tuple[Floats32, Floats32, Floats32]:
     """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
 
-    What a motion covers of a trajectory follows from the frame pairs of either, and many share these:
-    sums over coverage are formed once per pattern. The total residuals are used up.
+    A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
+    2008, with the Tanimoto distance of T-linkage, Magri and Fusiello 2014). The frame pairs that a motion
+    covers follow from the visibility of either, and many share these: sums over coverage are formed once
+    per pattern.
+
+    Parameters
+    ----------
+    residuals
+        Of H local motions and N trajectories; the total residuals are used up.
+    seen
+        float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
+
+    Returns
+    -------
+    Kernel and evidence float32 [N, N], symmetric, and the residuals float32 [N], px², NaN unknown.
     """
     share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
-    motion, track = alike(residuals.used), alike(seen.T)
+    motion, track = visibility_patterns(residuals.used), visibility_patterns(seen.T)
     used = residuals.used[motion.first]
     coverage = (((used * share) @ seen) ** p.coverage_power).astype(np.float32)
     square = residuals.total
-    _mean(square, used @ seen, motion.of)
-    best = _best(square)
+    mean_residuals(square, used @ seen, motion.of)
+    best = _best_residuals(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
     square *= np.float32(-1 / (2 * (p.noise_factor * typical + p.noise_floor)))
     preferred = np.exp(square, out=square)
-    own = _weigh(preferred, coverage, motion.of)
-    # Fortran's lower triangle is C's upper one, the only valid one; _tanimoto reads no other.
+    own = weigh_preferences(preferred, coverage, motion.of)
+    # Fortran's lower triangle is C's upper one, the only valid one; `tanimoto` reads no other.
     both = ssyrk(1.0, preferred.T, lower=1).T
     narrow = coverage[:, track.first]
     counts = np.bincount(motion.of[::_COVERAGE_STEP], minlength=len(used)).astype(np.float32)
     some = counts > 0
     covered = (narrow[some].T * (counts[some] / counts.sum())) @ narrow[some]
     evidence = np.empty_like(both)
-    _tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(p.evidence_floor))
+    tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(p.evidence_floor))
     return both, evidence, np.where(known, best, np.float32(np.nan))
 
 
-@compiled()
-def _mean(total: Floats32, count: Floats32, motion: Indices) -> None:
-    """Divide sums [H, N] by the counts [G, N] of their motions' patterns, in place; infinite without any."""
-    for h in range(len(total)):
-        n = count[motion[h]]
-        for i in range(len(n)):
-            total[h, i] = total[h, i] / n[i] if n[i] > 0 else np.float32(np.inf)
-
-
-@compiled()
-def _weigh(preferred: Floats32, coverage: Floats32, motion: Indices) -> Floats32:
-    """Weight preferences [H, N] by coverage [G, N] in place; sums of weighted squares by pattern [G, N]."""
-    squares = np.zeros_like(coverage)
-    for h in range(len(preferred)):
-        c, total = coverage[motion[h]], squares[motion[h]]
-        for i in range(len(c)):
-            # Products of such small numbers are denormal, on which multiplication takes ten times as long.
-            value = preferred[h, i] if preferred[h, i] >= _NEGLIGIBLE else np.float32(0)
-            preferred[h, i] = c[i] * value
-            total[i] += c[i] * value * value
-    return squares
-
-
-def _best(square: Floats32) -> Floats32:
-    """Expected least residual under `_BLOCK` motions, [N]: the mean of several draws' minima.
+def _best_residuals(square: Floats32) -> Floats32:
+    """Expected least residual in a draw of motions, [N]: the mean of several draws' minima.
 
     The least of all motions would fall with their number, and with it the width of the kernel.
     """
-    blocks = max(1, round(len(square) / _BLOCK))
-    least = np.stack([square[k::blocks].min(axis=0) for k in range(blocks)])
+    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
+    least = np.stack([square[k::draws].min(axis=0) for k in range(draws)])
     known = np.isfinite(least)
     total = np.where(known, least, np.float32(0)).sum(axis=0)
     mean: Floats32 = total / np.maximum(known.sum(axis=0, dtype=np.float32), 1)
     return np.where(known.any(axis=0), mean, np.float32(np.inf))
 
 
-@compiled(fastmath=True)
-def _tanimoto(
-    both: Floats32, evidence: Floats32, own: Floats32, covered: Floats32, track: Indices, floor: np.float32
-) -> None:
-    """Σab / (Σa² + Σb² − Σab) in place of the upper triangle of Σab, and evidence; both made symmetric.
+def visibility_patterns(rows: NDArray[Any]) -> VisibilityPatterns:
+    """Patterns of M rows of ones and zeros, [M, Q]."""
+    bits = np.packbits(rows > 0, axis=1)
+    # A byte that all have in common: without columns there is still one pattern.
+    keys = np.zeros((len(bits), bits.shape[1] + 1), np.uint8)
+    keys[:, 1:] = bits
+    _, first, of = np.unique(keys.view(f"V{keys.shape[1]}")[:, 0], return_index=True, return_inverse=True)
+    return VisibilityPatterns(first, of)
 
-    Σa² [N, P] and evidence [P, P] are by pattern (intp [N]) of the other trajectory.
+
+def subspace(frames: KeyFrames, dimensions: int, rank: int, rounds: int) -> Floats32:
+    """Right singular vectors of the completed trajectory matrix, float32 [dimensions, N].
+
+    The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998). Unseen entries are
+    completed at `rank` by `rounds` of imputation. Rows beyond the matrix's rank are 0.
     """
-    tiny = np.float32(1e-12)
-    count = len(both)
-    for top in range(0, count, _TILE):
-        for left in range(top, count, _TILE):
-            for i in range(top, min(top + _TILE, count)):
-                p = track[i]
-                for j in range(max(i, left), min(left + _TILE, count)):
-                    value = both[i, j] / max(own[i, track[j]] + own[j, p] - both[i, j], tiny)
-                    both[i, j] = both[j, i] = value
-                    evidence[i, j] = evidence[j, i] = covered[p, track[j]] + floor
+    matrix = _complete(frames, rank, rounds)
+    values, vectors = np.linalg.eigh(matrix @ matrix.T)
+    values, vectors = values[::-1][:dimensions], vectors[:, ::-1][:, :dimensions]
+    real = values > 1e-12 * max(float(values[0]), 1e-300)
+    found = np.zeros((dimensions, matrix.shape[1]), np.float32)
+    projected = vectors[:, real].T @ matrix / np.sqrt(values[real])[:, None]
+    found[: len(projected)] = projected
+    return found
 
 
-@compiled()
-def _combine(
-    preference: Floats32,
-    vectors: Floats32,
-    ranks: np.ndarray[tuple[int], np.dtype[np.intp]],
-    preference_floor: np.float32,
-    interaction_floor: np.float32,
-    rank_floor: np.float32,
-) -> None:
-    """Geometric mean of preference and shape interaction, the latter a geometric mean over ranks.
+def _complete(frames: KeyFrames, rank: int, rounds: int) -> Floats:
+    """Trajectory matrix [2F, N] with its unseen entries completed, scaled to 1 at most."""
+    count, total = frames.visible.shape
+    seen = np.repeat(frames.visible, 2, axis=0)
+    values = frames.positions.astype(np.float64).transpose(0, 2, 1).reshape(2 * count, total)
+    values /= max(float(np.abs(values).max(initial=0.0)), 1e-9)
+    if seen.all():
+        return values
+    matrix = np.where(seen, values, _last_seen(frames.visible, values))
+    basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -min(rank, 2 * count) :]
+    gaps = ~frames.visible.all(axis=0)
+    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~seen[:, gaps]
+    moments = complete @ complete.T
+    for _ in range(rounds):
+        # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
+        basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
+        np.copyto(rest, basis @ (basis.T @ rest), where=unseen)
+    matrix[:, gaps] = rest
+    return matrix
 
-    It takes the preference's place. Rows of V are normalised per rank; interaction at a rank is
-    |v_i·v_j|⁴. Every product is grouped so that (i, j) and (j, i) agree to the last bit, which linkage
-    relies on.
-    """
-    dims, count = vectors.shape
-    square = np.zeros((dims + 1, count), np.float32)
-    for k in range(dims):
-        square[k + 1] = square[k] + vectors[k] * vectors[k]
-    # A row may be 0 (a feature at the origin); the product of two of these must stay finite.
-    inverse = 1 / np.maximum(square, np.float32(1e-16))
-    wanted = np.zeros(dims, np.bool_)
-    wanted[ranks - 1] = True
-    root = np.float32(1 / len(ranks))
-    # A power costs ten times as much as two square roots.
-    four = len(ranks) == 4
-    dot = np.empty(count, np.float32)
-    product = np.empty(count, np.float32)
-    for i in range(count):
-        dot[:] = 0
-        product[:] = 1
-        for k in range(dims):
-            scale = vectors[k, i]
-            for j in range(count):
-                dot[j] += scale * vectors[k, j]
-            if wanted[k]:
-                for j in range(count):
-                    cosine = (dot[j] * dot[j]) * (inverse[k + 1, i] * inverse[k + 1, j])
-                    product[j] *= cosine * cosine + rank_floor
-        for j in range(count):
-            mean = (np.sqrt(np.sqrt(product[j])) if four else product[j] ** root) + interaction_floor
-            preference[i, j] = np.sqrt((preference[i, j] + preference_floor) * mean)
+
+def _last_seen(visible: Bools, values: Floats) -> Floats:
+    """Entries from the last frame that each trajectory was seen in, or the first to come."""
+    count, total = visible.shape
+    at = np.maximum.accumulate(np.where(visible, np.arange(count)[:, None], -1), axis=0)
+    at = np.where(at < 0, visible.argmax(axis=0), at)
+    by_frame = values.reshape(count, 2, total)
+    return np.take_along_axis(by_frame, at[:, None], axis=0).reshape(2 * count, total)

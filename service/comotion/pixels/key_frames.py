@@ -1,16 +1,13 @@
-"""Key frames: a dense and small view of the window (METHOD-pixels step 1)."""
+"""Trajectories of the window in; their positions on key frames, and displacements between these, out."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Slots
-from ..compiled import compiled
+from ..arrays import Bools, Floats32, Ints, Slots, Stamps
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-
-Floats32 = NDArray[np.float32]
+from .kernels.affine import pair_displacements
 
 
 @dataclass(frozen=True)
@@ -26,10 +23,10 @@ class KeyFrames:
     """
 
     positions: Floats32
-    visible: NDArray[np.bool_]
+    visible: Bools
 
-    def of(self, tracks: NDArray[np.intp]) -> "KeyFrames":
-        """The same instants for some of the trajectories."""
+    def of(self, tracks: Ints) -> "KeyFrames":
+        """The same instants for some of the trajectories, by index."""
         return KeyFrames(
             np.ascontiguousarray(self.positions[:, tracks]), np.ascontiguousarray(self.visible[:, tracks])
         )
@@ -41,25 +38,25 @@ class FramePairs:
 
     Attributes
     ----------
-    start, move
+    start, displacement
         float32 [Q, 2, N], px; 0 where a trajectory is not seen in both frames.
     seen
         float32 [Q, N]; 1 where it is, else 0.
     """
 
     start: Floats32
-    move: Floats32
+    displacement: Floats32
     seen: Floats32
 
 
-def spread(count: int, wanted: int) -> NDArray[np.intp]:
+def spread(count: int, wanted: int) -> Ints:
     """Up to `wanted` indices below `count`, evenly spread, both ends included."""
     if count <= wanted:
         return np.arange(count)
     return np.round(np.linspace(0, count - 1, wanted)).astype(np.intp)
 
 
-def key_frames(window: Window, slots: Slots, stamps: NDArray[np.int64]) -> KeyFrames:
+def key_frames(window: Window, slots: Slots, stamps: Stamps) -> KeyFrames:
     """States of trajectories (slots intp [N]) at instants int64 [F] ns.
 
     Features of one camera share its frames, so that only observed states count. With several
@@ -76,22 +73,4 @@ def frame_pairs(frames: KeyFrames, steps: tuple[int, ...]) -> FramePairs:
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])
     second = np.concatenate([np.arange(min(s, count), count) for s in steps])
-    return FramePairs(*_pair(frames.positions, frames.visible, first, second))
-
-
-@compiled()
-def _pair(
-    positions: Floats32, visible: NDArray[np.bool_], first: NDArray[np.intp], second: NDArray[np.intp]
-) -> tuple[Floats32, Floats32, Floats32]:
-    shape = len(first), 2, visible.shape[1]
-    start, move = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    seen = np.zeros((len(first), visible.shape[1]), np.float32)
-    for q in range(len(first)):
-        a, b = first[q], second[q]
-        for i in range(visible.shape[1]):
-            if visible[a, i] and visible[b, i]:
-                seen[q, i] = 1
-                for c in range(2):
-                    start[q, c, i] = positions[a, i, c]
-                    move[q, c, i] = positions[b, i, c] - positions[a, i, c]
-    return start, move, seen
+    return FramePairs(*pair_displacements(frames.positions, frames.visible, first, second))

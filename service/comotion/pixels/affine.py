@@ -1,0 +1,51 @@
+"""Groups of neighbours in; how well their affine local motions explain all trajectories out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Floats, Floats32, Ints
+from .kernels.affine import fit_local_motions, pair_activity, total_residuals
+from .key_frames import FramePairs
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How H local motions explain N trajectories over Q frame pairs.
+
+    Attributes
+    ----------
+    total
+        float32 [H, N], px²; sum of the capped squared residuals.
+    used
+        float32 [H, Q]; 1 where a motion could be fitted.
+    activity
+        float64 [Q], 0..1; how much moves in a frame pair that local motions do not explain.
+    """
+
+    total: Floats32
+    used: Floats32
+    activity: Floats
+
+
+def explain(pairs: FramePairs, groups: list[Ints], ridge: float, cap: float) -> Residuals:
+    """Fit every group's motion in every frame pair and apply it to all trajectories.
+
+    Parameters
+    ----------
+    pairs
+        Frame pairs of N trajectories.
+    groups
+        Members of local motions, each intp [H_r, M_r].
+    ridge, cap
+        px²; see :class:`~comotion.PixelsConfig`.
+    """
+    observed = pairs.start, pairs.displacement, pairs.seen
+    parts = [fit_local_motions(*observed, group.T, ridge) for group in groups]
+    motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    caps = used * np.float32(cap)
+    return Residuals(
+        total_residuals(*observed, motions, caps),
+        np.ascontiguousarray(used.T),
+        pair_activity(*observed, motions, caps),
+    )
