@@ -5,7 +5,7 @@ the process that puts it on the wire.
 """
 
 from .config import FusionConfig
-from .event_time.health import SourceHealth
+from .event_time.sources import SourceHealth
 from .event_time.stats import Stats
 from .fusion import AffinitySnapshot, Fusion
 

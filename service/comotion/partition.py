@@ -11,7 +11,7 @@ from comotion_schemas import ObservationBatch, Pose, Twist
 from comotion_schemas.hypotheses import HypothesisState
 
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
-from .config import FusionConfig, Unit
+from .config import Unit
 from .trajectories.window import Window
 
 NO_HYPOTHESIS = -1
@@ -172,10 +172,3 @@ class Method(Protocol):
 
         An empty state: start afresh on the trajectories of the window.
         """
-
-
-class MethodFactory(Protocol):
-    """Builds the method of a space."""
-
-    def __call__(self, config: FusionConfig, spec: SpaceSpec) -> Method:
-        """Build the method for one space."""

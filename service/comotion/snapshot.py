@@ -1,73 +1,67 @@
-"""State of a fusion as bytes, so that a restart keeps hypotheses and their ids."""
+"""The state of a fusion as plain values and arrays in, bytes out; and back.
 
-from typing import TYPE_CHECKING, Any, TypeVar
+Not pickle: a state file is data from outside, and reading it must not run code.
+"""
 
-from comotion_schemas import Event
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
-from .archive import pack, unpack
-from .config import FusionConfig
-from .partition import SpaceSpec
-
-if TYPE_CHECKING:
-    from .fusion import Fusion
-
-    F = TypeVar("F", bound=Fusion)
+import msgpack
+import numpy as np
 
 FORMAT = "comotion.Snapshot/2"
-# A crash may come after ids were handed out that no snapshot has seen; ids are never reused.
-_ID_GAP = 1000
+_ARRAY = "__array__"
+_SAFE_KINDS = "biuf"
+Built = TypeVar("Built")
 
 
-def dump(fusion: "Fusion", *, clean: bool) -> bytes:
-    """Serialise what must survive; batches still waiting behind the watermark are not kept."""
-    return pack(
-        {
-            "format": FORMAT,
-            "method": fusion.config.method,
-            "scene": fusion.scene,
-            "session": fusion.session,
-            "next_id": fusion.ids.following + (0 if clean else _ID_GAP),
-            "next_session": fusion.next_session,
-            "sessions": [[name, session, index] for (name, session), index in fusion.sessions.items()],
-            "timeline": fusion.timeline.state(),
-            "events": [
-                {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
-                for e in fusion.events
-            ],
-            "links": fusion.linker.state(),
-            "spaces": [space.state() for space in fusion.spaces.values()],
-        }
-    )
+def dump(state: dict[str, Any]) -> bytes:
+    """Serialise nested dicts and lists of plain values and numeric arrays.
+
+    Raises
+    ------
+    TypeError
+        If there is anything else in them.
+    """
+    content = {"format": FORMAT} | state
+    return cast("bytes", msgpack.packb(content, default=_pack_array, use_bin_type=True))
 
 
-def load(kind: "type[F]", config: FusionConfig, data: bytes, session: str | None) -> "F":
-    """Build a fusion from :func:`dump`.
+def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
+    """Return what `build` makes of the state in `data`; its arrays are writeable.
 
     Raises
     ------
     ValueError
-        If `data` is no snapshot of this version, or damaged.
+        If `data` is no snapshot of this version, or damaged so that `build` fails.
     """
-    state = unpack(data)
+    try:
+        state = msgpack.unpackb(data, raw=False, strict_map_key=False, object_hook=_unpack_array)
+    except Exception as error:
+        raise ValueError(f"not a snapshot: {type(error).__name__}") from None
+    if not isinstance(state, dict):
+        raise ValueError("not a snapshot: not a map")
     if state.get("format") != FORMAT:
         raise ValueError(f"not a snapshot: format {str(state.get('format'))[:40]!r}, expected {FORMAT!r}")
     try:
-        return _build(kind, config, state, session)
+        return build(state)
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(f"damaged snapshot: {type(error).__name__} {error}") from None
 
 
-def _build(kind: "type[F]", config: FusionConfig, state: dict[str, Any], session: str | None) -> "F":
-    fusion = kind(config, scene=state["scene"], session=session or state["session"])
-    fusion.ids.following = int(state["next_id"])
-    fusion.next_session = int(state["next_session"])
-    fusion.sessions = {(name, owner): index for name, owner, index in state["sessions"]}
-    fusion.timeline.load(state["timeline"])
-    fusion.events.extend(Event(**event) for event in state["events"])
-    # Snapshots of before there were links have none.
-    fusion.linker.load(state.get("links", []))
-    for part in state["spaces"]:
-        space = fusion.open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
-        # The trajectories serve every method; what a method knows is its own.
-        space.load(part, keep_method=state["method"] == config.method)
-    return fusion
+def _pack_array(value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
+        return {_ARRAY: [value.dtype.str, list(value.shape), value.tobytes()]}
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"cannot store a {type(value).__name__}")
+
+
+def _unpack_array(value: dict[Any, Any]) -> Any:
+    if _ARRAY not in value:
+        return value
+    dtype, shape, data = value[_ARRAY]
+    kind = np.dtype(dtype)
+    if kind.kind not in _SAFE_KINDS:
+        raise ValueError("not a numeric array")
+    return np.frombuffer(data, kind).reshape(shape).copy()

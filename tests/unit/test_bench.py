@@ -83,15 +83,12 @@ def test_the_straightforward_version_agrees_with_the_core() -> None:
     since = update.stamp_ns - 2_000_000_000
     pair = [[o for o in observed[track] if since <= o[0] <= update.stamp_ns] for track in tracks[:2]]
     matrix = fusion.affinity("world")
-    i, j = (matrix.tracks.index((name, scene_session(fusion, name), track)) for name, track in tracks[:2])
+    rows = [(name, track) for name, _, track in matrix.tracks]
+    i, j = (rows.index(track) for track in tracks[:2])
     expected = 0.5 ** (
         literal_variance(*pair, config.thesis.v_move_for("m")) / config.thesis.switch_for("m") ** 2
     )
     assert matrix.matrix[i, j] == pytest.approx(expected, abs=1e-4)
-
-
-def scene_session(fusion: Fusion, name: str) -> str:
-    return next(session for source, session in fusion.sessions if source == name)
 
 
 def test_latency_counts_from_the_last_put_that_an_update_holds() -> None:

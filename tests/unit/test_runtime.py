@@ -6,6 +6,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig, SourceHealth
@@ -16,7 +17,7 @@ from comotion.runtime.intake import Rejection
 from comotion.runtime.state_file import StateKeeper, StateSchedule, StateWriter, load_fusion, write_atomically
 from comotion.runtime.ticker import HeadStart, Ticker
 from comotion.runtime.warm_up import warm_up
-from comotion_schemas import DecodeError
+from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
 
 SECOND = 10**9
@@ -84,6 +85,20 @@ class TestEventClock:
         assert isinstance(clock, WallClock)
         clock.observe(10**18 * 5, 0)
         assert clock.now_ns() < 10**18 * 5
+
+
+def batch(stamp_ns: int) -> ObservationBatch:
+    return ObservationBatch(
+        source="cam",
+        session=SESSION,
+        seq=0,
+        space="world",
+        unit="m",
+        dim=2,
+        stamp_ns=stamp_ns,
+        ids=np.array([1, 2], np.uint64),
+        positions=np.zeros((2, 2)),
+    )
 
 
 def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
@@ -212,16 +227,19 @@ class TestStateFile:
 
     def test_what_was_written_is_taken_up_under_a_new_session(self, tmp_path: Path) -> None:
         fusion = Fusion(FusionConfig(), scene="cell", session="f" * 16)
-        fusion.ids.following = 42
+        fusion.ingest(batch(SECOND))
+        before = fusion.update(SECOND)
         write_atomically(tmp_path / "state", fusion.snapshot(clean=True))
         again = self.load(tmp_path / "state", "cell")
-        assert (again.ids.following, again.session) == (42, SESSION)
+        after = again.update(SECOND)
+        assert (again.session, after.hypotheses) == (SESSION, before.hypotheses)
+        assert after.track_id.tolist() == [1, 2]
         assert [p.name for p in tmp_path.iterdir()] == ["state"]
 
     @pytest.mark.parametrize("data", [b"", b"\xff" * 100, b"\x80"])
     def test_what_is_no_state_is_kept_aside(self, tmp_path: Path, data: bytes, caplog) -> None:
         (tmp_path / "state").write_bytes(data)
-        assert self.load(tmp_path / "state").ids.following == 1
+        assert self.load(tmp_path / "state").snapshot() == Fusion(session=SESSION).snapshot()
         assert (tmp_path / "state.rejected").read_bytes() == data
         assert "starting afresh" in caplog.text
 
@@ -232,9 +250,10 @@ class TestStateFile:
 
     def test_a_state_from_the_future_is_refused(self, tmp_path: Path, caplog) -> None:
         fusion = Fusion()
-        fusion.timeline.watermark_ns = 100 * SECOND
+        fusion.ingest(batch(100 * SECOND))
+        fusion.update(100 * SECOND)
         write_atomically(tmp_path / "state", fusion.snapshot())
-        assert self.load(tmp_path / "state", now_ns=90 * SECOND).timeline.watermark_ns is None
+        assert self.load(tmp_path / "state", now_ns=90 * SECOND).watermark_ns is None
         assert "10.0 s in the future" in caplog.text
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
+from comotion.event_time.instants import Instant, split
 from comotion.event_time.stats import Stats
-from comotion.event_time.timeline import Timeline
+from comotion.event_time.timeline import MAX_SOURCES, Timeline
 from comotion_schemas import ObservationBatch
 
 MS = 1_000_000
@@ -38,14 +39,24 @@ class Clockwork:
 
     def feed(self, *batches):
         for b in batches:
-            if self.timeline.is_new(b):
-                self.timeline.add(b)
+            self.timeline.receive(b)
 
     def at(self, now_ns):
-        """(stamp - T0 in ms, source, in_order) of what is released, after an advance."""
+        """(stamp - T0 in ms, source, in_order) of the instants that come out of an advance."""
         return [
-            ((i.stamp_ns - T0) // MS, i.batch.source, i.in_order) for i in self.timeline.advance(T0 + now_ns)
+            ((i.stamp_ns - T0) // MS, i.batch.source, i.in_order)
+            for i in self.timeline.advance(T0 + now_ns)
+            if isinstance(i, Instant)
         ]
+
+    def sessions_at(self, now_ns):
+        """(source, first letter of the session, "released" or "ended") of what comes out of an advance."""
+        events = self.timeline.advance(T0 + now_ns)
+        names = {n: (source, session[0]) for n, (source, session) in self.timeline.sessions.items()}
+        return [(*names[e.session], "released" if isinstance(e, Instant) else "ended") for e in events]
+
+    def health(self, name, now_ns):
+        return next((h for h in self.timeline.health(T0 + now_ns) if h.name == name), None)
 
     @property
     def watermark(self):
@@ -113,7 +124,7 @@ def test_a_stalled_source_is_left_out_and_comes_back(clock):
     clock.feed(batch("runs", 1, T0 + 2_000 * MS))
     clock.at(2_000 * MS)
     assert clock.watermark == 2_000
-    assert not clock.timeline.is_live("stalls", T0 + 2_000 * MS)
+    assert not clock.health("stalls", 2_000 * MS).live
     clock.feed(batch("stalls", 1, T0 + 2_100 * MS), batch("runs", 2, T0 + 2_200 * MS))
     assert clock.at(2_200 * MS) == [(2_100, "stalls", True)]
     assert clock.watermark == 2_100
@@ -158,7 +169,7 @@ def test_a_wrong_clock_far_ahead_is_rejected_and_moves_nothing(clock):
     clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
     assert clock.at(0) == [(0, "right", True)]
     assert clock.stats.rejected == {"future": 1}
-    assert "wrong" not in clock.timeline.sources
+    assert clock.health("wrong", 0) is None
     clock.feed(batch("right", 1, T0 + 100 * MS))
     clock.at(100 * MS)
     assert clock.watermark == 100
@@ -210,15 +221,101 @@ def test_batches_of_a_session_that_is_over_are_dropped(clock):
     assert clock.stats.late == 1
 
 
-def test_a_flood_of_sessions_and_gaps_keeps_memory_bounded(clock):
+def test_a_flood_of_sessions_is_dropped_in_one_advance_and_the_last_one_goes_on(clock):
     for k in range(6_000):
-        clock.feed(batch("a", 0, T0 + 10 * S, session=f"{k:016x}"))
-    clock.feed(batch("b", 0, T0), batch("b", 2**60, T0 + MS))
-    clock.at(MS)
-    log = clock.timeline._sequences
-    assert len(log._logs) <= 4_096
-    assert all(len(entry.missing) <= 4_096 for entry in log._logs.values())
-    assert clock.stats.lost == 2**60 - 1
+        clock.feed(batch("a", 0, T0, session=f"{k:016x}"))
+    assert len(clock.sessions_at(0)) == 1 + 2 * 5_999
+    clock.feed(
+        batch("a", 1, T0 + MS, session=f"{5_999:016x}"), batch("a", 1, T0 + MS, session=f"{5_990:016x}")
+    )
+    assert clock.at(MS) == [(1, "a", True)]
+    assert clock.stats.late == 1
+
+
+def test_one_source_too_many_is_refused(clock):
+    clock.feed(*(batch(f"s{k}", 0, T0) for k in range(MAX_SOURCES + 2)))
+    assert len(clock.at(0)) == MAX_SOURCES
+    assert clock.stats.rejected == {"limit": 2}
+
+
+def test_more_rows_than_can_wait_are_refused(clock, monkeypatch):
+    monkeypatch.setattr("comotion.event_time.timeline.MAX_WAITING_ROWS", 5)
+    clock.feed(batch("a", 0, T0 + 10 * MS, ids=(1, 2, 3)), batch("a", 1, T0 + 20 * MS, ids=(1, 2, 3)))
+    assert clock.stats.rejected == {"limit": 1}
+    assert len(clock.at(15 * MS)) == 1
+    clock.feed(batch("a", 2, T0 + 30 * MS, ids=(1, 2, 3, 4, 5)))
+    assert clock.at(30 * MS) == [(30, "a", True)]
+
+
+def test_a_batch_that_the_caller_refuses_counts_in_the_sequence_and_moves_nothing(clock):
+    clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
+    clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
+    clock.feed(batch("a", 1, T0 + MS))
+    assert clock.at(MS) == [(1, "a", True)]
+    stats = clock.stats
+    assert (stats.batches, stats.lost, stats.duplicates, stats.rejected) == (3, 0, 1, {"space-mismatch": 1})
+
+
+def test_the_first_instant_of_a_new_session_ends_the_one_before(clock):
+    clock.feed(batch("s", 0, T0), batch("other", 0, T0))
+    assert clock.sessions_at(0) == [("other", "a", "released"), ("s", "a", "released")]
+    clock.feed(batch("s", 0, T0 + 20 * MS, session="b" * 16), batch("other", 1, T0 + 10 * MS))
+    assert clock.sessions_at(20 * MS) == [("other", "a", "released")]
+    clock.feed(batch("other", 2, T0 + 20 * MS))
+    assert clock.sessions_at(20 * MS) == [
+        ("other", "a", "released"),
+        ("s", "a", "ended"),
+        ("s", "b", "released"),
+    ]
+
+
+def test_what_still_waits_of_an_ended_session_is_dropped_as_late(clock):
+    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 20 * MS))
+    clock.feed(*(batch("s", k, T0 + (10 + 20 * k) * MS, session="b" * 16) for k in range(2)))
+    assert clock.sessions_at(30 * MS) == [
+        ("s", "a", "released"),
+        ("s", "a", "ended"),
+        ("s", "b", "released"),
+        ("s", "b", "released"),
+    ]
+    assert clock.stats.late == 1
+
+
+def test_idle_sessions_are_forgotten_and_numbers_are_not_given_twice(clock):
+    for seq, session in enumerate("abc"):
+        clock.feed(batch("s", 0, T0 + seq * MS, session=session * 16))
+    clock.at(10 * MS)
+    clock.timeline.forget_idle({0})
+    assert clock.timeline.sessions == {0: ("s", "a" * 16), 2: ("s", "c" * 16)}
+    clock.timeline.forget_idle(())
+    clock.feed(batch("s", 0, T0 + 11 * MS, session="d" * 16))
+    clock.at(11 * MS)
+    assert clock.timeline.sessions == {2: ("s", "c" * 16), 3: ("s", "d" * 16)}
+
+
+def test_a_restored_timeline_goes_on(clock):
+    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 40 * MS))
+    clock.at(40 * MS)
+    # A session that has begun, but of which nothing has come out.
+    clock.feed(batch("s", 0, T0 + 60 * MS, session="b" * 16))
+    clock.at(50 * MS)
+    twin = Clockwork()
+    twin.timeline.load(clock.timeline.state())
+    assert twin.watermark == 50
+    assert twin.health("s", 60 * MS) == clock.health("s", 60 * MS)
+    twin.feed(batch("s", 1, T0 + 70 * MS, session="b" * 16), batch("s", 2, T0 + 70 * MS))
+    assert twin.sessions_at(70 * MS) == [("s", "a", "ended"), ("s", "b", "released")]
+    assert twin.stats.late == 1
+
+
+def test_rows_are_split_by_stamp():
+    stamps = np.array([30, 10, 30, 20, 10]) * MS + T0
+    parts = split(batch("s", 0, T0 + 30 * MS, ids=(1, 2, 3, 4, 5), stamps_ns=stamps))
+    assert [((stamp - T0) // MS, rows.tolist()) for stamp, rows in parts] == [
+        (10, [1, 4]),
+        (20, [3]),
+        (30, [0, 2]),
+    ]
 
 
 def test_an_empty_batch_moves_the_watermark(clock):
@@ -232,5 +329,7 @@ def test_a_slow_source_gives_its_trajectories_three_periods():
     for k in range(5):
         clock.feed(batch("slow", k, T0 + k * 400 * MS))
     clock.at(1_600 * MS)
-    assert clock.timeline.track_timeout_ns("slow") == 1_200 * MS
-    assert clock.timeline.track_timeout_ns("unknown") == 500 * MS
+    clock.feed(batch("quick", 0, T0 + 1_600 * MS), batch("quick", 1, T0 + 1_610 * MS))
+    clock.at(1_610 * MS)
+    timeouts = {name: clock.timeline.track_timeout_ns(n) for n, (name, _) in clock.timeline.sessions.items()}
+    assert timeouts == {"slow": 1_200 * MS, "quick": 500 * MS}

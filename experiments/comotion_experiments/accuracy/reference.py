@@ -1,8 +1,7 @@
 """The thesis method with 2-means as everybody has it, for what our own splits cost or gain."""
 
 from comotion import Fusion, FusionConfig
-from comotion.partition import SpaceSpec
-from comotion.space import Space
+from comotion.partition import Method, SpaceSpec
 from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import Clusters, by_appearance
 from comotion.thesis.method import ThesisMethod
@@ -13,11 +12,9 @@ from ..bench.straightforward import divide
 class ReferenceFusion(Fusion):
     """Fusion of which every space is split by scikit-learn's 2-means, the best of ten random starts."""
 
-    def open_space(self, spec: SpaceSpec) -> Space:
-        """Start a coordinate space."""
-        space = super().open_space(spec)
-        space.method = ThesisMethod(self.config, spec, lambda affinity: _split(affinity, self.config))
-        return space
+    def make_method(self, spec: SpaceSpec) -> Method:
+        """Build the thesis method with the other split."""
+        return ThesisMethod(self.config, spec, lambda affinity: _split(affinity, self.config))
 
 
 def _split(affinity: Affinity, config: FusionConfig) -> Clusters:

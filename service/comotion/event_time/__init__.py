@@ -1,1 +1,1 @@
-"""Event time: batches of many sources in, instants in time order up to the watermark out."""
+"""Event time: batches of many sources in; instants in time order, and ended sessions, out."""

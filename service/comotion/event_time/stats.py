@@ -1,4 +1,4 @@
-"""Counters of what the fusion took in, dropped and refused. They only grow."""
+"""What happens to batches, rows and updates in; the counters of Status out. They only grow."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -7,10 +7,27 @@ from comotion_schemas import RejectionReason
 
 @dataclass
 class Stats:
-    """The counters of Status (PROTOCOL.md).
+    """The counters of Status (docs/protocol.md).
 
-    Batches are counted in `batches`, `late`, `reordered` and `duplicates`; rows in `observations`.
-    A batch with rows on both sides of a limit counts once for each.
+    Attributes
+    ----------
+    batches
+        Batches that came in, whatever became of them.
+    observations
+        Rows that were stored.
+    lost
+        Batches whose sequence number was skipped.
+    late, reordered
+        Batches with rows too old to be stored, and batches with rows stored behind the watermark; a batch
+        with rows on both sides of the limit counts in both.
+    duplicates
+        Batches seen before, and instants with a row that was stored before.
+    tracks, updates
+        Trajectories opened, and updates computed.
+    overruns
+        Deadlines missed by the service.
+    rejected
+        Batches refused, by reason.
     """
 
     batches: int = 0

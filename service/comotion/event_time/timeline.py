@@ -1,205 +1,266 @@
-"""Event time: many sources of different rates become one ordered stream up to a watermark.
+"""Batches of many sources in, in any order; instants in time order and ended sessions out.
 
-The rules are those of PROTOCOL.md, "Time":
+Event time is one state machine. It reads no clock: `now_ns` comes from the caller. Its rules are those of
+docs/protocol.md, "Time"; the counters are those of Status.
 
-- newest(s) is the largest accepted stamp of source s; s is live while now - newest(s) <= source_timeout.
-- W = max(previous W, now - max_lag, min newest(s) over live sources), never beyond now.
-  Without a live source W stands still.
-- What is stamped <= W is released, in stamp order, ties by source name; newer data waits.
-- Behind W by at most allowed_lateness: released as reordered. Older: dropped as late.
-- More than 1 s ahead of now: rejected as future; it moves nothing.
+A batch comes in (`receive`):
 
-Nothing here reads a clock: `now_ns` comes from the caller.
+1. Sequence numbers are followed per session. A skipped number is `lost`, a repeated batch is dropped.
+2. What the caller refuses is rejected, and so is what finds more rows waiting than memory allows.
+
+The clock is known (`advance`). Each batch that has come in since is judged, in the order of arrival:
+
+3. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
+   while there is no watermark yet (`past`); one source too many (`limit`).
+4. A session that its source has not had before starts anew: it is the source's session from now on, with
+   a new clock. Batches of a session that is over are dropped as `late`.
+5. newest(s) is the largest stamp of source s.
+6. Rows behind the watermark by at most `allowed_lateness` are `reordered`; older ones are dropped as `late`.
+
+Then the watermark moves and releases:
+
+7. W = max(previous W, now - `max_lag`, smallest newest(s) over live sources), never beyond now. A source is
+   live while now - newest(s) <= `source_timeout`. Without a live source W stands still.
+8. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
+9. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
+   Nothing of an ended session comes out any more: what still waits is dropped as `late`.
+
+What is forgotten:
+
+10. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
+11. A session is forgotten when it is not its source's and has no trajectory left (`forget_idle`).
 """
 
 import heapq
-from collections import deque
-from dataclasses import dataclass, field
-from statistics import median
-from typing import Any
+from collections.abc import Collection, Iterator
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from comotion_schemas import ObservationBatch
+from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas.sequence import SequenceCounter
 
 from ..config import FusionConfig, to_ns
-from .sequence import SequenceLog
+from .instants import Indices, Instant, SessionEnded, split
+from .sources import Source, SourceHealth
 from .stats import Stats
 
+# "More than 1 s ahead" of docs/protocol.md.
 FUTURE_NS = 1_000_000_000
-MAX_PENDING_ROWS = 4_000_000
 MAX_SOURCES = 1024
-_GAPS = 15
+# Some 220 MB of poses with noise and stamps.
+MAX_WAITING_ROWS = 4_000_000
+# "3 periods of its source" of docs/protocol.md.
+_PERIODS = 3
 
 
-@dataclass(frozen=True)
-class Instant:
-    """Rows of one batch that share one acquisition time.
-
-    `rows` indexes the batch's rows; `in_order` is False when the watermark has passed the stamp;
-    `last` marks the newest instant of the batch.
-    """
+class _Waiting(NamedTuple):
+    """An instant behind the watermark; compared by the first three, of which `order` is unique."""
 
     stamp_ns: int
+    source: str
+    order: int
+    generation: int
     batch: ObservationBatch
-    rows: NDArray[np.intp]
+    rows: Indices
     in_order: bool
-    last: bool
-
-
-@dataclass
-class SourceClock:
-    """What event time knows of one source."""
-
-    session: str
-    newest_ns: int
-    gaps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
-
-    @property
-    def period_ns(self) -> int:
-        """Median spacing of its recent instants; 0 until there are two."""
-        return int(median(self.gaps_ns)) if self.gaps_ns else 0
-
-    def observe(self, stamp_ns: int) -> None:
-        """Advance to a stamp."""
-        if stamp_ns > self.newest_ns:
-            self.gaps_ns.append(stamp_ns - self.newest_ns)
-            self.newest_ns = stamp_ns
 
 
 class Timeline:
-    """Merges batches of all sources into released instants."""
+    """Event time of one scene, as the rules above say.
+
+    Parameters
+    ----------
+    config
+        `window`, `allowed_lateness`, `max_lag`, `source_timeout` and `track_timeout` are used.
+    stats
+        Where batches are counted.
+
+    Attributes
+    ----------
+    watermark_ns
+        W, nanoseconds since the Unix epoch; None until a source has set it.
+    sessions
+        (source, session) by number, of every session that is current or has trajectories.
+    """
 
     def __init__(self, config: FusionConfig, stats: Stats) -> None:
-        self._config = config
+        self._window_ns = to_ns(config.window)
+        self._lateness_ns = to_ns(config.allowed_lateness)
+        self._max_lag_ns = to_ns(config.max_lag)
+        self._source_timeout_ns = to_ns(config.source_timeout)
+        self._track_timeout_ns = to_ns(config.track_timeout)
         self._stats = stats
+        self._sequences = SequenceCounter()
+        self._sources: dict[str, Source] = {}
         self._inbox: list[ObservationBatch] = []
-        self._pending: list[tuple[int, str, int, Instant]] = []
-        self._pending_rows = 0
+        self._waiting: list[_Waiting] = []
+        self._rows = 0
         self._order = 0
-        self._sequences = SequenceLog(stats)
-        self.sources: dict[str, SourceClock] = {}
+        self._next_number = 0
+        self.sessions: dict[int, tuple[str, str]] = {}
         self.watermark_ns: int | None = None
 
-    def is_new(self, batch: ObservationBatch) -> bool:
-        """Follow the sequence numbers; False for a batch that was seen before."""
-        return self._sequences.accept(batch.source, batch.session, batch.seq)
+    def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
+        """Take a batch in; the next :meth:`advance` judges it against the clock.
 
-    def add(self, batch: ObservationBatch) -> None:
-        """Take a batch in; it is judged against the clock at the next :meth:`advance`."""
-        if self._pending_rows + len(batch.ids) > MAX_PENDING_ROWS or self._is_one_source_too_many(batch):
+        Parameters
+        ----------
+        batch
+            Any batch.
+        refusal
+            Why the caller cannot use it, if so: its sequence number counts, but nothing else.
+        """
+        self._stats.batches += 1
+        lost, order = self._sequences.sight(batch.source, batch.session, batch.seq)
+        self._stats.lost += lost
+        if order == "repeated":
+            self._stats.duplicates += 1
+        elif refusal is not None:
+            self._stats.reject(refusal)
+        elif self._rows + _size(len(batch.ids)) > MAX_WAITING_ROWS:
             self._stats.reject("limit")
-            return
-        self._inbox.append(batch)
-        self._pending_rows += len(batch.ids)
+        else:
+            self._inbox.append(batch)
+            self._rows += _size(len(batch.ids))
 
-    def _is_one_source_too_many(self, batch: ObservationBatch) -> bool:
-        return batch.source not in self.sources and len(self.sources) >= MAX_SOURCES
+    def advance(self, now_ns: int) -> list[Instant | SessionEnded]:
+        """Judge what has come in, move the watermark, and release what it has passed.
 
-    def advance(self, now_ns: int) -> list[Instant]:
-        """Move the watermark and release what it has passed, in event-time order.
+        Parameters
+        ----------
+        now_ns
+            The caller's clock, nanoseconds since the Unix epoch.
 
-        Late rows are judged against the watermark as it was when they came in.
+        Returns
+        -------
+        list[Instant | SessionEnded]
+            In event-time order.
         """
         for batch in self._inbox:
+            self._rows -= _size(len(batch.ids))
             self._judge(batch, now_ns)
         self._inbox.clear()
         self._move_watermark(now_ns)
-        return self._release()
+        return list(self._release())
 
-    def is_live(self, source: str, now_ns: int) -> bool:
-        """Whether a source still holds the watermark."""
-        return now_ns - self.sources[source].newest_ns <= to_ns(self._config.source_timeout)
+    def track_timeout_ns(self, session: int) -> int:
+        """Time without observation after which a trajectory of this session number is outdated."""
+        source, _ = self.sessions[session]
+        return max(self._track_timeout_ns, _PERIODS * self._sources[source].period_ns)
 
-    def track_timeout_ns(self, source: str) -> int:
-        """Time without observation after which a trajectory of this source is outdated."""
-        clock = self.sources.get(source)
-        return max(to_ns(self._config.track_timeout), 3 * clock.period_ns if clock else 0)
+    def health(self, now_ns: int) -> list[SourceHealth]:
+        """Health of every source seen so far, by name."""
+        return [
+            SourceHealth(
+                name,
+                source.session,
+                now_ns - source.newest_ns,
+                source.period_ns,
+                source.is_live(now_ns, self._source_timeout_ns),
+            )
+            for name, source in sorted(self._sources.items())
+        ]
+
+    def forget_idle(self, used: Collection[int]) -> None:
+        """Forget the sessions that are over, except for the numbers in `used`, which have trajectories."""
+        current = {source.number for source in self._sources.values()}
+        self.sessions = {n: key for n, key in self.sessions.items() if n in used or n in current}
 
     def _judge(self, batch: ObservationBatch, now_ns: int) -> None:
-        if batch.stamp_ns > now_ns + FUTURE_NS:
-            self._refuse(batch, "future")
-            return
-        if self.watermark_ns is None and batch.stamp_ns < now_ns - to_ns(self._config.window):
-            # Nothing live has set a watermark yet that could call this late.
-            self._refuse(batch, "past")
-            return
-        if not self._enter_session(batch):
+        """Reject a batch, drop it as late, or let its instants wait for the watermark."""
+        source = self._sources.get(batch.source)
+        if source is None and len(self._sources) >= MAX_SOURCES:
+            self._stats.reject("limit")
+        elif batch.stamp_ns > now_ns + FUTURE_NS:
+            self._stats.reject("future")
+        elif self.watermark_ns is None and batch.stamp_ns < now_ns - self._window_ns:
+            self._stats.reject("past")
+        elif source is not None and batch.session in source.past:
             self._stats.late += 1
-            self._pending_rows -= len(batch.ids)
-            return
-        self._enqueue(batch)
-
-    def _refuse(self, batch: ObservationBatch, reason: str) -> None:
-        self._stats.reject(reason)  # type: ignore[arg-type]
-        self._pending_rows -= len(batch.ids)
-
-    def _enter_session(self, batch: ObservationBatch) -> bool:
-        """Follow a source into its newest session; False for a batch of one it has left."""
-        clock = self.sources.get(batch.source)
-        if clock is None or clock.session != batch.session:
-            if self._sequences.has_left(batch.source, batch.session):
-                return False
-            self._sequences.enter(batch.source, batch.session)
-            self.sources[batch.source] = SourceClock(batch.session, batch.stamp_ns)
-            return True
-        clock.observe(batch.stamp_ns)
-        return True
-
-    def _enqueue(self, batch: ObservationBatch) -> None:
-        stamps = batch.stamps_ns
-        rows = np.arange(len(batch.ids))
-        if stamps is None or not len(stamps):
-            groups = [(batch.stamp_ns, rows)]
         else:
-            groups = [(int(stamp), rows[stamps == stamp]) for stamp in np.unique(stamps)]
-        behind = [stamp for stamp, _ in groups if self._lag(stamp) > 0]
-        dropped = [stamp for stamp in behind if self._lag(stamp) > to_ns(self._config.allowed_lateness)]
-        self._stats.late += bool(dropped)
-        self._stats.reordered += len(behind) > len(dropped)
-        for stamp, members in groups:
-            if stamp in dropped:
-                self._pending_rows -= len(members)
-                continue
-            instant = Instant(stamp, batch, members, stamp not in behind, stamp == batch.stamp_ns)
-            heapq.heappush(self._pending, (stamp, batch.source, self._order, instant))
-            self._order += 1
+            self._wait(batch, self._observe(batch, source).generation)
 
-    def _lag(self, stamp_ns: int) -> int:
-        return 0 if self.watermark_ns is None else self.watermark_ns - stamp_ns
+    def _observe(self, batch: ObservationBatch, source: Source | None) -> Source:
+        """Bring a source's session and clock up to date; returns the source."""
+        if source is None:
+            source = self._sources[batch.source] = Source(batch.session, batch.stamp_ns)
+        elif source.session != batch.session:
+            self._sequences.forget(batch.source, source.session)
+            source.start(batch.session, batch.stamp_ns)
+        else:
+            source.observe(batch.stamp_ns)
+        return source
+
+    def _wait(self, batch: ObservationBatch, generation: int) -> None:
+        """Let the instants of a batch wait for the watermark, except for those that are too late."""
+        reordered = late = False
+        for stamp, rows in split(batch):
+            lag_ns = 0 if self.watermark_ns is None else self.watermark_ns - stamp
+            if lag_ns > self._lateness_ns:
+                late = True
+                continue
+            reordered |= lag_ns > 0
+            self._order += 1
+            waiting = _Waiting(stamp, batch.source, self._order, generation, batch, rows, lag_ns <= 0)
+            heapq.heappush(self._waiting, waiting)
+            self._rows += _size(len(rows))
+        self._stats.late += late
+        self._stats.reordered += reordered
 
     def _move_watermark(self, now_ns: int) -> None:
-        live = [clock.newest_ns for name, clock in self.sources.items() if self.is_live(name, now_ns)]
+        timeout_ns = self._source_timeout_ns
+        live = [s.newest_ns for s in self._sources.values() if s.is_live(now_ns, timeout_ns)]
         if not live:
             return
-        held = max(now_ns - to_ns(self._config.max_lag), min(live))
-        if self.watermark_ns is not None:
-            held = max(held, self.watermark_ns)
-        # The previous watermark wins over a clock that was set back: time never runs backwards.
-        self.watermark_ns = max(min(held, now_ns), self.watermark_ns or min(held, now_ns))
+        reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)
+        # The previous watermark wins over a clock that was set back: W never decreases.
+        self.watermark_ns = reached if self.watermark_ns is None else max(reached, self.watermark_ns)
 
-    def _release(self) -> list[Instant]:
-        released: list[Instant] = []
-        while self._pending and self.watermark_ns is not None and self._pending[0][0] <= self.watermark_ns:
-            instant = heapq.heappop(self._pending)[-1]
-            self._pending_rows -= len(instant.rows)
-            released.append(instant)
-        return released
+    def _release(self) -> Iterator[Instant | SessionEnded]:
+        if self.watermark_ns is None:
+            return
+        while self._waiting and self._waiting[0].stamp_ns <= self.watermark_ns:
+            found = heapq.heappop(self._waiting)
+            self._rows -= _size(len(found.rows))
+            source = self._sources[found.source]
+            last = found.stamp_ns == found.batch.stamp_ns
+            if found.generation < source.released:
+                self._stats.late += last
+                continue
+            if found.generation > source.released:
+                if source.released >= 0:
+                    yield SessionEnded(source.number)
+                self._number(source, found)
+            yield Instant(found.stamp_ns, found.batch, found.rows, source.number, found.in_order, last)
+
+    def _number(self, source: Source, first: _Waiting) -> None:
+        """Give a session its number, with its first instant."""
+        source.released, source.number = first.generation, self._next_number
+        self.sessions[self._next_number] = (first.source, first.batch.session)
+        self._next_number += 1
 
     def state(self) -> dict[str, Any]:
-        """Watermark and clocks, as plain values."""
+        """Watermark, sources and sessions as plain values; what waits is not kept."""
         return {
             "watermark": self.watermark_ns,
-            "sources": [
-                [name, clock.session, clock.newest_ns, list(clock.gaps_ns)]
-                for name, clock in self.sources.items()
-            ],
+            "next_number": self._next_number,
+            "sources": [[name, source.state()] for name, source in self._sources.items()],
+            "sessions": [[number, *key] for number, key in self.sessions.items()],
         }
 
     def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`."""
+        """Take up :meth:`state`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is none.
+        """
         self.watermark_ns = state["watermark"]
-        for name, session, newest_ns, gaps_ns in state["sources"]:
-            self.sources[name] = SourceClock(session, newest_ns, deque(gaps_ns, maxlen=_GAPS))
-            self._sequences.enter(name, session)
+        self._next_number = int(state["next_number"])
+        self._sources = {name: Source.from_state(source) for name, source in state["sources"]}
+        self.sessions = {int(number): (source, session) for number, source, session in state["sessions"]}
+
+
+def _size(rows: int) -> int:
+    """Rows as counted against the limit: a batch without rows takes memory too."""
+    return max(1, rows)

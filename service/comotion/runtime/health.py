@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason, StatusState
 
-from ..event_time.health import SourceHealth
+from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from .intake import Rejection
 

@@ -120,10 +120,10 @@ def _schema(message: str | None) -> bytes:
 
 
 def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
-    known = sorted(fusion.spaces)
+    known = fusion.spaces
     if space is None and len(known) == 1:
         space = known[0]
-    if space not in fusion.spaces:
+    if space not in known:
         problem = "space is required" if space is None else f"no space {space!r}"
         raise QueryError(f"{problem}; known: {', '.join(known) or 'none yet'}")
     return _pack_affinity(fusion.affinity(space), space, stamp_ns)

@@ -61,7 +61,7 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
 def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
     if fusion.scene != scene:
         raise ValueError(f"it is of scene {fusion.scene!r}, not {scene!r}")
-    watermark = fusion.timeline.watermark_ns
+    watermark = fusion.watermark_ns
     if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
         raise ValueError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
 

@@ -1,0 +1,157 @@
+"""Any interleaving of any batches: order, accounting and the watermark of event time."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comotion.config import FusionConfig
+from comotion.event_time.instants import Instant
+from comotion.event_time.stats import Stats
+from comotion.event_time.timeline import Timeline
+from comotion_schemas import ObservationBatch
+
+MS = 1_000_000
+T0 = 1_700_000_000_000 * MS
+CONFIG = FusionConfig(window=2.0)
+LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
+
+
+@st.composite
+def batches(draw, most_rows=5):
+    """A batch of one of three sources and sessions, from far behind to far ahead, of up to 5 instants."""
+    offsets = draw(st.lists(st.integers(-3_000, 2_500), min_size=0, max_size=most_rows))
+    stamp = max(offsets) if offsets else draw(st.integers(-3_000, 2_500))
+    return ObservationBatch(
+        source=draw(st.sampled_from("abc")),
+        session=draw(st.sampled_from("012")) * 16,
+        seq=draw(st.integers(0, 12)),
+        space="world",
+        unit="m",
+        dim=2,
+        stamp_ns=T0 + stamp * MS,
+        ids=np.arange(len(offsets), dtype=np.uint64),
+        positions=np.zeros((len(offsets), 2)),
+        stamps_ns=np.array([T0 + offset * MS for offset in offsets], np.int64) if offsets else None,
+    )
+
+
+def steps(batches):
+    """What arrives before each advance, some of it refused by the caller, and ms since the last advance."""
+    arrival = st.tuples(batches, st.sampled_from([None, None, None, "range"]))
+    return st.lists(st.tuples(st.lists(arrival, max_size=6), st.integers(0, 400)), max_size=12)
+
+
+class Run:
+    """A timeline that is fed step by step."""
+
+    def __init__(self, steps):
+        self.steps = steps
+        self.stats = Stats()
+        self.timeline = Timeline(CONFIG, self.stats)
+        self.now = T0
+
+    def __iter__(self):
+        """(watermark before, what comes out) of each advance."""
+        for arrivals, wait in self.steps:
+            self.now += wait * MS
+            for batch, refusal in arrivals:
+                self.timeline.receive(batch, refusal)
+            before = self.timeline.watermark_ns
+            yield before, self.timeline.advance(self.now)
+
+    def flush(self):
+        """What comes out once another source has moved the watermark beyond everything that waits."""
+        self.now += 10_000 * MS
+        last = ObservationBatch(
+            source="z",
+            session="f" * 16,
+            seq=0,
+            space="world",
+            unit="m",
+            dim=2,
+            stamp_ns=self.now,
+            ids=np.zeros(0, np.uint64),
+            positions=np.zeros((0, 2)),
+        )
+        self.timeline.receive(last)
+        return self.timeline.advance(self.now)
+
+
+@given(steps(batches()))
+@settings(deadline=None)
+def test_the_watermark_never_decreases_and_is_never_beyond_now(steps):
+    run = Run(steps)
+    for before, _ in run:
+        watermark = run.timeline.watermark_ns
+        assert before is None or watermark >= before
+        assert watermark is None or watermark <= run.now
+
+
+@given(steps(batches()))
+@settings(deadline=None)
+def test_instants_come_out_in_stamp_order_unless_they_are_marked_as_reordered(steps):
+    run = Run(steps)
+    for before, events in run:
+        order = [(i.stamp_ns, i.batch.source) for i in events if isinstance(i, Instant)]
+        assert order == sorted(order)
+        for instant in (i for i in events if isinstance(i, Instant)):
+            behind = 0 if before is None else before - instant.stamp_ns
+            assert instant.in_order == (behind <= 0)
+            assert behind <= LATENESS_NS
+            assert instant.stamp_ns <= run.timeline.watermark_ns
+            stamps = instant.batch.stamps_ns
+            assert stamps is None or (stamps[instant.rows] == instant.stamp_ns).all()
+
+
+@given(steps(batches(most_rows=1)))
+@settings(deadline=None)
+def test_every_batch_is_accounted_once(steps):
+    run = Run(steps)
+    events = [event for _, out in run for event in out] + run.flush()
+    released = [id(event.batch) for event in events if isinstance(event, Instant)]
+    assert len(released) == len(set(released))
+    stats = run.stats
+    assert stats.batches == sum(len(arrivals) for arrivals, _ in steps) + 1
+    assert stats.batches == len(released) + stats.duplicates + stats.late + sum(stats.rejected.values())
+
+
+@given(steps(batches()))
+@settings(deadline=None)
+def test_every_row_comes_out_at_most_once_and_what_is_missing_is_counted(steps):
+    run = Run(steps)
+    events = [event for _, out in run for event in out] + run.flush()
+    rows = {}
+    for instant in (event for event in events if isinstance(event, Instant)):
+        rows.setdefault(id(instant.batch), []).extend(instant.rows.tolist())
+    assert all(len(found) == len(set(found)) for found in rows.values())
+    stats = run.stats
+    refused = stats.duplicates + sum(stats.rejected.values())
+    arrived = {id(batch): batch for arrivals, _ in steps for batch, _ in arrivals}
+    partly = sum(len(rows.get(key, [])) < len(batch.ids) for key, batch in arrived.items())
+    assert partly <= refused + stats.late
+    assert len(rows) + refused <= stats.batches
+
+
+@given(steps(batches()))
+@settings(deadline=None)
+def test_nothing_of_a_session_comes_out_after_its_end(steps):
+    ended = set()
+    run = Run(steps)
+    for _, events in run:
+        for event in events:
+            assert event.session not in ended
+            if isinstance(event, Instant):
+                batch = event.batch
+                assert run.timeline.sessions[event.session] == (batch.source, batch.session)
+            else:
+                ended.add(event.session)
+
+
+@given(steps(batches()))
+@settings(deadline=None)
+def test_a_second_advance_at_the_same_time_changes_nothing(steps):
+    run = Run(steps)
+    for _ in run:
+        state, counters = run.timeline.state(), run.stats.counters()
+        assert run.timeline.advance(run.now) == []
+        assert (run.timeline.state(), run.stats.counters()) == (state, counters)
