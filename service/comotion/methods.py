@@ -1,4 +1,4 @@
-"""Which method serves which kind of space."""
+"""Parameters and a space in, the method that groups its trajectories out."""
 
 from .config import FusionConfig
 from .partition import Method, SpaceSpec

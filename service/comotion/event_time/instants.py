@@ -1,6 +1,7 @@
 """A batch in, its rows grouped by acquisition time out; and the two events that event time gives out."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,5 +56,7 @@ def split(batch: ObservationBatch) -> list[tuple[int, Indices]]:
         return [(batch.stamp_ns, np.arange(len(batch.ids)))]
     order = np.argsort(stamps, kind="stable")
     in_order = stamps[order]
-    starts = np.flatnonzero(np.concatenate([[True], in_order[1:] != in_order[:-1]]))
-    return list(zip(in_order[starts].tolist(), np.split(order, starts[1:]), strict=True))
+    cuts = np.flatnonzero(in_order[1:] != in_order[:-1]) + 1
+    bounds = [0, *cuts.tolist(), len(order)]
+    # Slices: np.split takes ten times as long.
+    return [(int(in_order[first]), order[first:stop]) for first, stop in pairwise(bounds)]
