@@ -12,7 +12,7 @@ import pytest
 from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
-from comotion.runtime.health import Health, Watchdog
+from comotion.runtime.health import Arrivals, Health, Watchdog
 from comotion.runtime.intake import Rejection
 from comotion.runtime.state_file import StateKeeper, StateSchedule, StateWriter, load_fusion, write_atomically
 from comotion.runtime.ticker import HeadStart, Ticker
@@ -107,15 +107,10 @@ def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
 
 class TestHealth:
     def report(self, health: Health, at_s: float, stats: Stats, **changes):
-        fields = {
-            "received": {},
-            "present": set(),
-            "sources": [],
-            "stats": stats,
-            "rejection": None,
-            "notes": [],
-        }
-        return health.report(int(at_s * SECOND), **(fields | changes))
+        arrivals = {"received": {}, "present": set(), "rejection": None}
+        arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
+        fields = {"sources": [], "stats": stats, "notes": []} | changes
+        return health.report(int(at_s * SECOND), arrivals=Arrivals(**arrivals), **fields)
 
     def test_rates_are_those_of_the_last_seconds(self) -> None:
         health, stats = Health(), Stats()

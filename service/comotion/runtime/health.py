@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason, StatusState
@@ -24,6 +25,24 @@ _HANGING_NS = 3_000_000_000
 _TROUBLE = ("lost", "late", "overruns")
 
 
+class Arrivals(NamedTuple):
+    """What the intake has seen.
+
+    Attributes
+    ----------
+    received
+        Valid batches so far, by source.
+    present
+        Names of the sources whose process is there.
+    rejection
+        The newest payload that was refused, if any.
+    """
+
+    received: Mapping[str, int]
+    present: set[str]
+    rejection: Rejection | None
+
+
 @dataclass(frozen=True)
 class _Sample:
     at_ns: int
@@ -42,11 +61,9 @@ class Health:
         self,
         monotonic_ns: int,
         *,
-        received: Mapping[str, int],
-        present: set[str],
+        arrivals: Arrivals,
         sources: list[SourceHealth],
         stats: Stats,
-        rejection: Rejection | None,
         notes: list[str],
     ) -> StatusFields:
         """Assemble what the Status says.
@@ -55,26 +72,21 @@ class Health:
         ----------
         monotonic_ns
             Now, on the monotonic clock.
-        received
-            Valid batches so far, by source.
-        present
-            Names of the sources whose process is there.
+        arrivals
+            What the intake has seen.
         sources
             Health of every source that has sent data.
         stats
             Counters of the fusion.
-        rejection
-            The newest batch that was refused, if any.
         notes
             Further troubles, in words.
         """
-        counters, rejected = stats.counters(), dict(stats.rejected)
-        self._samples.append(_Sample(monotonic_ns, dict(received), counters, rejected))
-        while self._samples[0].at_ns < monotonic_ns - _RECENT_NS:
-            self._samples.popleft()
+        present, counters, rejected = arrivals.present, stats.counters(), dict(stats.rejected)
+        self._samples.append(_Sample(monotonic_ns, dict(arrivals.received), counters, rejected))
+        self._drop_samples(monotonic_ns - _RECENT_NS)
         sources = [s for s in sources if s.name in present or s.age_ns < _FORGET_NS]
         silent = _silent(present, sources)
-        trouble = [*notes, *self._recent(counters, rejected, rejection), *_describe(silent)]
+        trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection), *_describe(silent)]
         live = [s.name for s in sources if s.live]
         return StatusFields(
             state=_state(live, silent, trouble),
@@ -84,6 +96,10 @@ class Health:
             rejected=rejected,
             message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no live source"),
         )
+
+    def _drop_samples(self, before_ns: int) -> None:
+        while self._samples[0].at_ns < before_ns:
+            self._samples.popleft()
 
     def _rates(self, monotonic_ns: int) -> dict[str, float]:
         """Batches per second of every source over the last seconds."""

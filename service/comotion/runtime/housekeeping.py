@@ -6,7 +6,7 @@ import time
 from comotion_schemas import HypothesisUpdate
 
 from ..fusion import Fusion
-from .health import Health, Watchdog
+from .health import Arrivals, Health, Watchdog
 from .intake import Intake
 from .state_file import StateKeeper
 
@@ -58,11 +58,9 @@ class Housekeeping:
         self._watchdog.report(
             self._health.report(
                 monotonic_ns,
-                received=intake.received,
-                present=intake.present,
+                arrivals=Arrivals(intake.received, intake.present, intake.rejection),
                 sources=self._fusion.sources(now_ns),
                 stats=self._fusion.stats,
-                rejection=intake.rejection,
                 notes=[self._keeper.error] if self._keeper.error else [],
             )
         )
