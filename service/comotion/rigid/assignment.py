@@ -17,17 +17,17 @@ OUTLIER = -1
 """Label of a trajectory that belongs to no body."""
 LEAST_ENDED_FRAMES = 8
 """An ended trajectory counts only if it was observed in so many frames."""
-# Rounds of prior and assignment at most; chosen on the scenes of docs/accuracy.md.
+# Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
 _ROUNDS = 3
 # s; a trajectory has its full weight in the density of its body after so long; chosen on the scenes of
-# docs/accuracy.md.
+# docs/research/accuracy.md.
 _FULL_WEIGHT_AFTER = 1.0
 # nat; where the evidence exceeds all that the prior can add by this much, the prior changes neither the
 # label nor the confidence, and is not computed.
 _CLEAR = 30.0
 # Residuals of successive frames are correlated, so that costs overstate the evidence. Measured on the
-# simulated scenes (docs/accuracy.md): at this temperature, assignments at 0.9 are right at least nine times
-# in ten.
+# simulated scenes (docs/research/accuracy.md): at this temperature, assignments at 0.9 are right at least
+# nine times in ten.
 _TEMPERATURE = 2.0
 # Smallest variance of a density in any direction, as a share of the sum over directions: above rounding.
 _FLATTEST = 1e-9

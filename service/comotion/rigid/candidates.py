@@ -11,7 +11,7 @@ from .resampling import Frames
 from .subset import Scene
 
 # Cuts of the dendrograms, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
-# scenes of docs/accuracy.md.
+# scenes of docs/research/accuracy.md.
 CUTS = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
 # Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
 _UNKNOWN = 3.0

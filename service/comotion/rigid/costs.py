@@ -12,17 +12,18 @@ from .resampling import Frames
 
 # Share of its own rows' frames in which a body must be posed. It is then charged the expected residual for
 # the other frames. Below that it is charged the second number as a share of the cap: a body without poses
-# would be the cheapest. Chosen on the scenes of docs/accuracy.md.
+# would be the cheapest. Chosen on the scenes of docs/research/accuracy.md.
 _LEAST_COVERED = 0.6
 _UNCOVERED_SHARE = 0.7
 # Most tolerances that the residual of one row adds to the looseness of its body: a row that does not belong
-# must not make it loose. Chosen on the scenes of docs/accuracy.md.
+# must not make it loose. Chosen on the scenes of docs/research/accuracy.md.
 _MOST_EXCESS = 9.0
 # Price of a wider tolerance, in half nats per coordinate and log. The deformation of a body is alike from
-# frame to frame, so that it is paid once, not at each frame. Chosen on the scenes of docs/accuracy.md.
+# frame to frame, so that it is paid once, not at each frame. Chosen on the scenes of
+# docs/research/accuracy.md.
 _LOOSE_PRICE = 1.5
 # Most that the median cost of a hypothesis may exceed the noise, as a factor, and still be what is usual in
-# it; a hypothesis that fits worse explains nothing. Chosen on the scenes of docs/accuracy.md.
+# it; a hypothesis that fits worse explains nothing. Chosen on the scenes of docs/research/accuracy.md.
 _MOST_USUAL = 2.0
 
 

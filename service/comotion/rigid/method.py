@@ -49,13 +49,13 @@ from .subset import Scene, Subset, choose_subset, extended_rows
 from .tracks import Tracks, read_tracks
 
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
-# of docs/accuracy.md.
+# of docs/research/accuracy.md.
 _KEY_FRAMES = 50
 # In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
 # then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
 _ESTIMATE_STRIDE = 5
 # Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
-# trajectory in the selection. Chosen on the scenes of docs/accuracy.md.
+# trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
 _ENDED_WEIGHT = 0.5
 
 

@@ -10,7 +10,7 @@ from .tracks import Tracks
 # Median of a chi-squared variable with dim degrees of freedom.
 _CHI2_MEDIAN = {2: 1.386, 3: 2.366}
 # The weight of a trajectory's own estimate no longer grows beyond so many differences; chosen on the scenes
-# of docs/accuracy.md.
+# of docs/research/accuracy.md.
 _MOST_DIFFERENCES = 60
 NOISE_OBSERVATIONS = 4 * _MOST_DIFFERENCES
 """The noise of a trajectory is estimated on so many of its newest observations."""
@@ -18,7 +18,7 @@ NOISE_OBSERVATIONS = 4 * _MOST_DIFFERENCES
 # are sent.
 _LEAST_NOISE = 1e-6
 # Share of the scene's extent that is taken for the noise before there is any estimate; chosen on the scenes
-# of docs/accuracy.md.
+# of docs/research/accuracy.md.
 _FIRST_GUESS = 1e-3
 
 

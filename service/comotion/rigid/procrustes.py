@@ -8,7 +8,7 @@ from ..arrays import Bools, Floats, Ints
 from .kernels.procrustes import fit_poses, weighted_pose
 from .resampling import Frames
 
-# Chosen on the scenes of docs/accuracy.md.
+# Chosen on the scenes of docs/research/accuracy.md.
 _ITERATIONS = 4
 
 

@@ -24,7 +24,7 @@ _SHIFT = 0.03
 _DELAY = 0.02
 # Squared distance of a step from the prior beyond which two groups are not taken for one body, and mean
 # squared residual after it, in tolerances, beyond which they do not move alike. Chosen on the scenes of
-# docs/accuracy.md.
+# docs/research/accuracy.md.
 _MOST_STEP = 30.0
 _MOST_RESIDUAL = 3.0
 # A trajectory takes part if it is observed in so many frames.

@@ -19,8 +19,8 @@ from .kernels.distances import farthest_points
 from .procrustes import static_body
 from .resampling import Frames
 
-# All constants here bound the work of an update. They were chosen on the scenes of docs/accuracy.md and on
-# made-up crowds of thousands of features (tests/unit/test_rigid_scale.py).
+# All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md
+# and on made-up crowds of thousands of features (tests/unit/test_rigid_scale.py).
 
 SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""

@@ -96,16 +96,18 @@ def _rank(values: Floats, v: float) -> tuple[int, int]:
     return below, equal
 
 
-@compiled(fastmath={"nnan", "nsz", "reassoc"})
+@compiled()
 def _next_above(values: Floats, v: float) -> float:
+    """The least value above v; infinity where there is none."""
     found = np.inf
     for k in range(len(values)):
         found = min(found, values[k] if values[k] > v else np.inf)
     return found
 
 
-@compiled(fastmath={"nnan", "nsz", "reassoc"})
+@compiled()
 def _next_below(values: Floats, v: float) -> float:
+    """The largest value below v; minus infinity where there is none."""
     found = -np.inf
     for k in range(len(values)):
         found = max(found, values[k] if values[k] < v else -np.inf)

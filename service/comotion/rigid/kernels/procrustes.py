@@ -9,7 +9,8 @@ from .rotation import planar_rotation, spatial_rotation
 SOFT = 9.0
 """A squared residual of so many tolerances per dimension halves the weight of an observation."""
 # Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points
-# leave open, such as the turn of a pair about its own axis; chosen on the scenes of docs/accuracy.md.
+# leave open, such as the turn of a pair about its own axis. Chosen on the scenes of
+# docs/research/accuracy.md.
 _PULL = 1e-3
 # The same where a pose is only to be determined, not smoothed: far above rounding, far below noise.
 _SLIGHT_PULL = 1e-10

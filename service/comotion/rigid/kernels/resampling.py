@@ -4,6 +4,7 @@ import numpy as np
 
 from ...arrays import Bools, Floats, Ints, Slots, Stamps
 from ...compiled import compiled
+from ...trajectories.kernels import newest_from, segment_at
 
 
 @compiled()
@@ -38,24 +39,13 @@ def resample(
         an observation are left as they are.
     """
     for i in range(len(start)):
-        m, last = start[i], stop[i] - 1
-        newest, first_ns = times[last], times[m]
-        until = newest + hold[i]
+        newest = start[i] - 1
         for f in range(len(stamps)):
-            t = stamps[f] - delay[i]
-            if t < first_ns or t > until:
+            stamp = stamps[f] - delay[i]
+            newest = newest_from(times, newest, stop[i], stamp)
+            left, right, a = segment_at(times, start[i], stop[i], newest, stamp, gap[i], hold[i])
+            if left < 0:
                 continue
-            while m < last and times[m + 1] <= t:
-                m += 1
-            # The newest segment also serves to extend the trajectory.
-            left = m if m < last else max(last - 1, start[i])
-            right = min(left + 1, last)
-            span = times[right] - times[left]
-            a = 1.0
-            if not (t >= newest and (t == newest or span == 0 or span > gap[i])):
-                if span > gap[i]:
-                    continue
-                a = (t - times[left]) / span
             for c in range(positions.shape[1]):
                 y[i, f, c] = (1 - a) * positions[left, c] + a * positions[right, c]
             w[i, f] = 1.0 / ((1 - a) ** 2 + a * a)

@@ -8,7 +8,7 @@ from .procrustes import SOFT
 
 # A cost is first estimated on every stride-th frame if a row has at least so many of those. It is then
 # computed on all frames for bodies whose estimate is below so many times the least plus so many nats.
-# All three were chosen on the scenes of docs/accuracy.md.
+# All three were chosen on the scenes of docs/research/accuracy.md.
 _LEAST_ESTIMATE_FRAMES = 6
 _NEAR_FACTOR, _NEAR_NATS = 3.0, 100.0
 

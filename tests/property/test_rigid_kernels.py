@@ -1,0 +1,271 @@
+"""The compiled loops of the rigid method against plain NumPy, on random rows with gaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comotion.rigid.kernels.assignment import carry, closing_losses
+from comotion.rigid.kernels.differences import difference_noise, last_differences
+from comotion.rigid.kernels.distances import (
+    deviation_from,
+    distance_deviation,
+    farthest_points,
+    gaussian_sums,
+    nearest_squared,
+)
+from comotion.rigid.kernels.procrustes import fit_poses, weighted_pose
+from comotion.rigid.kernels.registration import normal_equations
+from comotion.rigid.kernels.resampling import all_finite, correct, mean_square, resample, spread, stop_at
+from comotion.rigid.kernels.residuals import body_costs, own_residuals
+from comotion.rigid.kernels.rotation import quaternion, rotation_matrix, rotation_vectors
+
+from ..reference import rigid as plain
+
+seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+few = settings(max_examples=25, deadline=None)
+TOLERANCE = 1e-6
+
+
+def rows_of(rng, count, frames, seen=0.8):
+    """Rows [count, F, 3] that hardly move, weights with gaps [count, F], tolerances [count]."""
+    y = rng.normal(size=(count, 1, 3)) + rng.normal(0, 2e-3, (count, frames, 3))
+    w = rng.uniform(0.5, 2.0, (count, frames)) * (rng.random((count, frames)) < seen)
+    return y, w, rng.uniform(0.5, 2.0, count) * TOLERANCE
+
+
+def poses_of(rng, frames):
+    """Small motion about the origin: R [F, 3, 3], t [F, 3], posed [F], the last frame posed."""
+    R = Rotation.from_rotvec(np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0)).as_matrix()
+    posed = rng.random(frames) < 0.8
+    posed[-1] = True
+    return R, np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0), posed
+
+
+def stacked(bodies):
+    """Poses as the kernels of costs take them."""
+    R = np.stack([R.reshape(-1, 9).T for R, _, _ in bodies])
+    t = np.stack([t.T for _, t, _ in bodies])
+    return R, t, np.array([posed for _, _, posed in bodies], float)
+
+
+def observations_of(rng, count):
+    """Observations of some trajectories, one behind the other: times, positions [M, 3], start, stop."""
+    counts = rng.integers(1, 30, count)
+    stop = np.cumsum(counts)
+    times = np.concatenate([np.cumsum(rng.choice([20, 30, 70, 400], n)) for n in counts]) * 1_000_000
+    return times, rng.normal(size=(len(times), 3)), stop - counts, stop
+
+
+@few
+@given(seeds)
+def test_rotations_are_converted_as_scipy_does(rng):
+    vector = rng.normal(size=3)
+    R = Rotation.from_rotvec(vector).as_matrix()
+    np.testing.assert_allclose(rotation_matrix(vector), R, atol=1e-12)
+    np.testing.assert_allclose(quaternion(R), Rotation.from_matrix(R).as_quat(canonical=True), atol=1e-12)
+    wrapped = Rotation.from_matrix(R).as_rotvec()
+    np.testing.assert_allclose(rotation_vectors(R[None])[0], wrapped, atol=1e-9)
+
+
+@few
+@given(seeds, st.integers(4, 9))
+def test_a_weighted_pose_is_the_best_one(rng, count):
+    y, b = rng.normal(size=(2, count, 3))
+    weights = rng.uniform(0.1, 1, count)
+    R, t = np.zeros((3, 3)), np.zeros(3)
+    weighted_pose(y.T.copy(), b.T.copy(), weights, 3, np.eye(3), R, t)
+    expected = plain.weighted_pose(y, b, weights)
+
+    def squared(R, t):
+        return (weights[:, None] * (y - b @ R.T - t) ** 2).sum()
+
+    # Points almost on a line leave the rotation almost open: compare what it minimises.
+    assert squared(R, t) == pytest.approx(squared(*expected), rel=1e-7)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+@few
+@given(seeds)
+def test_the_open_turn_of_a_pair_is_the_nearest(rng):
+    b = rng.normal(size=(2, 3))
+    near = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+    R, t = np.zeros((3, 3)), np.zeros(3)
+    weighted_pose((b @ near.T).T.copy(), b.T.copy(), np.ones(2), 3, near, R, t)
+    np.testing.assert_allclose(R, near, atol=1e-4)
+
+
+@few
+@given(seeds, st.integers(5, 8))
+def test_poses_are_those_of_plain_procrustes(rng, count):
+    y, w, tolerance = rows_of(rng, count, 12)
+    truth = poses_of(rng, 12)
+    y = np.einsum("fij,nfj->nfi", truth[0], y) + truth[1]
+    b, t, posed = np.zeros((3, count)), np.zeros((12, 3)), np.zeros(12, bool)
+    R = np.tile(np.eye(3), (12, 1, 1))
+    fit_poses(y.transpose(1, 2, 0).copy(), w.T.copy(), 1 / tolerance, 3, 4, b, R, t, posed)
+    expected = plain.fit_poses(y, w, tolerance, 4)
+    for one, other in zip((b.T, R, t, posed), expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+@few
+@given(seeds, st.integers(1, 4))
+def test_costs_are_those_of_the_definition(rng, bodies):
+    y, w, tolerance = rows_of(rng, 6, 20)
+    moves = [poses_of(rng, 20) for _ in range(bodies)]
+    rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(0, 5, bodies)
+    cost, squared = np.zeros((2, 3, bodies))
+    body_costs(y, w, tolerance, rows, wider, 3, 16.0, *stacked(moves), unposed, 1, cost, squared)
+    for n, i in enumerate(rows):
+        for k, poses in enumerate(moves):
+            v = tolerance[i] + wider[k]
+            expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed[k])
+            assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)
+
+
+@few
+@given(seeds)
+def test_own_residuals_are_those_of_the_definition(rng):
+    y, w, tolerance = rows_of(rng, 6, 20)
+    moves = [poses_of(rng, 20) for _ in range(2)]
+    rows, first = np.array([3, 1, 5, 0, 2]), np.array([0, 2, 5])
+    excess, covered = np.zeros((2, 2))
+    own_residuals(y, w, tolerance, rows, first, 3, 9.0, *stacked(moves), excess, covered)
+    for k, poses in enumerate(moves):
+        own = rows[first[k] : first[k + 1]]
+        each = [plain.row_cost(y[i], w[i], tolerance[i], poses, 1.0, 0.0)[1] / tolerance[i] / 3 for i in own]
+        assert excess[k] == pytest.approx(np.minimum(each, 9.0).mean())
+        seen = w[own] > 0
+        assert covered[k] == pytest.approx((seen & poses[2]).sum() / max(seen.sum(), 1))
+
+
+@few
+@given(seeds)
+def test_normal_equations_are_those_of_the_definition(rng):
+    y, w, tolerance = rows_of(rng, 3, 20, seen=0.7)
+    poses, pivot = poses_of(rng, 20), rng.normal(size=3)
+    seconds = np.cumsum(rng.uniform(0.03, 0.1, 20))
+    left, right = np.zeros((7, 7)), np.zeros(7)
+    rows = np.array([2, 0])
+    squared, count = normal_equations(y, w, seconds, tolerance, rows, *poses, pivot, 3, left, right)
+    used = [i for i in rows if ((w[i] > 0) & poses[2]).sum() >= 3]
+    parts = [plain.normal_equations(y[i], w[i], seconds, tolerance[i], poses, pivot) for i in used]
+    expected = [sum(one) for one in zip(*parts, strict=True)] if parts else [left * 0, right * 0, 0.0]
+    for one, other in zip((left, right, squared), expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max(initial=1))
+    assert count == sum(((w[i] > 0) & poses[2]).sum() for i in used)
+
+
+@few
+@given(seeds, st.integers(0, 40))
+def test_resampling_is_that_of_the_plain_interpolation(rng, delay):
+    times, positions, start, stop = observations_of(rng, 3)
+    stamps = np.unique(rng.choice(np.concatenate([times, times + 7_000_000]), 20))
+    gap, hold, delays = np.array([[100], [30], [500]]).repeat(3, 1) * 1_000_000
+    delays = np.full(3, delay * 1_000_000)
+    y, w = np.zeros((3, len(stamps), 3)), np.zeros((3, len(stamps)))
+    resample(times, positions, start, stop, stamps, gap, hold, delays, y, w)
+    for i, (a, b) in enumerate(zip(start, stop, strict=True)):
+        args = stamps, int(gap[i]), int(hold[i]), int(delays[i])
+        for one, other in zip((y[i], w[i]), plain.resample(times[a:b], positions[a:b], *args), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+@few
+@given(seeds)
+def test_rows_are_corrected_and_their_spread_is_measured(rng):
+    y, w, _ = rows_of(rng, 4, 10, seen=0.4)
+    turn, shift = plain.random_rotations(rng, 4), rng.normal(size=(4, 3))
+    moved, found = np.array([True, False, True, True]), y.copy()
+    correct(found, w, turn, shift, moved)
+    expected = np.einsum("nij,nfj->nfi", turn, y) + shift[:, None]
+    expected = np.where(moved[:, None, None] & (w > 0)[..., None], expected, y)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    count, squared = np.zeros(4, np.intp), np.zeros(4)
+    spread(y, w, count, squared)
+    for i in range(4):
+        assert (count[i], squared[i]) == pytest.approx(plain.spread(y[i], w[i]))
+
+
+@few
+@given(seeds)
+def test_columns_of_a_window_are_summed_up(rng):
+    _, values, start, stop = observations_of(rng, 4)
+    values[rng.random(len(values)) < 0.02] = np.nan
+    pieces = [values[a:b] for a, b in zip(start, stop, strict=True)]
+    sigma = np.ascontiguousarray(values[:, 0])
+    np.testing.assert_allclose(mean_square(sigma, start, stop), [(p[:, 0] ** 2).mean() for p in pieces])
+    np.testing.assert_array_equal(all_finite(values, start, stop), [np.isfinite(p).all() for p in pieces])
+    times = np.sort(rng.integers(0, 50, (3, 8)), axis=1)
+    first, last, slots = np.array([0, 2, 1]), np.array([8, 8, 5]), np.array([2, 0])
+    expected = [first[s] + (times[s, first[s] : last[s]] <= 25).sum() for s in slots]
+    np.testing.assert_array_equal(stop_at(times, slots, first, last, 25), expected)
+
+
+@few
+@given(seeds)
+def test_noise_is_the_median_third_difference(rng):
+    times, positions, start, stop = observations_of(rng, 3)
+    gap = np.full(3, 100_000_000)
+    median, count = difference_noise(times, positions, start, stop, gap, 1000)
+    for i, (a, b) in enumerate(zip(start, stop, strict=True)):
+        squares = plain.third_differences(times[a:b], positions[a:b], gap[i])
+        assert count[i] == len(squares)
+        assert median[i] == pytest.approx(np.median(squares) if len(squares) else 0.0, rel=1e-6)
+
+
+@few
+@given(seeds)
+def test_differences_computed_once_are_the_same(rng):
+    times, positions, start, stop = observations_of(rng, 2)
+    gap, most, slot, key = np.full(2, 100_000_000), 8, np.array([1, 0]), np.array([7, 9])
+    memory = [np.full(2, -1), np.zeros(2, np.int64), np.zeros(2, np.intp), np.zeros((2, most))]
+    memory += [np.zeros(2), np.zeros(2, np.intp), np.zeros(2, np.intp)]
+    # The observations come little by little.
+    for share in (0.3, 0.6, 0.61, 1.0):
+        now = start + np.maximum(((stop - start) * share).astype(int), 1)
+        last_differences(times, positions, start, now, gap, slot, key, *memory)
+        median, count = difference_noise(times, positions, start, now, gap, most)
+        np.testing.assert_array_equal(memory[4][slot], median)
+        np.testing.assert_array_equal(memory[5][slot], count)
+
+
+@few
+@given(seeds)
+def test_distances_are_those_of_the_definitions(rng):
+    y, w, _ = rows_of(rng, 5, 10, seen=0.4)
+    expected = plain.distance_deviation(y, w)
+    np.testing.assert_allclose(distance_deviation(y, w), expected, rtol=1e-6, atol=1e-9)
+    others = np.array([3, 1, 4])
+    np.testing.assert_allclose(deviation_from(y, w, 0, others), expected[0, others], rtol=1e-6, atol=1e-9)
+    x = rng.normal(size=(12, 3))
+    np.testing.assert_array_equal(farthest_points(x, 5), plain.farthest_points(x, 5))
+    queries = np.array([2, 11, 5])
+    np.testing.assert_allclose(nearest_squared(x, queries), plain.nearest_squared(x, queries))
+    points, members, weight = np.arange(6), np.array([3, 5, 9]), rng.random(3)
+    args = x[points], x[members], points, members, weight
+    np.testing.assert_allclose(gaussian_sums(*args), plain.gaussian_sums(*args))
+
+
+@few
+@given(seeds, st.integers(1, 4))
+def test_losses_are_differences_of_least_costs(rng, open_bodies):
+    outlier, body = rng.exponential(3, 12), rng.exponential(5, (12, 6))
+    chosen = rng.permutation(6)[:open_bodies]
+    expected = plain.closing_losses(outlier, body, chosen.tolist())
+    np.testing.assert_allclose(closing_losses(outlier, body, chosen), expected, atol=1e-9)
+
+
+@few
+@given(seeds)
+def test_ended_trajectories_move_with_their_body(rng):
+    y, w, _ = rows_of(rng, 4, 10, seen=0.2)
+    poses = poses_of(rng, 10)
+    rows, tracks, found = np.array([3, 0, 1]), np.array([2, 0, 4]), np.zeros((5, 3))
+    carry(y, w, rows, tracks, *poses, found)
+    for row, track in zip(rows, tracks, strict=True):
+        expected = plain.carried(y[row], w[row], poses)
+        np.testing.assert_allclose(found[track], np.zeros(3) if expected is None else expected, atol=1e-12)
+    np.testing.assert_array_equal(found[[1, 3]], 0.0)

@@ -1,0 +1,167 @@
+"""The kernels of the rigid method in plain NumPy: what the compiled code must give."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .interpolation import segment
+
+PULL = 1e-3
+SOFT = 9.0
+
+
+def best_rotation(H):
+    """R that maximises tr(R^T H) over rotations [3, 3] (Kabsch)."""
+    u, _, vt = np.linalg.svd(H)
+    return u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+
+
+def weighted_pose(y, b, weights, pull=0.0, near=None):
+    """(R, t) of the least-squares pose y = R b + t of points [m, 3], with a pull towards a rotation."""
+    p, q = np.average(y, axis=0, weights=weights), np.average(b, axis=0, weights=weights)
+    H = (weights[:, None] * (y - p)).T @ (b - q)
+    H += pull * np.linalg.norm(H) * (np.eye(3) if near is None else near)
+    R = best_rotation(H)
+    return R, p - R @ q
+
+
+def fit_poses(y, w, tolerance, iterations):
+    """(template [m, 3], R [F, 3, 3], t [F, 3], posed [F]) of rows [m, F, 3] in 3-D: Gower (1975)."""
+    m, count = w.shape
+    full = max(range(count), key=lambda f: ((w[:, f] > 0).sum(), f))
+    known = w[:, full] > 0
+    b = np.where(known[:, None], y[:, full], 0.0)
+    R, t, posed = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros(count, bool)
+    for iteration in range(iterations):
+        totals, sums, near = np.zeros(m), np.zeros((m, 3)), np.eye(3)
+        for f in reversed(range(count)):
+            a = w[:, f] / tolerance
+            squared = ((y[:, f] - b @ R[f].T - t[f]) ** 2).sum(1)
+            weight = a * known
+            if iteration > 0 and posed[f]:
+                weight = weight / (1 + weight * squared / (SOFT * 3))
+            posed[f] = (weight > 0).sum() >= (2 if m <= 2 else 3)
+            if not posed[f]:
+                continue
+            R[f], t[f] = weighted_pose(y[:, f], b, weight, PULL, near)
+            near = R[f]
+            x = (y[:, f] - t[f]) @ R[f]
+            a = a / (1 + a * known * ((x - b) ** 2).sum(1) / (SOFT * 3))
+            totals, sums = totals + a, sums + a[:, None] * x
+        seen = totals > 0
+        b[seen], known = sums[seen] / totals[seen, None], known | seen
+    return b, R, t, posed
+
+
+def row_cost(y, w, v, poses, cap, unposed):
+    """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
+    R, t, posed = poses
+    seen, used = w > 0, (w > 0) & posed
+    missing = 0.5 * unposed * (seen & ~posed).sum()
+    if not used.any():
+        return missing, 0.0
+    x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
+    mean = np.average(x, axis=0, weights=a)
+    b = np.average(x, axis=0, weights=a / (1 + a * ((x - mean) ** 2).sum(1) / (SOFT * 3 * v)))
+    squared = a * ((x - b) ** 2).sum(1)
+    return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
+
+
+def normal_equations(y, w, seconds, v, poses, pivot):
+    """(left [7, 7], right [7], squared residual) of one row that should be constant in a body's frame."""
+    R, t, posed = poses
+    used = (w > 0) & posed
+    R, t, y, seconds = R[used], t[used], y[used], seconds[used]
+    velocity = np.gradient(y, seconds, axis=0)
+    design = np.empty((len(y), 3, 7))
+    for f in range(len(y)):
+        turned = [np.cross(axis, y[f] - pivot) for axis in np.eye(3)]
+        design[f] = R[f].T @ np.column_stack([*turned, np.eye(3), velocity[f]])
+    z = np.einsum("fji,fj->fi", R, y - t)
+    J, r = (design - design.mean(0)).reshape(-1, 7), (z - z.mean(0)).ravel()
+    return J.T @ J / v, -J.T @ r / v, r @ r / v
+
+
+def resample(times, positions, stamps, gap, hold, delay):
+    """(y [F, dim], w [F]) of one trajectory at common frames."""
+    y, w = np.zeros((len(stamps), positions.shape[1])), np.zeros(len(stamps))
+    for f, stamp in enumerate(stamps):
+        left, right, a = segment(times.tolist(), stamp - delay, gap, hold)
+        if left >= 0:
+            y[f] = (1 - a) * positions[left] + a * positions[right]
+            w[f] = 1 / ((1 - a) ** 2 + a**2)
+    return y, w
+
+
+def spread(y, w):
+    """(count, mean squared distance from the mean) of the observed frames of a row [F, 3]."""
+    seen = y[w > 0]
+    return len(seen), ((seen - seen.mean(0)) ** 2).sum(1).mean() if len(seen) else 0.0
+
+
+def third_differences(times, positions, gap):
+    """Squared lengths of the normalised third divided differences of one trajectory, without gaps."""
+    found = []
+    for m in range(len(times) - 3):
+        t = (times[m : m + 4] - times[m]) * 1e-7
+        steps = np.diff(times[m : m + 4])
+        if (steps <= gap).all():
+            c = np.array([1 / np.prod([t[j] - t[k] for k in range(4) if k != j]) for j in range(4)])
+            found.append((((c / np.linalg.norm(c)) @ positions[m : m + 4]) ** 2).sum())
+    return np.array(found)
+
+
+def distance_deviation(y, w):
+    """Standard deviation of the distance of each pair of rows over common frames, [n, n]."""
+    n = len(w)
+    found = np.full((n, n), np.nan)
+    for i in range(n):
+        for j in range(n):
+            both = (w[i] > 0) & (w[j] > 0)
+            if i != j and both.sum() >= 2:
+                found[i, j] = np.linalg.norm(y[i] - y[j], axis=1)[both].std(ddof=1)
+    return found
+
+
+def farthest_points(x, count):
+    """Indices of points [n, 3]: the first, then always the farthest from those before."""
+    found = [0]
+    while len(found) < count:
+        squared = ((x[:, None] - x[found]) ** 2).sum(2).min(1)
+        found.append(int(squared.argmax()))
+    return found
+
+
+def nearest_squared(x, queries):
+    """Squared distance of each of x[queries] to the nearest other point."""
+    squared = ((x[queries][:, None] - x[None]) ** 2).sum(2)
+    squared[np.arange(len(queries)), queries] = np.inf
+    return squared.min(1)
+
+
+def gaussian_sums(x, b, points, members, weight):
+    """Weighted sum of unit Gaussians about b at each x; none at its own place."""
+    squared = ((x[:, None] - b[None]) ** 2).sum(2)
+    return (np.exp(-0.5 * squared) * weight * (points[:, None] != members[None])).sum(1)
+
+
+def closing_losses(outlier, body, chosen):
+    """What closing each of the open bodies would add to the least costs."""
+
+    def total(columns):
+        return np.column_stack([outlier, body[:, columns]]).min(1).sum()
+
+    return [total([c for c in chosen if c != one]) - total(chosen) for one in chosen]
+
+
+def carried(y, w, poses):
+    """Where a body has moved a row [F, 3] since it was last seen; None where it was not seen in a pose."""
+    R, t, posed = poses
+    seen, now = np.flatnonzero((w > 0) & posed), np.flatnonzero(posed)[-1]
+    if not len(seen):
+        return None
+    return R[now] @ R[seen[-1]].T @ (y[seen[-1]] - t[seen[-1]]) + t[now]
+
+
+def random_rotations(rng, count):
+    """Random rotations [count, 3, 3]."""
+    return Rotation.random(count, random_state=int(rng.integers(2**31))).as_matrix()
