@@ -16,6 +16,14 @@ from comotion.rigid.kernels.distances import (
     nearest_squared,
 )
 from comotion.rigid.kernels.procrustes import fit_poses, weighted_pose
+from comotion.rigid.kernels.records import (
+    DifferenceMemory,
+    Limits,
+    Observations,
+    PoseArrays,
+    PoseStack,
+    RowArrays,
+)
 from comotion.rigid.kernels.registration import normal_equations
 from comotion.rigid.kernels.resampling import all_finite, correct, mean_square, resample, spread, stop_at
 from comotion.rigid.kernels.residuals import body_costs, own_residuals
@@ -40,14 +48,14 @@ def poses_of(rng, frames):
     R = Rotation.from_rotvec(np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0)).as_matrix()
     posed = rng.random(frames) < 0.8
     posed[-1] = True
-    return R, np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0), posed
+    return PoseArrays(R, np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0), posed)
 
 
 def stacked(bodies):
     """Poses as the kernels of costs take them."""
     R = np.stack([R.reshape(-1, 9).T for R, _, _ in bodies])
     t = np.stack([t.T for _, t, _ in bodies])
-    return R, t, np.array([posed for _, _, posed in bodies], float)
+    return PoseStack(R, t, np.array([posed for _, _, posed in bodies], float))
 
 
 def observations_of(rng, count):
@@ -55,7 +63,7 @@ def observations_of(rng, count):
     counts = rng.integers(1, 30, count)
     stop = np.cumsum(counts)
     times = np.concatenate([np.cumsum(rng.choice([20, 30, 70, 400], n)) for n in counts]) * 1_000_000
-    return times, rng.normal(size=(len(times), 3)), stop - counts, stop
+    return Observations(times, rng.normal(size=(len(times), 3)), stop - counts, stop)
 
 
 @few
@@ -104,7 +112,7 @@ def test_poses_are_those_of_plain_procrustes(rng, count):
     y = np.einsum("fij,nfj->nfi", truth[0], y) + truth[1]
     b, t, posed = np.zeros((3, count)), np.zeros((12, 3)), np.zeros(12, bool)
     R = np.tile(np.eye(3), (12, 1, 1))
-    fit_poses(y.transpose(1, 2, 0).copy(), w.T.copy(), 1 / tolerance, 3, 4, b, R, t, posed)
+    fit_poses(y.transpose(1, 2, 0).copy(), w.T.copy(), 1 / tolerance, 3, 4, b, PoseArrays(R, t, posed))
     expected = plain.fit_poses(y, w, tolerance, 4)
     for one, other in zip((b.T, R, t, posed), expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
@@ -117,7 +125,7 @@ def test_costs_are_those_of_the_definition(rng, bodies):
     moves = [poses_of(rng, 20) for _ in range(bodies)]
     rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(0, 5, bodies)
     cost, squared = np.zeros((2, 3, bodies))
-    body_costs(y, w, tolerance, rows, wider, 3, 16.0, *stacked(moves), unposed, 1, cost, squared)
+    body_costs(RowArrays(y, w, tolerance), rows, stacked(moves), wider, unposed, 3, 16.0, 1, cost, squared)
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):
             v = tolerance[i] + wider[k]
@@ -132,7 +140,7 @@ def test_own_residuals_are_those_of_the_definition(rng):
     moves = [poses_of(rng, 20) for _ in range(2)]
     rows, first = np.array([3, 1, 5, 0, 2]), np.array([0, 2, 5])
     excess, covered = np.zeros((2, 2))
-    own_residuals(y, w, tolerance, rows, first, 3, 9.0, *stacked(moves), excess, covered)
+    own_residuals(RowArrays(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess, covered)
     for k, poses in enumerate(moves):
         own = rows[first[k] : first[k + 1]]
         each = [plain.row_cost(y[i], w[i], tolerance[i], poses, 1.0, 0.0)[1] / tolerance[i] / 3 for i in own]
@@ -149,7 +157,8 @@ def test_normal_equations_are_those_of_the_definition(rng):
     seconds = np.cumsum(rng.uniform(0.03, 0.1, 20))
     left, right = np.zeros((7, 7)), np.zeros(7)
     rows = np.array([2, 0])
-    squared, count = normal_equations(y, w, seconds, tolerance, rows, *poses, pivot, 3, left, right)
+    arrays = RowArrays(y, w, tolerance)
+    squared, count = normal_equations(arrays, seconds, rows, poses, pivot, 3, left, right)
     used = [i for i in rows if ((w[i] > 0) & poses[2]).sum() >= 3]
     parts = [plain.normal_equations(y[i], w[i], seconds, tolerance[i], poses, pivot) for i in used]
     expected = [sum(one) for one in zip(*parts, strict=True)] if parts else [left * 0, right * 0, 0.0]
@@ -161,12 +170,13 @@ def test_normal_equations_are_those_of_the_definition(rng):
 @few
 @given(seeds, st.integers(0, 40))
 def test_resampling_is_that_of_the_plain_interpolation(rng, delay):
-    times, positions, start, stop = observations_of(rng, 3)
+    observations = observations_of(rng, 3)
+    times, positions, start, stop = observations
     stamps = np.unique(rng.choice(np.concatenate([times, times + 7_000_000]), 20))
     gap, hold, delays = np.array([[100], [30], [500]]).repeat(3, 1) * 1_000_000
     delays = np.full(3, delay * 1_000_000)
     y, w = np.zeros((3, len(stamps), 3)), np.zeros((3, len(stamps)))
-    resample(times, positions, start, stop, stamps, gap, hold, delays, y, w)
+    resample(observations, stamps, Limits(gap, hold, delays), y, w)
     for i, (a, b) in enumerate(zip(start, stop, strict=True)):
         args = stamps, int(gap[i]), int(hold[i]), int(delays[i])
         for one, other in zip((y[i], w[i]), plain.resample(times[a:b], positions[a:b], *args), strict=True):
@@ -207,9 +217,10 @@ def test_columns_of_a_window_are_summed_up(rng):
 @few
 @given(seeds)
 def test_noise_is_the_median_third_difference(rng):
-    times, positions, start, stop = observations_of(rng, 3)
+    observations = observations_of(rng, 3)
+    times, positions, start, stop = observations
     gap = np.full(3, 100_000_000)
-    median, count = difference_noise(times, positions, start, stop, gap, 1000)
+    median, count = difference_noise(observations, gap, 1000)
     for i, (a, b) in enumerate(zip(start, stop, strict=True)):
         squares = plain.third_differences(times[a:b], positions[a:b], gap[i])
         assert count[i] == len(squares)
@@ -221,15 +232,18 @@ def test_noise_is_the_median_third_difference(rng):
 def test_differences_computed_once_are_the_same(rng):
     times, positions, start, stop = observations_of(rng, 2)
     gap, most, slot, key = np.full(2, 100_000_000), 8, np.array([1, 0]), np.array([7, 9])
-    memory = [np.full(2, -1), np.zeros(2, np.int64), np.zeros(2, np.intp), np.zeros((2, most))]
-    memory += [np.zeros(2), np.zeros(2, np.intp), np.zeros(2, np.intp)]
+    counts = (np.zeros(2, np.intp) for _ in range(3))
+    memory = DifferenceMemory(
+        np.full(2, -1), np.zeros(2, int), next(counts), np.zeros((2, most)), np.zeros(2), *counts
+    )
     # The observations come little by little.
     for share in (0.3, 0.6, 0.61, 1.0):
         now = start + np.maximum(((stop - start) * share).astype(int), 1)
-        last_differences(times, positions, start, now, gap, slot, key, *memory)
-        median, count = difference_noise(times, positions, start, now, gap, most)
-        np.testing.assert_array_equal(memory[4][slot], median)
-        np.testing.assert_array_equal(memory[5][slot], count)
+        seen = Observations(times, positions, start, now)
+        last_differences(seen, gap, slot, key, memory)
+        median, count = difference_noise(seen, gap, most)
+        np.testing.assert_array_equal(memory.median[slot], median)
+        np.testing.assert_array_equal(memory.used[slot], count)
 
 
 @few
@@ -261,10 +275,11 @@ def test_losses_are_differences_of_least_costs(rng, open_bodies):
 @few
 @given(seeds)
 def test_ended_trajectories_move_with_their_body(rng):
-    y, w, _ = rows_of(rng, 4, 10, seen=0.2)
+    arrays = RowArrays(*rows_of(rng, 4, 10, seen=0.2))
+    y, w, _ = arrays
     poses = poses_of(rng, 10)
     rows, tracks, found = np.array([3, 0, 1]), np.array([2, 0, 4]), np.zeros((5, 3))
-    carry(y, w, rows, tracks, *poses, found)
+    carry(arrays, rows, tracks, poses, found)
     for row, track in zip(rows, tracks, strict=True):
         expected = plain.carried(y[row], w[row], poses)
         np.testing.assert_allclose(found[track], np.zeros(3) if expected is None else expected, atol=1e-12)

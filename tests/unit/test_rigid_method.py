@@ -11,6 +11,7 @@ from comotion.matching import continued, largest_total
 from comotion.rigid.costs import Costs
 from comotion.rigid.kernels.differences import difference_noise
 from comotion.rigid.kernels.distances import distance_deviation
+from comotion.rigid.kernels.records import Limits, Observations
 from comotion.rigid.kernels.resampling import resample
 from comotion.rigid.kernels.rotation import planar_rotation, spatial_rotation
 from comotion.rigid.noise import NOISE_OBSERVATIONS, Differences, noise_variance
@@ -106,7 +107,7 @@ def test_resampling_is_linear_and_stops_at_gaps(seed):
     y, w = np.zeros((1, 50, 3)), np.zeros((1, 50))
     gap = np.array([500_000_000])
     none = np.array([0])
-    resample(times, positions, none, np.array([30]), stamps, gap, none, none, y, w)
+    resample(Observations(times, positions, none, np.array([30])), stamps, Limits(gap, none, none), y, w)
     for f, t in enumerate(stamps):
         left = np.searchsorted(times, t, side="right") - 1
         broken = times[left] != t and times[left + 1] - times[left] > gap[0]
@@ -121,14 +122,8 @@ def test_noise_ignores_motion_and_uneven_sampling():
     times = np.cumsum(rng.integers(5, 60, 2000)) * 1_000_000
     t = times * 1e-9
     path = np.stack([0.3 * np.sin(t), 0.2 * t, np.cos(0.7 * t)], 1)
-    squared, count = difference_noise(
-        times,
-        path + rng.normal(0, 0.004, path.shape),
-        np.array([0]),
-        np.array([2000]),
-        np.array([NS]),
-        10_000,
-    )
+    noisy = Observations(times, path + rng.normal(0, 0.004, path.shape), np.array([0]), np.array([2000]))
+    squared, count = difference_noise(noisy, np.array([NS]), 10_000)
     assert count[0] == 1997
     assert np.sqrt(squared[0] / 2.366) == pytest.approx(0.004, rel=0.08)
 
@@ -326,6 +321,6 @@ def test_differences_that_are_kept_are_those_computed_afresh():
             window.evict(*gone)
             tracks = read_tracks(window, slots, stamp)
             found = kept.read(tracks, gap)
-            args = tracks.times, tracks.positions, tracks.start, tracks.stop, gap, NOISE_OBSERVATIONS
-            for one, fresh in zip(found, difference_noise(*args), strict=True):
+            afresh = difference_noise(tracks.observations, gap, NOISE_OBSERVATIONS)
+            for one, fresh in zip(found, afresh, strict=True):
                 np.testing.assert_array_equal(one, fresh)

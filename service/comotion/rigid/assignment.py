@@ -122,7 +122,7 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
     for k, body in enumerate(bodies):
         mine = labels[tracks] == k
         if mine.any() and body.posed.any():
-            carry(frames.y, frames.w, rows[first[mine]], tracks[mine], body.R, body.t, body.posed, found)
+            carry(frames.arrays, rows[first[mine]], tracks[mine], body.poses, found)
     return found
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from ..config import RigidConfig
+from .kernels.records import PoseStack
 from .kernels.residuals import body_costs, own_residuals
 from .procrustes import Body, static_body
 from .resampling import Frames
@@ -143,19 +144,16 @@ def _residuals(
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
     cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
-    R, t, posed = _stacked(bodies)
-    observed = frames.y, frames.w, frames.tolerance
-    cap = config.residual_cap
-    body_costs(*observed, rows, wider, frames.dim, cap, R, t, posed, unposed, stride, cost, squared)
+    terms = wider, unposed, frames.dim, config.residual_cap
+    body_costs(frames.arrays, rows, _stacked(bodies), *terms, stride, cost, squared)
     return cost, squared
 
 
-def _stacked(bodies: list[Body]) -> tuple[Floats, Floats, Floats]:
-    """Poses as the kernels take them, [K, 9, F], [K, 3, F] and [K, F] (1: posed)."""
+def _stacked(bodies: list[Body]) -> PoseStack:
     count = len(bodies[0].t)
     R = np.stack([body.R.reshape(count, 9).T for body in bodies])
     t = np.stack([body.t.T for body in bodies])
-    return R, t, np.array([body.posed for body in bodies], np.float64)
+    return PoseStack(R, t, np.array([body.posed for body in bodies], np.float64))
 
 
 def _own_terms(frames: Frames, bodies: list[Body], config: RigidConfig) -> tuple[Floats, Floats]:
@@ -167,8 +165,8 @@ def _own_terms(frames: Frames, bodies: list[Body], config: RigidConfig) -> tuple
     first = np.cumsum([0, *(len(body.rows) for body in bodies)])
     rows = np.concatenate([body.rows for body in bodies])
     excess, covered = np.zeros(len(bodies)), np.zeros(len(bodies))
-    observed = frames.y, frames.w, frames.tolerance
-    own_residuals(*observed, rows, first, frames.dim, _MOST_EXCESS, *_stacked(bodies), excess, covered)
+    stack = _stacked(bodies)
+    own_residuals(frames.arrays, rows, first, stack, frames.dim, _MOST_EXCESS, excess, covered)
     static = np.array([body.static for body in bodies])
     owners = np.repeat(np.arange(len(bodies)), np.diff(first))
     mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints, Slots, Stamps
 from .kernels.differences import last_differences
+from .kernels.records import DifferenceMemory
 from .kernels.resampling import mean_square
 from .tracks import Tracks
 
@@ -30,17 +31,20 @@ class Differences:
     """
 
     def __init__(self) -> None:
-        self._key: Stamps = np.zeros(0, np.int64)
-        self._newest: Stamps = np.zeros(0, np.int64)
-        self._written: Slots = np.zeros(0, np.intp)
-        self._squares: Floats = np.zeros((0, NOISE_OBSERVATIONS))
-        self._median: Floats = np.zeros(0)
-        self._count: Slots = np.zeros(0, np.intp)
-        self._read: Slots = np.zeros(0, np.intp)
+        self._memory = DifferenceMemory(
+            key=np.zeros(0, np.int64),
+            newest=np.zeros(0, np.int64),
+            written=np.zeros(0, np.intp),
+            squares=np.zeros((0, NOISE_OBSERVATIONS)),
+            median=np.zeros(0),
+            used=np.zeros(0, np.intp),
+            read=np.zeros(0, np.intp),
+        )
 
     def rewritten(self, slots: Slots) -> None:
         """Forget the differences of these slots, intp [n]: observations came between others."""
-        self._key[slots[slots < len(self._key)]] = -1
+        key = self._memory.key
+        key[slots[slots < len(key)]] = -1
 
     def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Ints]:
         """Median squared third difference and the count of differences, float64 [N] and intp [N].
@@ -49,33 +53,16 @@ class Differences:
         `gap_ns` int64 [N].
         """
         self._grow(int(tracks.slot.max(initial=-1)) + 1)
-        last_differences(
-            tracks.times,
-            tracks.positions,
-            tracks.start,
-            tracks.stop,
-            gap_ns,
-            tracks.slot,
-            tracks.key,
-            self._key,
-            self._newest,
-            self._written,
-            self._squares,
-            self._median,
-            self._count,
-            self._read,
-        )
-        return self._median[tracks.slot], self._count[tracks.slot]
+        last_differences(tracks.observations, gap_ns, tracks.slot, tracks.key, self._memory)
+        return self._memory.median[tracks.slot], self._memory.used[tracks.slot]
 
     def _grow(self, capacity: int) -> None:
-        extra = capacity - len(self._key)
-        if extra <= 0:
-            return
-        extra = max(extra, len(self._key))
-        self._key = np.concatenate([self._key, np.full(extra, -1)])
-        for name in ("_newest", "_written", "_squares", "_median", "_count", "_read"):
-            column = getattr(self, name)
-            setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
+        known = len(self._memory.key)
+        if capacity > known:
+            extra = max(capacity - known, known)
+            grown = [np.concatenate([c, np.zeros((extra, *c.shape[1:]), c.dtype)]) for c in self._memory]
+            self._memory = DifferenceMemory(*grown)
+            self._memory.key[known:] = -1
 
 
 def noise_variance(

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from .kernels.procrustes import fit_poses, weighted_pose
+from .kernels.records import PoseArrays
 from .resampling import Frames
 
 # Chosen on the scenes of docs/research/accuracy.md.
@@ -36,6 +37,11 @@ class Body:
     dof: int
 
     @property
+    def poses(self) -> PoseArrays:
+        """The poses as kernels take them."""
+        return PoseArrays(self.R, self.t, self.posed)
+
+    @property
     def static(self) -> bool:
         """Whether it is the body that never moves."""
         return self.dof == 0
@@ -55,11 +61,12 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     R = np.tile(np.eye(3), (count, 1, 1))
     t = np.zeros((count, 3))
     posed = np.zeros(count, np.bool_)
+    poses = PoseArrays(R, t, posed)
     template = np.zeros((3, len(rows)))
     # The inner loops of the kernel run over the rows of a frame.
     y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
     inverse = 1 / frames.tolerance[rows]
-    fit_poses(y, np.ascontiguousarray(w.T), inverse, frames.dim, _ITERATIONS, template, R, t, posed)
+    fit_poses(y, np.ascontiguousarray(w.T), inverse, frames.dim, _ITERATIONS, template, poses)
     pair = int((w > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
     return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)

@@ -206,9 +206,8 @@ def _equations(frames: Frames, rows: Ints, body: Body, pivot: Floats) -> _Equati
     """Equations of rows and one body; None where they share no frames."""
     left, right = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
     seconds = (frames.stamps - frames.stamps[0]) * 1e-9
-    observed = frames.y, frames.w, seconds, frames.tolerance
-    poses = body.R, body.t, body.posed
-    squared, count = normal_equations(*observed, rows, *poses, pivot, _LEAST_FRAMES, left, right)
+    terms = frames.arrays, seconds, rows, body.poses, pivot, _LEAST_FRAMES
+    squared, count = normal_equations(*terms, left, right)
     if not count:
         return None
     if frames.dim == 2:

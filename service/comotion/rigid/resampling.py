@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from ..arrays import Bools, Floats, Ints, Stamps
 from ..config import RigidConfig
 from .kernels.differences import difference_noise
+from .kernels.records import Limits, Observations, RowArrays
 from .kernels.resampling import all_finite, correct, resample, spread
 from .noise import NOISE_OBSERVATIONS, Differences, noise_variance
 from .tracks import Tracks, ranges
@@ -61,6 +62,11 @@ class Frames:
     life: NDArray[np.intp]
     current: Bools
 
+    @property
+    def arrays(self) -> RowArrays:
+        """The rows as kernels take them."""
+        return RowArrays(self.y, self.w, self.tolerance)
+
     def rows_of(self, tracks: Ints | Bools) -> Ints:
         """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
         chosen = np.zeros(len(self.life), np.bool_)
@@ -101,26 +107,15 @@ class Frames:
 class _Curves:
     """Observations of one kind of rows: of points, or of the ends of one arm.
 
-    `own` intp [n] are their trajectories. Observations of the k-th are [start[k]:stop[k]] of `times` and
-    `positions`, `squared` and `count` are what :func:`~comotion.rigid.noise.noise_variance` takes.
+    `own` intp [n] are their trajectories; `squared` and `count` are what
+    :func:`~comotion.rigid.noise.noise_variance` takes.
     """
 
     on_arm: bool
     own: Ints
-    times: Stamps
-    positions: Floats
-    start: Ints
-    stop: Ints
+    observations: Observations
     squared: Floats
     count: Ints
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """Int64 [N], ns: no interpolation across a gap longer than `gap`, extension by `hold` at most."""
-
-    gap: Stamps
-    hold: Stamps
 
 
 def make_frames(
@@ -168,15 +163,15 @@ def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) ->
     return stamps if len(stamps) else np.array([stamp_ns], np.int64)
 
 
-def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> _Limits:
+def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
     step = round(1e9 / config.frame_rate)
     period_ns = (tracks.period * 1e9).astype(np.int64)
     hold = np.minimum(step, period_ns) + np.abs(tracks.delay_ns) + _ROUNDING_NS
-    return _Limits(np.maximum(gap_ns, 3 * period_ns), hold)
+    return Limits(np.maximum(gap_ns, 3 * period_ns), hold, tracks.delay_ns)
 
 
 def _interpolated(
-    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: _Limits, pool: float
+    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits, pool: float
 ) -> tuple[Floats, Floats, Floats]:
     """Positions [P, F, 3] and weights [P, F] of all rows, and their noise variance [P]."""
     total = sum(len(c.own) for c in curves)
@@ -185,8 +180,8 @@ def _interpolated(
     for c in curves:
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
-        gap, hold, delay = limits.gap[own], limits.hold[own], tracks.delay_ns[own]
-        resample(c.times, c.positions, c.start, c.stop, stamps, gap, hold, delay, y[rows], w[rows])
+        own_limits = Limits(limits.gap[own], limits.hold[own], limits.delay[own])
+        resample(c.observations, stamps, own_limits, y[rows], w[rows])
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
             correct(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
@@ -201,8 +196,8 @@ def _curves(tracks: Tracks, differences: Differences, gap: Stamps) -> list[_Curv
     if tracks.quaternions is not None and tracks.dim == 3:
         six = all_finite(tracks.quaternions, tracks.start, tracks.stop)
     own = np.flatnonzero(~six)
-    start, stop = tracks.start[own], tracks.stop[own]
-    points = _Curves(False, own, tracks.times, tracks.positions, start, stop, squared[own], count[own])
+    observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
+    points = _Curves(False, own, observations, squared[own], count[own])
     return [points, *_arms(tracks, np.flatnonzero(six), gap)] if six.any() else [points]
 
 
@@ -221,9 +216,9 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
         positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
     found = []
     for arm in _ARMS * _ARM_LENGTH * tracks.extent():
-        ends = positions + orientations.apply(arm)
-        squared, count = difference_noise(times, ends, start, stop, gap[own], NOISE_OBSERVATIONS)
-        found.append(_Curves(True, own, times, ends, start, stop, squared, count))
+        ends = Observations(times, positions + orientations.apply(arm), start, stop)
+        squared, count = difference_noise(ends, gap[own], NOISE_OBSERVATIONS)
+        found.append(_Curves(True, own, ends, squared, count))
     return found
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
 from ..trajectories.window import Window
+from .kernels.records import Observations
 from .kernels.resampling import stop_at
 
 # The period of a source with more trajectories than the first number is taken from so many of them, the
@@ -56,6 +57,11 @@ class Tracks:
     delay_ns: Stamps
     turn: Floats
     shift: Floats
+
+    @property
+    def observations(self) -> Observations:
+        """The observations as kernels take them."""
+        return Observations(self.times, self.positions, self.start, self.stop)
 
     def extent(self) -> float:
         """Root mean square distance of the current trajectories from their median: the scale of the scene."""

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats, Ints
+from ...arrays import Floats, Ints
 from ...compiled import compiled
+from .records import PoseArrays, RowArrays
 
 
 @compiled()
@@ -36,22 +37,20 @@ def closing_losses(outlier: Floats, body: Floats, chosen: Ints) -> Floats:
 
 
 @compiled()
-def carry(
-    y: Floats, w: Floats, rows: Ints, tracks: Ints, R: Floats, t: Floats, posed: Bools, position: Floats
-) -> None:
+def carry(arrays: RowArrays, rows: Ints, tracks: Ints, poses: PoseArrays, position: Floats) -> None:
     """Move each trajectory along with its body, from where it was last seen to the newest pose, in place.
 
     Parameters
     ----------
-    y, w
-        float64 [P, F, 3] and [P, F] (0: unobserved).
     rows, tracks
         intp [n], a row of each trajectory, and the trajectory.
-    R, t, posed
-        float64 [F, 3, 3], float64 [F, 3], bool [F], poses of the body, at least one.
+    poses
+        Poses of the body, at least one.
     position
         Out: float64 [N, 3], of which the entries `tracks` are written.
     """
+    y, w, _ = arrays
+    R, t, posed = poses
     now = len(posed) - 1
     while not posed[now]:
         now -= 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arrays import Floats, Ints, Slots, Stamps
 from ...compiled import compiled
+from .records import DifferenceMemory, Observations
 
 # The median is first sought step by step from the last one, up to so many ranks away.
 _RANKS = 8
@@ -16,34 +17,21 @@ _RANKS = 8
 
 @compiled()
 def last_differences(
-    times: Stamps,
-    positions: Floats,
-    start: Ints,
-    stop: Ints,
-    gap: Stamps,
-    slot: Slots,
-    key: Stamps,
-    known: Stamps,
-    newest: Stamps,
-    written: Ints,
-    squares: Floats,
-    median: Floats,
-    count: Ints,
-    read: Ints,
+    observations: Observations, gap: Stamps, slot: Slots, key: Stamps, memory: DifferenceMemory
 ) -> None:
     """Find what :func:`difference_noise` finds, but compute each difference once.
 
     Parameters
     ----------
-    times, positions, start, stop, gap
+    gap
         As in :func:`difference_noise`.
     slot, key
-        intp [N] and int64 [N], row of the memory for each trajectory, and the trajectory's stable number.
-    known, newest, written, squares, median, count, read
-        In and out, the memory, one entry per slot: int64 key of the trajectory that it belongs to; int64
-        time of the newest observation in it; intp number of differences ever written; the newest of them,
-        float64 [slots, most], a ring; their median and its count; and how many were read for it.
+        intp [N] and int64 [N], entry of the memory for each trajectory, and its stable number.
+    memory
+        In and out; `median` and `used` are the result, over as many observations as the ring takes.
     """
+    times, positions, start, stop = observations
+    known, newest, written, squares, median, used, read = memory
     most = squares.shape[1]
     kept = np.empty(most)
     for i in range(len(start)):
@@ -66,7 +54,7 @@ def last_differences(
             if not np.isnan(squares[s, j % most]):
                 kept[k] = squares[s, j % most]
                 k += 1
-        median[s], count[s] = (_median(kept[:k], median[s]) if k > 0 else 0.0), k
+        median[s], used[s] = (_median(kept[:k], median[s]) if k > 0 else 0.0), k
 
 
 @compiled()
@@ -115,24 +103,16 @@ def _next_below(values: Floats, v: float) -> float:
 
 
 @compiled()
-def difference_noise(
-    times: Stamps, positions: Floats, start: Ints, stop: Ints, gap: Stamps, most: int
-) -> tuple[Floats, Ints]:
+def difference_noise(observations: Observations, gap: Stamps, most: int) -> tuple[Floats, Ints]:
     """Median squared third difference of the newest `most` observations, and the count of differences.
 
-    Parameters
-    ----------
-    times, positions
-        int64 [M] ns and float64 [M, dim], observations of all trajectories.
-    start, stop
-        intp [N]; those of trajectory i are [start[i]:stop[i]].
-    gap
-        int64 [N], ns; no difference is taken across a longer gap.
+    No difference is taken across a gap longer than `gap` int64 [N] ns.
 
     Returns
     -------
     float64 [N] (0 where there is no difference) and intp [N].
     """
+    times, positions, start, stop = observations
     median, count = np.zeros(len(start)), np.zeros(len(start), np.intp)
     for i in range(len(start)):
         first = max(start[i], stop[i] - most)

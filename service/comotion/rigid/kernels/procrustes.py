@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats
+from ...arrays import Floats
 from ...compiled import compiled
-from .rotation import planar_rotation, spatial_rotation
+from .records import PoseArrays
+from .rotation import newton_rotation, planar_rotation, spatial_rotation
 
 SOFT = 9.0
 """A squared residual of so many tolerances per dimension halves the weight of an observation."""
@@ -13,20 +14,12 @@ SOFT = 9.0
 # docs/research/accuracy.md.
 _PULL = 1e-3
 # The same where a pose is only to be determined, not smoothed: far above rounding, far below noise.
-_SLIGHT_PULL = 1e-10
+_SLIGHT_PULL = 1e-6
 
 
 @compiled()
 def fit_poses(
-    y: Floats,
-    w: Floats,
-    inverse: Floats,
-    dim: int,
-    iterations: int,
-    b: Floats,
-    R: Floats,
-    t: Floats,
-    posed: Bools,
+    y: Floats, w: Floats, inverse: Floats, dim: int, iterations: int, b: Floats, poses: PoseArrays
 ) -> None:
     """Fit a template b and poses x = R b + t to rows, in place.
 
@@ -37,9 +30,10 @@ def fit_poses(
     ----------
     y, w, inverse
         float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance 1 / v.
-    b, R, t, posed
-        Out: float64 [3, m], [F, 3, 3], [F, 3], bool [F].
+    b, poses
+        Out: float64 [3, m], and the poses of the frames that have one.
     """
+    R, t, posed = poses
     count, m = w.shape
     known = np.zeros(m)
     _seed(y, w, b, known)
@@ -89,8 +83,12 @@ def weighted_pose(
     if dim == 2:
         planar_rotation(H, R)
     else:
-        _pull(H, near, _SLIGHT_PULL)
-        spatial_rotation(H, near, False, R, work)
+        pulled, start = H.copy(), np.zeros((3, 3))
+        _pull(pulled, near, _SLIGHT_PULL)
+        spatial_rotation(pulled, near, False, start, work)
+        # Without the pull, unless the points leave the rotation open.
+        if not newton_rotation(H, start, R):
+            R[:] = start
     _translation(R, centres, t)
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats, Ints
+from ...arrays import Floats, Ints
 from ...compiled import compiled
+from .records import PoseArrays, RowArrays
 
 COLUMNS = 7
 """Unknowns: rotation vector, shift and delay."""
@@ -11,14 +12,10 @@ COLUMNS = 7
 
 @compiled()
 def normal_equations(
-    y: Floats,
-    w: Floats,
+    arrays: RowArrays,
     seconds: Floats,
-    tolerance: Floats,
     rows: Ints,
-    R: Floats,
-    t: Floats,
-    posed: Bools,
+    poses: PoseArrays,
     pivot: Floats,
     least: int,
     left: Floats,
@@ -31,12 +28,10 @@ def normal_equations(
 
     Parameters
     ----------
-    y, w, seconds, tolerance
-        float64 [P, F, 3], [P, F] (0: unobserved), [F] s and [P].
+    seconds
+        float64 [F], times of the frames.
     rows
         intp [n], rows to take.
-    R, t, posed
-        float64 [F, 3, 3], float64 [F, 3], bool [F], poses of the body.
     pivot
         float64 [3], centre of the rotation.
     least
@@ -48,6 +43,8 @@ def normal_equations(
     -------
     The squared residual before the step, in units of the rows' variances, and the number of frames.
     """
+    y, w, tolerance = arrays
+    R, t, posed = poses
     squared, frames = 0.0, 0
     seen = np.empty(len(seconds), np.intp)
     design, z = np.empty((len(seconds), 3, COLUMNS)), np.empty((len(seconds), 3))

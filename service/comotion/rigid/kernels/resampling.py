@@ -5,39 +5,24 @@ import numpy as np
 from ...arrays import Bools, Floats, Ints, Slots, Stamps
 from ...compiled import compiled
 from ...trajectories.kernels import newest_from, segment_at
+from .records import Limits, Observations
 
 
 @compiled()
-def resample(
-    times: Stamps,
-    positions: Floats,
-    start: Ints,
-    stop: Ints,
-    stamps: Stamps,
-    gap: Stamps,
-    hold: Stamps,
-    delay: Stamps,
-    y: Floats,
-    w: Floats,
-) -> None:
+def resample(observations: Observations, stamps: Stamps, limits: Limits, y: Floats, w: Floats) -> None:
     """Interpolate linearly at common frames, in place.
 
     Parameters
     ----------
-    times, positions
-        int64 [M] ns and float64 [M, dim], observations of all trajectories.
-    start, stop
-        intp [N]; those of trajectory i are [start[i]:stop[i]].
     stamps
         int64 [F], ns, ascending, the frames.
-    gap, hold, delay
-        int64 [N], ns: nothing is interpolated across a longer gap; a trajectory is extended by so much
-        beyond its newest observation; what is added to its times.
     y, w
         Out: float64 [N, F, 3] and [N, F]; w is the inverse variance relative to that of one observation.
         A point between two observations has less variance than each, an extended one more. Frames without
         an observation are left as they are.
     """
+    times, positions, start, stop = observations
+    gap, hold, delay = limits
     for i in range(len(start)):
         newest = start[i] - 1
         for f in range(len(stamps)):

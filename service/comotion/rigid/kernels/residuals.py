@@ -5,6 +5,7 @@ import numpy as np
 from ...arrays import Floats, Slots
 from ...compiled import compiled
 from .procrustes import SOFT
+from .records import PoseStack, RowArrays
 
 # A cost is first estimated on every stride-th frame if a row has at least so many of those. It is then
 # computed on all frames for bodies whose estimate is below so many times the least plus so many nats.
@@ -15,41 +16,37 @@ _NEAR_FACTOR, _NEAR_NATS = 3.0, 100.0
 
 @compiled()
 def body_costs(
-    y: Floats,
-    w: Floats,
-    tolerance: Floats,
+    arrays: RowArrays,
     rows: Slots,
+    poses: PoseStack,
     wider: Floats,
+    unposed: Floats,
     dim: int,
     cap: float,
-    R: Floats,
-    t: Floats,
-    posed: Floats,
-    unposed: Floats,
     stride: int,
     cost: Floats,
     squared: Floats,
 ) -> None:
     """Cost of rows under each body, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
 
-    x is the row in the body's frame, b its robust mean there. A frame without a pose costs `unposed` / 2.
+    x is the row in the body's frame, b its robust mean there.
 
     Parameters
     ----------
-    y, w, tolerance
-        float64 [P, F, 3], [P, F] and [P].
     rows
         intp [n], rows to take.
     wider
         float64 [K], by how much the tolerance of a body exceeds that of a row: v = tolerance + wider.
-    R, t, posed, unposed
-        float64 [K, 9, F], [K, 3, F], [K, F] (1 or 0) and [K].
+    unposed
+        float64 [K], twice the cost of a frame without a pose.
     stride
         Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
         estimate is near the least. The others keep their estimate.
     cost, squared
         Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
     """
+    y, w, tolerance = arrays
+    R, t, posed = poses
     count, bodies = w.shape[1], len(R)
     row, x = np.empty((4, count)), np.empty((4, count))
     first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
@@ -91,16 +88,12 @@ def body_costs(
 
 @compiled()
 def own_residuals(
-    y: Floats,
-    w: Floats,
-    tolerance: Floats,
+    arrays: RowArrays,
     rows: Slots,
     first: Slots,
+    poses: PoseStack,
     dim: int,
-    loosest: float,
-    R: Floats,
-    t: Floats,
-    posed: Floats,
+    most: float,
     excess: Floats,
     covered: Floats,
 ) -> None:
@@ -112,8 +105,10 @@ def own_residuals(
         intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of body k.
     excess, covered
         Out: float64 [K] each: mean squared residual in tolerances and dimensions, that of each row at
-        most `loosest`; and the share of the rows' frames that have a pose.
+        most `most`; and the share of the rows' frames that have a pose.
     """
+    y, w, tolerance = arrays
+    R, t, posed = poses
     count = w.shape[1]
     row, x = np.empty((4, count)), np.empty((4, count))
     for k in range(len(R)):
@@ -125,7 +120,7 @@ def own_residuals(
                 held += w[i, f] > 0 and posed[k, f] > 0
             inverse = 1.0 / tolerance[i]
             _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
-            excess[k] += min(squared * inverse / dim, loosest) / (first[k + 1] - first[k])
+            excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
         covered[k] = held / max(seen, 1)
 
 

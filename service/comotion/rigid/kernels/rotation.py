@@ -44,12 +44,12 @@ def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Fl
     R
         Out: float64 [3, 3].
     """
-    if not (started and _newton(H, near, R)):
+    if not (started and newton_rotation(H, near, R)):
         _closed_form(H, R, work[0], work[1])
 
 
 @compiled()
-def _newton(H: Floats, near: Floats, R: Floats) -> bool:
+def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
     """Whether Newton's method finds the maximum of tr(R^T H) over rotations, in place.
 
     With M = R^T H and R <- R exp([s]x), s solves (tr(S) 1 - S) s = axial(M), S the symmetric part. A

@@ -1,0 +1,71 @@
+"""Arrays that kernels take together: NamedTuples, which compiled code takes apart at no cost."""
+
+from typing import NamedTuple
+
+from ...arrays import Bools, Floats, Ints, Slots, Stamps
+
+
+class Observations(NamedTuple):
+    """Observations of N trajectories, those of trajectory i in [start[i]:stop[i]].
+
+    `times` int64 [M] ns, `positions` float64 [M, dim], `start` and `stop` intp [N].
+    """
+
+    times: Stamps
+    positions: Floats
+    start: Ints
+    stop: Ints
+
+
+class Limits(NamedTuple):
+    """Where N trajectories are interpolated, int64 [N] ns each.
+
+    Nothing across a gap longer than `gap`; by extension up to `hold` beyond the newest observation; after
+    adding `delay` to the times.
+    """
+
+    gap: Stamps
+    hold: Stamps
+    delay: Stamps
+
+
+class RowArrays(NamedTuple):
+    """P rows on F frames: `y` float64 [P, F, 3], `w` [P, F] (0: unobserved), `tolerance` [P]."""
+
+    y: Floats
+    w: Floats
+    tolerance: Floats
+
+
+class PoseArrays(NamedTuple):
+    """Poses x = R b + t of a body: `R` float64 [F, 3, 3], `t` float64 [F, 3], `posed` bool [F]."""
+
+    R: Floats
+    t: Floats
+    posed: Bools
+
+
+class PoseStack(NamedTuple):
+    """Poses of K bodies, frames last: `R` float64 [K, 9, F], `t` [K, 3, F], `posed` [K, F] (1 or 0)."""
+
+    R: Floats
+    t: Floats
+    posed: Floats
+
+
+class DifferenceMemory(NamedTuple):
+    """Third differences of trajectories, one entry per slot of the window.
+
+    `key` and `newest`, int64, are the trajectory that an entry belongs to and the time of its newest
+    observation; `written` intp counts the differences ever written; `squares` float64 [slots, most] holds the
+    newest of them, a ring; `median` float64 is the result, over `used` intp of the `read`
+    intp newest ones, less those across a gap.
+    """
+
+    key: Stamps
+    newest: Stamps
+    written: Slots
+    squares: Floats
+    median: Floats
+    used: Slots
+    read: Slots
