@@ -74,5 +74,7 @@ def stress(
     if json_:
         print(values)
         return
-    Console(width=max(170, Console().width)).print(report.table(results))
+    console = Console(width=max(170, Console().width))
+    for drawn in report.tables(results):
+        console.print(drawn)
     print(f"written: {out / 'stress.md'}, stress.json and images/stress.png")

@@ -8,13 +8,13 @@ from rich.console import Console
 
 from ..inputs import parse_seeds
 from . import report
-from .catalogue import FAMILIES, find_families
+from .catalogue import ALL, find_families
 from .experiment import METHODS, Outcome, run_experiment
 
 
 def main() -> None:
     """Run families, print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, epilog=f"families: {', '.join(FAMILIES)}")
+    parser = argparse.ArgumentParser(description=__doc__, epilog=f"families: {', '.join(ALL)}")
     parser.add_argument("--family", default="", help="names or beginnings of names, by commas; default: all")
     parser.add_argument("--seeds", default="0,2")
     parser.add_argument("--method", default="comotion", help=f"of {', '.join(METHODS)}, by commas")
@@ -31,7 +31,8 @@ def main() -> None:
         jobs=chosen.jobs,
         progress=lambda what: notes.print(what, highlight=False),
     )
-    console.print(report.table(results))
+    for drawn in report.tables(results):
+        console.print(drawn)
     for outcome in results.outcomes if chosen.trace else ():
         _print_traces(console, outcome)
     if chosen.json:

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 from . import bodies, events, features
+from .image_experiment import IMAGE_FAMILIES, ImageFamily
 from .scene import Scene
 
 
@@ -106,7 +107,11 @@ FAMILIES: dict[str, Family] = {
 }
 
 
-def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Family]:
+AnyFamily: TypeAlias = Family | ImageFamily
+ALL: dict[str, AnyFamily] = {**FAMILIES, **IMAGE_FAMILIES}
+
+
+def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[AnyFamily]:
     """Look up families; a name also stands for all that begin with it and an underscore.
 
     Raises
@@ -115,11 +120,11 @@ def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Fam
         If a name fits none.
     """
     if not names:
-        return [family for family in FAMILIES.values() if not (quick and family.slow)]
-    found: dict[str, Family] = {}
+        return [family for family in ALL.values() if not (quick and family.slow)]
+    found: dict[str, AnyFamily] = {}
     for name in names:
-        fitting = {k: f for k, f in FAMILIES.items() if k == name or k.startswith(f"{name}_")}
+        fitting = {k: f for k, f in ALL.items() if k == name or k.startswith(f"{name}_")}
         if not fitting:
-            raise ValueError(f"no family {name!r}; there are {', '.join(FAMILIES)}")
+            raise ValueError(f"no family {name!r}; there are {', '.join(ALL)}")
         found.update(fitting)
     return list(found.values())

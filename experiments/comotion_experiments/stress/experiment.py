@@ -15,7 +15,8 @@ from comotion_clients.metrics import Truth
 from ..offline import run_offline
 from . import metrics
 from .apart import apart
-from .catalogue import FAMILIES, Family
+from .catalogue import FAMILIES, AnyFamily, Family
+from .image_experiment import IMAGE_FAMILIES, ImageOutcome, run_image_family
 from .moments import Moment, Watcher
 from .observe import messages_of
 from .scene import Happening, Scene
@@ -100,10 +101,11 @@ class Outcome:
 
 @dataclass
 class Results:
-    """All outcomes, and the seeds they are of."""
+    """All outcomes, those of image families apart, and the seeds they are of."""
 
     seeds: Sequence[int]
     outcomes: list[Outcome] = field(default_factory=list)
+    images: list[ImageOutcome] = field(default_factory=list)
 
     def of(self, family: str, method: str) -> list[Outcome]:
         """Outcomes of a family under a method, in the order of seeds."""
@@ -139,13 +141,15 @@ def run_family(
     return asdict(_run(FAMILIES[name], seed, lambda _: config or FusionConfig(), **overrides).figures)
 
 
-def run_outcome(name: str, seed: int, method: str) -> Outcome:
+def run_outcome(name: str, seed: int, method: str) -> Outcome | ImageOutcome:
     """Run a seed of a family under a method."""
+    if name in IMAGE_FAMILIES:
+        return run_image_family(name, seed)
     return _run(FAMILIES[name], seed, lambda scene: method_config(method, scene), method=method)
 
 
 def run_experiment(
-    families: Sequence[Family],
+    families: Sequence[AnyFamily],
     seeds: Sequence[int],
     *,
     methods: Sequence[str] = METHODS,
@@ -157,7 +161,7 @@ def run_experiment(
     Parameters
     ----------
     families, seeds, methods
-        What to run.
+        What to run. Image families run with the default method only, beside baselines of their own.
     jobs
         Processes at once.
     progress
@@ -165,20 +169,28 @@ def run_experiment(
     """
     # Long ones first, so that the processes end together.
     order = sorted(families, key=lambda family: not family.slow)
-    work = [(family.name, seed, method) for family in order for method in methods for seed in seeds]
+    work = [
+        (family.name, seed, method)
+        for family in order
+        for method in methods
+        for seed in seeds
+        if isinstance(family, Family) or method == DEFAULT
+    ]
     results = Results(seeds)
     for done, outcome in enumerate(_outcomes(work, jobs), start=1):
-        figures = outcome.figures
-        progress(
-            f"{done} of {len(work)}: {outcome.family}, {outcome.method}, seed {outcome.seed}: "
-            f"NMI {figures.nmi_apart:.3f}"
-        )
-        results.outcomes.append(outcome)
+        what = f"{done} of {len(work)}: {outcome.family}, seed {outcome.seed}"
+        if isinstance(outcome, ImageOutcome):
+            results.images.append(outcome)
+            progress(f"{what}: error {outcome.figures.error:.1f} %")
+        else:
+            results.outcomes.append(outcome)
+            progress(f"{what}, {outcome.method}: NMI {outcome.figures.nmi_apart:.3f}")
     results.outcomes.sort(key=lambda o: list(seeds).index(o.seed))
+    results.images.sort(key=lambda o: list(seeds).index(o.seed))
     return results
 
 
-def _outcomes(work: Sequence[tuple[str, int, str]], jobs: int) -> Iterator[Outcome]:
+def _outcomes(work: Sequence[tuple[str, int, str]], jobs: int) -> Iterator[Outcome | ImageOutcome]:
     if jobs <= 1:
         yield from (run_outcome(*one) for one in work)
         return

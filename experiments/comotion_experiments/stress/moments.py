@@ -78,7 +78,7 @@ class Watcher:
     truth: Truth
     apart: Apart
     moments: list[Moment] = field(default_factory=list)
-    _told: set[tuple[int, str, int, tuple[int, ...]]] = field(default_factory=set)
+    _listed: set[tuple[int, str, int, tuple[int, ...]]] = field(default_factory=set)
     _observed: Observed = field(default_factory=Observed)
 
     def passing(self, batches: Iterable[Arrived]) -> Iterator[Arrived]:
@@ -110,6 +110,6 @@ class Watcher:
     def _new_events(self, update: HypothesisUpdate) -> tuple[str, ...]:
         """Kinds of the events that no update before has listed: each is repeated for some seconds."""
         listed = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
-        new = sorted(listed - self._told)
-        self._told |= listed
+        new = sorted(listed - self._listed)
+        self._listed |= listed
         return tuple(kind for _, kind, _, _ in new if kind not in UNEVENTFUL)

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from comotion_clients.scoring import finite_or_none
 
+from . import image_report
 from .catalogue import FAMILIES
 from .experiment import DEFAULT, THESIS, Figures, Results
 from .metrics import mean
@@ -50,8 +51,13 @@ def families_of(results: Results) -> list[str]:
     return [name for name in FAMILIES if name in ran]
 
 
-def table(results: Results) -> Table:
-    """For a terminal: a row for each family and method."""
+def tables(results: Results) -> list[Table]:
+    """For a terminal: a table of scenes and one of image sequences, those that were run."""
+    found = [_table(results)] if results.outcomes else []
+    return [*found, image_report.table(results.images)] if results.images else found
+
+
+def _table(results: Results) -> Table:
     drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     drawn.add_column("family", no_wrap=True)
     drawn.add_column("method", no_wrap=True)
@@ -75,6 +81,7 @@ def as_json(results: Results) -> dict[str, Any]:
     """Everything but the traces as plain values."""
     return {
         "seeds": list(results.seeds),
+        "images": image_report.as_json(results.images),
         "runs": [
             {
                 "family": o.family,
@@ -89,9 +96,10 @@ def as_json(results: Results) -> dict[str, Any]:
 
 def markdown(results: Results, picture: str) -> str:
     """For a document; `picture` is the name of the picture beside it."""
-    parts = [_head(results), f"![NMI over time]({picture})"]
+    parts = [_head(results), *([f"![NMI over time]({picture})"] if results.outcomes else [])]
     groups = dict.fromkeys(FAMILIES[name].group for name in families_of(results))
     parts += [_group(results, group) for group in groups]
+    parts += [image_report.markdown(results.images)] if results.images else []
     return "\n\n".join(parts) + "\n"
 
 

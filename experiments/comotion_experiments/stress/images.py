@@ -1,0 +1,163 @@
+"""Families of image sequences: bodies with depth before a moving camera, few features, degenerate motion."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from comotion_sources.simulator.images import Glide, ImageScene, Pinhole, Solid, observe_images
+
+from ..pixels.sequences import Sequence
+from .motion import Array
+from .scene import rng_of
+
+# Three points and a few more: an affine motion is known and can be checked.
+_FEWEST = 6
+_ZERO = np.zeros(3)
+# Where bodies of 0.3 to 0.6 m stand; the camera looks at what is this much farther than the nearest.
+_NEAR_M, _LOOKS_AT = 1.5, 1.5
+
+
+Numbers: TypeAlias = tuple[int, int]
+Span: TypeAlias = tuple[float, float]
+"""Range that a number of each scene is drawn from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageParameters:
+    """What image sequences of a family have in common; pairs are ranges.
+
+    Attributes
+    ----------
+    scenes
+        Sequences of a seed.
+    bodies, features, background
+        Moving bodies; features of each; features of the background.
+    depth
+        m; where the background is, from its nearest to its farthest part.
+    speed, spin
+        m/s and °/s of the bodies.
+    camera_speed, camera_spin
+        m/s and °/s of the camera.
+    axial
+        The camera moves along its axis, and does not turn.
+    flat
+        Bodies and background are planes.
+    frames, complete, returns, dropout, sigma
+        As in :class:`~comotion_sources.simulator.images.ImageScene`.
+    """
+
+    scenes: int = 6
+    bodies: Numbers = (2, 2)
+    features: Numbers = (20, 60)
+    background: Numbers = (100, 200)
+    depth: Span = (1.5, 6.0)
+    speed: Span = (0.1, 0.3)
+    spin: Span = (10.0, 40.0)
+    camera_speed: Span = (0.2, 0.5)
+    camera_spin: Span = (2.0, 10.0)
+    axial: bool = False
+    flat: bool = False
+    frames: int = 30
+    complete: bool = True
+    returns: bool = False
+    dropout: float = 0.0
+    sigma: float = 0.3
+
+
+def image_sequences(seed: int, name: str, how: ImageParameters) -> list[Sequence]:
+    """Make labelled sequences; the same for the same seed, name and parameters."""
+    return [
+        _sequence(f"{name}_{seed}_{k}", rng_of(seed, "images", name, str(k)), how) for k in range(how.scenes)
+    ]
+
+
+def _sequence(name: str, rng: np.random.Generator, how: ImageParameters) -> Sequence:
+    count = _whole(rng, how.bodies)
+    camera = _camera(rng, how)
+    solids = _background(rng, how)
+    solids += [_body(rng, how, number, count) for number in range(count)]
+    scene = ImageScene(
+        solids=solids,
+        camera=Pinhole(motion=camera),
+        frames=how.frames,
+        complete=how.complete,
+        returns=how.returns,
+        dropout=how.dropout,
+        sigma=how.sigma,
+    )
+    tracks = observe_images(scene, int(rng.integers(2**31)))
+    return _seen_enough(Sequence(name, tracks.positions, tracks.times, tracks.objects))
+
+
+def _seen_enough(sequence: Sequence) -> Sequence:
+    """Leave out objects of which too little is seen to tell how they move."""
+    objects, counts = np.unique(sequence.truth, return_counts=True)
+    return sequence.of(np.isin(sequence.truth, objects[counts >= _FEWEST]))
+
+
+def _camera(rng: np.random.Generator, how: ImageParameters) -> Glide:
+    """Move sideways while looking at one place and turning besides, or ahead."""
+    if how.axial:
+        return _glide(_ZERO, np.array([0.0, 0.0, rng.uniform(*how.camera_speed)]))
+    velocity = _direction(rng) * np.array([1.0, 0.6, 0.5]) * rng.uniform(*how.camera_speed)
+    target = _LOOKS_AT * how.depth[0]
+    look = np.array([velocity[1], -velocity[0], 0.0]) / target
+    besides = _direction(rng) * np.array([0.3, 0.3, 1.0]) * np.radians(rng.uniform(*how.camera_spin))
+    swing = _direction(rng) * rng.uniform(*how.camera_speed) * 0.1
+    return _glide(_ZERO, velocity, turn=look + besides, swing=swing)
+
+
+def _background(rng: np.random.Generator, how: ImageParameters) -> list[Solid]:
+    """Make a wall, and before it a floor and some boxes that rest; all are object 1."""
+    features, (near, far) = _whole(rng, how.background), how.depth
+    wall = _glide(np.array([0.0, 0.0, far])), np.array([3.0 * far, 3.0 * far, 0.0])
+    if how.flat:
+        return [Solid(*wall, features, 1)]
+    share, middle = features // 4, (near + far) / 2
+    floor = Solid(
+        _glide(np.array([0.0, 0.25 * middle, middle])), np.array([2.0 * far, 0.0, far - near]), share, 1
+    )
+    boxes = []
+    for side in (-1.0, 1.0):
+        z = near + (far - near) * rng.uniform(0.1, 0.6)
+        place = np.array([side * rng.uniform(0.3, 0.5) * z, rng.uniform(-0.25, 0.1) * z, z])
+        size = rng.uniform(0.15, 0.35, 3) * z
+        boxes.append(Solid(_glide(place, facing=_direction(rng) * 0.5), size, share, 1))
+    return [Solid(*wall, features - 3 * share, 1), floor, *boxes]
+
+
+def _body(rng: np.random.Generator, how: ImageParameters, number: int, count: int) -> Solid:
+    """Place a body in its part of the image before the background; the speed goes with the scene's size."""
+    scale = how.depth[0] / _NEAR_M
+    z = how.depth[0] * rng.uniform(0.8, 1.3)
+    across = (number + 0.5) / count - 0.5 + rng.uniform(-0.1, 0.1)
+    motion = _glide(
+        np.array([0.8 * across * z, rng.uniform(-0.2, 0.2) * z, z]),
+        _direction(rng) * np.array([1.0, 0.7, 0.7]) * rng.uniform(*how.speed) * scale,
+        facing=_direction(rng) * rng.uniform(0.0, 1.0),
+        turn=_direction(rng) * np.radians(rng.uniform(*how.spin)),
+        swing=_direction(rng) * rng.uniform(*how.speed) * 0.2 * scale,
+    )
+    size = rng.uniform(0.3, 0.6, 3) * np.array([1.0, 1.0, 0.0 if how.flat else 1.0]) * scale
+    return Solid(motion, size, _whole(rng, how.features), number + 2)
+
+
+def _glide(
+    place: Array,
+    velocity: Array = _ZERO,
+    *,
+    facing: Array = _ZERO,
+    turn: Array = _ZERO,
+    swing: Array = _ZERO,
+) -> Glide:
+    return Glide(place=place, velocity=velocity, facing=facing, turn=turn, swing=swing)
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    way = rng.normal(size=3)
+    return np.asarray(way / np.linalg.norm(way), np.float64)
+
+
+def _whole(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
+    return int(rng.integers(bounds[0], bounds[1] + 1))
