@@ -1,1 +1,1 @@
-"""How the processes are put together: command line, launcher, router."""
+"""Deployment: the command line, the launcher of several processes, and the router."""

@@ -1,4 +1,4 @@
-"""``python -m comotion_deploy``: the command without its script, as the launcher starts it."""
+"""``python -m comotion_deploy``: the command ``comotion`` without its script; the launcher uses it."""
 
 from .cli import main
 

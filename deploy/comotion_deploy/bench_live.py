@@ -1,4 +1,4 @@
-"""The processes of ``comotion bench --live``: router, service, three sources, and a probe."""
+"""``comotion bench --live``: starts router, service, three sources and a probe, and reads its result."""
 
 import json
 import time
@@ -12,28 +12,28 @@ from .errors import UserError
 from .launcher import launch
 from .processes import PYTHON, ProcessSpec, comotion
 
-_LEAD_S = 10.0
+_LEAD_S = 10.0  # until the sources start: all processes are then ready
 _MODULE = "comotion_experiments.bench.live"
 
 
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
-    """Run the whole system and measure it for some time.
+    """Run the complete system and measure it.
 
     Parameters
     ----------
     features
-        Of the scene, over its sources.
+        Features of the scene, over all sources.
     seconds
-        How long to measure.
+        Duration of the measurement.
     fusion
-        Options of serve.
+        Options of ``comotion serve``.
     settle
-        Seconds from the first track on before that: the window fills.
+        Seconds from the first track to the start of the measurement, for the window to fill.
 
     Raises
     ------
     UserError
-        If no result came, with what the processes last said.
+        If there is no result; the message has the last lines of the processes.
     """
     from comotion_experiments.bench.live import RESULT, SCENE, SOURCES
 
@@ -69,7 +69,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
 
 
 def live_lines(found: dict[str, Any]) -> list[str]:
-    """The result in words."""
+    """Format the result as text."""
     seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
 
     def spread(name: str) -> str:
@@ -80,6 +80,6 @@ def live_lines(found: dict[str, Any]) -> list[str]:
     return [
         f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
         f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
-        f"put of the last batch an update holds to its receipt: {spread('last_batch')}",
-        f"put of any batch to the first update that holds it: {spread('every_batch')}",
+        f"put of the last batch in an update to its receipt: {spread('last_batch')}",
+        f"put of a batch to receipt of the first update that includes it: {spread('every_batch')}",
     ]

@@ -13,15 +13,24 @@ from pathlib import Path
 from .processes import ProcessSpec
 
 FIRST_DELAY_S = 0.2
+"""Delay of the first restart; it doubles with each further one."""
 LONGEST_DELAY_S = 10.0
 STABLE_S = 10.0
+"""A process that ran for this long restarts after the first delay again."""
 READY_VARIABLE = "COMOTION_READY_FILE"
 
 
 class Child:
-    """Runs a :class:`ProcessSpec`; must be started from a thread that outlives it (the main one).
+    """Runs a :class:`ProcessSpec`; start it from the main thread, since it ends with that thread.
 
-    `folder` is for its ready file; `write` takes each line it prints. `was_ready`: it has served.
+    Parameters
+    ----------
+    spec
+        The process.
+    folder
+        Folder for its ready file.
+    write
+        Called with each line that it prints.
     """
 
     def __init__(self, spec: ProcessSpec, folder: Path, write: Callable[[str], None]) -> None:
@@ -38,7 +47,7 @@ class Child:
 
     @property
     def pid(self) -> int | None:
-        """Its process id, None when it does not run."""
+        """Process id; None while it does not run."""
         return None if self._popen is None else self._popen.pid
 
     def start(self) -> None:
@@ -53,7 +62,7 @@ class Child:
             text=True,
             errors="replace",
             env={**os.environ, "PYTHONUNBUFFERED": "1", READY_VARIABLE: str(self._ready_file), **spec.env},
-            # A session of its own: Ctrl-C reaches the launcher alone, which stops all in order.
+            # In a separate session, Ctrl-C reaches only the launcher, which stops all processes in order.
             start_new_session=not spec.foreground,
         )
         self._started_s = time.monotonic()
@@ -63,7 +72,7 @@ class Child:
             self._reader.start()
 
     def poll(self) -> int | None:
-        """Exit status of a process that has just ended, else None; sets when a restart is due."""
+        """Return the exit status if the process has just ended, else None; schedules a restart."""
         if self._popen is not None:
             self.was_ready |= not self.spec.says_ready or self._ready_file.exists()
         status = None if self._popen is None else self._popen.poll()
@@ -74,12 +83,12 @@ class Child:
         return status
 
     def terminate(self) -> None:
-        """Ask it to stop; it is not restarted."""
+        """Send SIGTERM; the process is not restarted."""
         self.due_s = None
         self._signal(signal.SIGTERM)
 
     def wait(self, since_s: float) -> bool:
-        """Wait until it has ended; False, and it is killed, when that takes longer than it may."""
+        """Wait until it ends; if that exceeds `stop_s` since `since_s`, kill it and return False."""
         if self._popen is None:
             return True
         in_time = True
@@ -93,7 +102,7 @@ class Child:
         return in_time
 
     def _reap(self) -> None:
-        """Nothing of its group may outlive it."""
+        """Kill remaining processes of its group and release resources."""
         self._signal(signal.SIGKILL)
         if self._reader is not None:
             self._reader.join()

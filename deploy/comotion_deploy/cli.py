@@ -1,4 +1,4 @@
-"""The command ``comotion``: what there is, and how its errors read."""
+"""The command ``comotion``: registers its commands and reports their errors."""
 
 import logging
 import sys
@@ -65,9 +65,9 @@ app.command("config", epilog=config.EPILOG)(config.config)
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command; answers with the exit status: 0, 2 for a known error, 130 when interrupted.
+    """Run one command and return its exit status: 0, 2 for a known error, 130 if interrupted.
 
-    An error that is no known one is a defect and keeps its traceback.
+    Any other error is a defect; its traceback is shown.
     """
     try:
         result = app(list(arguments), prog_name="comotion", standalone_mode=False)
@@ -82,7 +82,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def _fail(message: object, error: Exception) -> int:
     logging.getLogger(__name__).debug("where it happened", exc_info=error)
-    if text := one_line(message):  # empty: the help has been printed instead
+    if text := one_line(message):  # empty if the help was printed
         print(f"error: {text}", file=sys.stderr)
     return 2
 

@@ -1,4 +1,4 @@
-"""The processes of ``comotion demo``, and what one of them reports at the end."""
+"""The processes of ``comotion demo``, and the report at its end."""
 
 import json
 import math
@@ -15,16 +15,16 @@ from .processes import PYTHON, ProcessSpec, comotion
 RATES = (15, 30, 100)
 SUMMARY = "summary.txt"
 _BARS = " ▁▂▃▄▅▆▇█"
-_LEAD_S = 4.0
-_REPORT_S = 60.0
+_LEAD_S = 4.0  # until the scene starts: all processes are then ready
+_REPORT_S = 60.0  # longest time for writing the report
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """What the demo shows: `simulated` is a scene of the simulator, `fusion` options of serve.
+    """Options of the demo: `simulated` is a scene of the simulator, `fusion` options of serve.
 
-    The scene is slowed down so that one pass lasts longer than `duration`: between two passes the
-    bodies would jump.
+    The scene is slowed down so that one pass is longer than `duration`: between two passes the bodies
+    would jump.
     """
 
     simulated: str = "3d_async"
@@ -35,7 +35,7 @@ class DemoOptions:
 
 
 def free_endpoint() -> str:
-    """An endpoint on this machine that nobody listens at."""
+    """Return an endpoint of this machine with an unused port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -67,12 +67,12 @@ def demo_processes(
 
 
 def time_scale(options: DemoOptions) -> float:
-    """Scene seconds per second: real time, or slower where a pass would be over too soon.
+    """Scene seconds per second: 1, or less if one pass would be shorter than the demo.
 
     Raises
     ------
     ValueError
-        If there is no such scene.
+        If the scene does not exist.
     """
     from comotion_sources.simulator import load_scene
 
@@ -80,7 +80,7 @@ def time_scale(options: DemoOptions) -> float:
 
 
 def prepare() -> None:
-    """Have everything compiled before the scene starts."""
+    """Compile all kernels before the scene starts."""
     from comotion import FusionConfig
     from comotion.runtime.warm_up import warm_up
 
@@ -89,12 +89,12 @@ def prepare() -> None:
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """One bar per value of 0..1; a dot for none."""
+    """Return one bar per value in 0..1; a dot for NaN."""
     return "".join("." if math.isnan(v) else _BARS[1 + min(7, int(v * 8))] for v in values)
 
 
 def nmi_per_second(stamps_ns: Sequence[int], nmi: Sequence[float]) -> list[float]:
-    """Mean NMI in every second of the run; NaN where nothing was scored."""
+    """Mean NMI of every second of the run; NaN without scores."""
     groups: dict[int, list[float]] = {}
     for stamp, value in zip(stamps_ns, nmi, strict=True):
         if not math.isnan(value):
@@ -120,7 +120,7 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     Raises
     ------
     ValueError
-        If nothing could be scored.
+        If no update could be scored.
     """
     from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
     from comotion_experiments.plot import Trace, save_plot
@@ -150,7 +150,7 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
 
 
 def show_summary(out: Path) -> None:
-    """Print what the reporter has written."""
+    """Print the summary of the reporter."""
     try:
         print((out / SUMMARY).read_text(encoding="utf-8"), end="")
     except FileNotFoundError:

@@ -1,8 +1,8 @@
-"""Errors a user can mend: reported as one line, never as a traceback."""
+"""Errors that a user can correct: reported as one line, without a traceback."""
 
 
 class UserError(Exception):
-    """A known error; its message is one clear line."""
+    """A known error; its message is one line."""
 
 
 def one_line(message: object) -> str:

@@ -1,4 +1,4 @@
-"""Runs a system of processes: starts, restarts and stops them together, and leaves none behind."""
+"""Launcher: process specifications -> running processes, which start, restart and stop together."""
 
 import signal
 import threading
@@ -16,7 +16,7 @@ from .processes import ProcessSpec
 
 OWN_NAME = "launcher"
 READY_S = 180.0
-"""The first start of the service on a machine compiles for a while."""
+"""Longest wait until all processes are ready: the first start of the service compiles its kernels."""
 _POLL_S = 0.05
 
 
@@ -26,12 +26,12 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
     Parameters
     ----------
     log
-        Write the processes' lines there instead of to standard output.
+        File for the lines of the processes; None: standard output.
 
     Raises
     ------
     UserError
-        If a process refuses to start (exit status 2 before it was ever ready).
+        If a process cannot start (exit status 2 before it was ready).
     """
     stop = threading.Event()
     with (
@@ -43,7 +43,7 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
 
 
 class Launcher:
-    """Children of one system, watched from one thread."""
+    """The processes of one system, watched from one thread."""
 
     def __init__(
         self, specs: Sequence[ProcessSpec], folder: Path, lines: LogLines, stop: threading.Event
@@ -53,7 +53,7 @@ class Launcher:
         self.children = [Child(spec, folder, _writer(lines, spec.name)) for spec in specs]
 
     def run(self, duration_s: float | None = None) -> None:
-        """Start everything, keep it running, stop everything."""
+        """Start all processes, restart failed ones until the end, and stop all."""
         try:
             self._start_all()
             self._watch(None if duration_s is None else time.monotonic() + duration_s)
@@ -61,35 +61,35 @@ class Launcher:
             self._stop_all()
 
     def _start_all(self) -> None:
-        # Clients wait for a router by themselves; it goes first so that they need not.
+        # Start the router first, so that the others need not wait for it.
         for stage in (True, False):
             members = [child for child in self.children if child.spec.is_router is stage]
             for child in members:
                 self._start(child)
             self._wait_ready(members)
         if not self._stop.is_set():
-            self._say("all processes are ready; Ctrl-C stops them")
+            self._log("all processes are ready; Ctrl-C stops them")
 
     def _wait_ready(self, children: list[Child]) -> None:
         deadline = time.monotonic() + READY_S
         while not self._stop.is_set() and not all(child.was_ready for child in children):
-            self._look_after()
+            self._check_children()
             if time.monotonic() > deadline:
                 late = ", ".join(child.spec.name for child in children if not child.was_ready)
-                self._say(f"not ready after {READY_S:.0f} s: {late}")
+                self._log(f"not ready after {READY_S:.0f} s: {late}")
                 return
             self._stop.wait(_POLL_S)
 
     def _watch(self, end_s: float | None) -> None:
         while not self._stop.is_set() and (end_s is None or time.monotonic() < end_s):
-            self._look_after()
+            self._check_children()
             if all(child.pid is None and child.due_s is None for child in self.children):
-                self._say("all processes have ended")
+                self._log("all processes have ended")
                 return
             self._stop.wait(_POLL_S)
 
-    def _look_after(self) -> None:
-        """Note what has ended and start again what is due."""
+    def _check_children(self) -> None:
+        """Handle ended processes and start those whose restart is due."""
         for child in self.children:
             status = child.poll()
             if status is not None:
@@ -99,7 +99,7 @@ class Launcher:
 
     def _start(self, child: Child) -> None:
         child.start()
-        self._say(f"started {child.spec.name}, pid {child.pid}")
+        self._log(f"started {child.spec.name}, pid {child.pid}")
 
     def _on_end(self, child: Child, status: int) -> None:
         name = child.spec.name
@@ -107,10 +107,10 @@ class Launcher:
             raise UserError(f"{name} cannot start: {child.last_line.removeprefix('error: ')}")
         if child.due_s is not None:
             delay = child.due_s - time.monotonic()
-            self._say(f"{name} has ended ({_reason(status)}); starting it again in {delay:.1f} s")
+            self._log(f"{name} has ended ({_reason(status)}); starting it again in {delay:.1f} s")
             return
-        child.was_ready = True  # it has done its work
-        self._say(f"{name} has ended ({_reason(status)})")
+        child.was_ready = True  # it ended as intended
+        self._log(f"{name} has ended ({_reason(status)})")
         if child.spec.foreground:
             self._stop.set()
 
@@ -122,9 +122,9 @@ class Launcher:
             since = time.monotonic()
             for child in members:
                 if not child.wait(since):
-                    self._say(f"{child.spec.name} did not stop in time and was killed")
+                    self._log(f"{child.spec.name} did not stop in time and was killed")
 
-    def _say(self, text: str) -> None:
+    def _log(self, text: str) -> None:
         self._lines.write(OWN_NAME, text)
 
 

@@ -1,4 +1,4 @@
-"""The lines of many processes in one stream, each with the name of its process in front."""
+"""Log lines: lines of several processes -> one stream, each line with the name of its process."""
 
 import threading
 from itertools import cycle
@@ -28,9 +28,9 @@ class LogLines:
     Parameters
     ----------
     names
-        The processes, for width and colour of the prefix.
+        Names of the processes, for width and colour of the prefix.
     path
-        Where the lines go instead of standard output; needed while another process owns the terminal.
+        File for the lines; None: standard output. Needed while another process owns the terminal.
     """
 
     def __init__(self, names: list[str], path: Path | None = None) -> None:

@@ -1,9 +1,9 @@
-"""Options that every command shares, and where their values come from.
+"""Common options of the commands, and the sources of their values.
 
-A flag beats ``COMOTION_*`` in the environment, which beats the file given by ``--config``, which
-beats the default. In the file, common options are top-level keys, the options of a command are in
-a table of its name (``[serve]``, ``[source.simulator]``), the fusion parameters in ``[fusion]``,
-settings of the router in ``[zenoh]``.
+A flag takes precedence over ``COMOTION_*`` in the environment, the environment over the file given by
+``--config``, and the file over the default. In the file, common options are top-level keys, options of a
+command are in the table of its name (``[serve]``, ``[source.simulator]``), fusion parameters in
+``[fusion]``, and settings of the router in ``[zenoh]``.
 """
 
 import logging
@@ -26,7 +26,7 @@ _FILE = "comotion.config-file"
 
 
 class LogLevel(StrEnum):
-    """How much a process tells on standard error."""
+    """Least severity of messages on standard error."""
 
     DEBUG = "debug"
     INFO = "info"
@@ -82,7 +82,7 @@ Listen = Annotated[
         "--listen",
         envvar="COMOTION_LISTEN",
         metavar="ENDPOINT",
-        help="Be a router as well, at this endpoint; may be repeated.",
+        help="Also act as a router, at this endpoint; may be repeated.",
     ),
 ]
 ConfigFile = Annotated[
@@ -102,7 +102,7 @@ Log = Annotated[
         "--log-level",
         envvar="COMOTION_LOG_LEVEL",
         callback=_start_logging,
-        help="How much to tell on standard error.",
+        help="Least severity of messages on standard error.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", envvar="COMOTION_JSON", help="Print the result as JSON.")]
@@ -113,7 +113,7 @@ Metrics = Annotated[
         envvar="COMOTION_METRICS_PORT",
         metavar="[HOST:]PORT",
         callback=_expose_metrics,
-        help="Serve Prometheus metrics, on 127.0.0.1 unless a host is given; 0 takes a free port.",
+        help="Serve Prometheus metrics, by default on 127.0.0.1; 0 chooses a free port.",
     ),
 ]
 ReadyFile = Annotated[
@@ -122,12 +122,12 @@ ReadyFile = Annotated[
         "--ready-file",
         envvar="COMOTION_READY_FILE",
         metavar="PATH",
-        help="Write this file once serving, instead of printing 'ready'.",
+        help="Write this file when ready, instead of printing 'ready'.",
     ),
 ]
 Method = Annotated[
     str | None,
-    typer.Option("--method", envvar="COMOTION_METHOD", help="How hypotheses are inferred, e.g. thesis."),
+    typer.Option("--method", envvar="COMOTION_METHOD", help="Method: comotion or thesis."),
 ]
 Assignments = Annotated[
     list[str] | None,
@@ -146,7 +146,7 @@ def load_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     UserError
-        If it cannot be read or is no TOML.
+        If the file cannot be read or is not valid TOML.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
@@ -157,12 +157,12 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Pick what a configuration file says about the command of a context.
+    """Return the values that a configuration file has for the command of a context.
 
     Raises
     ------
     UserError
-        For a key that no command knows: a misspelt option must not pass in silence.
+        If a key is unknown: a misspelt option must not be ignored.
     """
     _check_top_level(ctx, path, content)
     known = _parameters(ctx)
@@ -173,7 +173,7 @@ def command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
 
 
 def _parameters(ctx: typer.Context) -> dict[str, str]:
-    """Names of a command's options as a file spells them, and as its function does."""
+    """Map the name of an option in a file to the parameter of the command's function."""
     known = {}
     for parameter in ctx.command.params:
         for given in parameter.opts:
@@ -212,15 +212,39 @@ def spelling(key: str) -> str:
 
 
 def file_table(ctx: typer.Context, name: str) -> dict[str, Any]:
-    """Read a table of the configuration file that belongs to no command; empty without one."""
+    """Return a table of the configuration file that does not belong to a command; default: empty."""
     table: dict[str, Any] = ctx.meta.get(_FILE, {}).get(name, {})
     return table
+
+
+def reject_flags(ctx: typer.Context, names: tuple[str, ...], why: str) -> None:
+    """Reject options on the command line that have no effect; environment and files may set them.
+
+    Parameters
+    ----------
+    ctx
+        Context of the command.
+    names
+        Parameters of its function.
+    why
+        End of the message, after the option.
+
+    Raises
+    ------
+    UserError
+        If one of the options is on the command line.
+    """
+    for name in names:
+        source = ctx.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            flag = {"assignments": "--set"}.get(name, f"--{name.replace('_', '-')}")
+            raise UserError(f"{flag} {why}")
 
 
 def session_settings(connect: list[str] | None, listen: list[str] | None = None) -> "SessionSettings":
     """Build the session settings of the common options.
 
-    A process that listens is a router itself, and connects elsewhere only when told to.
+    A process that listens is a router, and connects to other routers only if `connect` is given.
     """
     from comotion_schemas.transport import SessionSettings
 

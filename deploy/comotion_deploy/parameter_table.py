@@ -1,6 +1,6 @@
-"""The tables of fusion parameters in a page of the documentation.
+"""Writes the tables of fusion parameters into a page of the documentation.
 
-Written by ``python -m comotion_deploy.parameter_table docs/parameters.md``.
+Usage: ``python -m comotion_deploy.parameter_table docs/parameters.md``.
 """
 
 import json
@@ -39,7 +39,7 @@ def parameter_table(prefix: str, model: type[BaseModel]) -> str:
 
 
 def _allowed(schema: dict[str, Any]) -> str:
-    """What a JSON Schema admits, in words."""
+    """Format the values that a JSON Schema allows."""
     if "anyOf" in schema:
         return " or ".join(_allowed(option) for option in schema["anyOf"])
     if "enum" in schema or "const" in schema:
@@ -59,12 +59,12 @@ def _allowed(schema: dict[str, Any]) -> str:
 
 
 def filled(page: str) -> str:
-    """Write the page anew, its tables as the code has them."""
+    """Return the page with its tables replaced."""
     return _TABLE.sub(lambda found: found[1] + parameter_table(*_MODELS[found[2]]), page)
 
 
 def main() -> None:
-    """Bring the tables of a page in step."""
+    """Update the tables of a page."""
     page = Path(sys.argv[1])
     page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""What ``comotion up`` starts: the ``[process.NAME]`` tables of its file."""
+"""Process specifications of ``comotion up``: ``[process.NAME]`` tables -> processes."""
 
 import shlex
 import shutil
@@ -18,23 +18,23 @@ _KEYS = frozenset({"run", "command", "restart", "foreground", "env"})
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
-    """One process: what to run and what to do when it ends.
+    """One process: its command, and what happens when it ends.
 
     Attributes
     ----------
     command
         Program and arguments.
     says_ready
-        It writes the file named by ``COMOTION_READY_FILE`` once it serves, as our commands do; else
-        it counts as ready when started.
+        The process writes the file named by ``COMOTION_READY_FILE`` when it is ready, as comotion
+        commands do; otherwise it counts as ready when it has started.
     is_router
-        Started before, and stopped after, everything else.
+        Started before and stopped after all other processes.
     restart
-        ``on-failure``: unless it ended with status 0.
+        When to restart; ``on-failure``: unless it ended with status 0.
     foreground
-        Owns the terminal; when it ends with status 0, everything is stopped.
+        The process owns the terminal; when it ends with status 0, all processes are stopped.
     stop_s
-        Seconds it may take to stop before it is killed.
+        Seconds that the process may take to stop before it is killed.
     """
 
     name: str
@@ -48,7 +48,7 @@ class ProcessSpec:
 
 
 def comotion(name: str, *arguments: object, **options: Any) -> ProcessSpec:
-    """Build the spec of one of our own commands."""
+    """Build the specification of a comotion command."""
     words = tuple(map(str, arguments))
     return ProcessSpec(
         name=name, command=(*PYTHON, "comotion_deploy", *words), is_router=words[0] == "router", **options
@@ -56,12 +56,12 @@ def comotion(name: str, *arguments: object, **options: Any) -> ProcessSpec:
 
 
 def read_processes(content: Mapping[str, Any]) -> list[ProcessSpec]:
-    """Read the processes of a configuration file, in its order.
+    """Parse the processes of a configuration file, in the order of the file.
 
     Raises
     ------
     UserError
-        If there are none, or one is not described as documented.
+        If there is no process, or a description is not valid.
     """
     tables = content.get("process")
     if not isinstance(tables, dict) or not tables:

@@ -1,4 +1,4 @@
-"""The router: Zenoh in router mode, in a process of its own."""
+"""The router process: Zenoh in router mode."""
 
 import threading
 from pathlib import Path
@@ -12,16 +12,16 @@ from comotion_schemas.transport import SessionSettings, open_session
 from .errors import UserError
 
 ZENOH_TABLES = frozenset({"access_control", "low_pass_filter", "downsampling", "qos"})
-"""What of Zenoh's configuration ``[zenoh]`` may set; the rest is settled by the session settings."""
+"""Tables of the Zenoh configuration that ``[zenoh]`` may set; the session settings fix the others."""
 
 
 def zenoh_overrides(table: dict[str, Any], max_message_bytes: int | None) -> dict[str, Any]:
-    """Zenoh settings of the router from ``[zenoh]`` and ``--max-message-bytes``.
+    """Build the Zenoh settings of the router from ``[zenoh]`` and ``--max-message-bytes``.
 
     Raises
     ------
     UserError
-        For a table the router does not take, or a limit that is set twice.
+        If a table is not allowed, or the limit is set twice.
     """
     unknown = sorted(set(table) - ZENOH_TABLES)
     if unknown:
@@ -41,12 +41,12 @@ def zenoh_overrides(table: dict[str, Any], max_message_bytes: int | None) -> dic
 
 
 def run_router(settings: SessionSettings, overrides: dict[str, Any], ready_file: Path | None) -> None:
-    """Route until SIGINT or SIGTERM.
+    """Route messages until SIGINT or SIGTERM.
 
     Raises
     ------
     UserError
-        If it cannot listen, or Zenoh refuses the settings.
+        If the router cannot listen, or Zenoh rejects the settings.
     """
     stop = threading.Event()
     with stop_on_signals(stop):

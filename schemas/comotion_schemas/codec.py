@@ -1,7 +1,7 @@
-"""Messages to bytes and back. Every byte from outside is checked here, once.
+"""Codec: messages <-> bytes. All received bytes are validated here.
 
-`encode` never fails on a message that exists (unless it is too large); `decode` answers with a
-valid message or a :class:`DecodeError` that names the protocol's rejection reason.
+`encode` fails only on messages that are too large; `decode` returns a valid message or raises
+:class:`DecodeError` with a rejection reason of the protocol.
 """
 
 from dataclasses import fields, is_dataclass
@@ -24,11 +24,11 @@ _BY_SCHEMA: dict[str, TypeAdapter[Message]] = {
     f"comotion.{kind.__name__}/1": TypeAdapter(kind) for kind in MESSAGE_TYPES
 }
 _REASONS: frozenset[str] = frozenset(get_args(RejectionReason))
-# One container and all of them together: 16 MiB of empty maps would take a gigabyte of memory.
+# Limits of one map or list, and of all together: 16 MiB of empty maps would take 1 GB of memory.
 _MAX_ITEMS = 100_000
 _MAX_TOTAL = 500_000
 
-# pydantic's own error types that mean something more precise than "schema".
+# Error types of pydantic with a more specific rejection reason than "schema".
 _PYDANTIC_REASONS: dict[str, RejectionReason] = {
     "unexpected_keyword_argument": "unknown-field",
     "extra_forbidden": "unknown-field",
@@ -45,7 +45,7 @@ _PYDANTIC_REASONS: dict[str, RejectionReason] = {
 
 
 class DecodeError(ValueError):
-    """A payload that is no valid message; `reason` is one of the protocol's rejection reasons."""
+    """A payload is not a valid message; `reason` is a rejection reason of the protocol."""
 
     def __init__(self, reason: RejectionReason, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -73,7 +73,7 @@ def decode(payload: bytes) -> Message:
     Raises
     ------
     DecodeError
-        With the reason the protocol names for it.
+        If the payload is not a valid message.
     """
     if len(payload) > MAX_BYTES:
         raise DecodeError("too-large", f"{len(payload)} bytes exceed the limit of {MAX_BYTES}")
@@ -89,12 +89,12 @@ def decode(payload: bytes) -> Message:
 
 
 def decode_as(kind: type[M], payload: bytes) -> M:
-    """Like :func:`decode`, for a key that carries one message type only.
+    """Parse and validate a payload of one message type.
 
     Raises
     ------
     DecodeError
-        Also with reason ``schema`` if the payload is a valid message of another type.
+        As :func:`decode`; with the reason ``schema`` if it is a message of another type.
     """
     message = decode(payload)
     if not isinstance(message, kind):
@@ -117,7 +117,7 @@ def _unpack(payload: bytes) -> dict[str, Any]:
         )
     except DecodeError:
         raise
-    except Exception as error:  # msgpack raises many types on hostile bytes; all mean the same here
+    except Exception as error:  # msgpack raises many types on malformed bytes
         raise DecodeError("malformed", f"not msgpack: {type(error).__name__}") from None
     if not isinstance(content, dict):
         raise DecodeError("malformed", "not a map")
@@ -125,7 +125,7 @@ def _unpack(payload: bytes) -> dict[str, Any]:
 
 
 class _Containers:
-    """Checks the maps and lists of one payload while they are unpacked."""
+    """Validates the maps and lists of one payload while they are unpacked."""
 
     def __init__(self) -> None:
         self._total = 0
@@ -138,7 +138,7 @@ class _Containers:
         for key, value in pairs:
             if not isinstance(key, str):
                 raise DecodeError("malformed", "a map key is not a string")
-            if value is None:  # an optional field that is not set is absent
+            if value is None:  # in the protocol an unset optional field is absent
                 raise DecodeError("schema", f"{_printable(key)}: nil")
         return content
 
@@ -153,7 +153,7 @@ class _Containers:
 
 
 def _printable(text: str) -> str:
-    """Hostile text must not forge lines or colours where the error is shown."""
+    """Replace control characters: received text must not change the display of an error."""
     return "".join(char if char.isprintable() else "?" for char in text[:200])
 
 

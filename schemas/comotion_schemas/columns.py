@@ -1,6 +1,6 @@
-"""Typed NumPy columns: how an array field of a message is declared, checked and carried.
+"""Typed NumPy columns: declaration, validation and encoding of the array fields of messages.
 
-A column travels as a msgpack ``bin`` of a little-endian C-order array (docs/protocol.md).
+A column is encoded as a msgpack ``bin`` of a little-endian C-order array (docs/protocol.md).
 """
 
 from dataclasses import dataclass
@@ -14,26 +14,25 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 Array = NDArray[Any]
 
 WIRE = {"from": "wire"}
-"""Validation context of a decoded payload: there a column is ``bin`` and nothing else."""
+"""Validation context of a decoded payload, in which a column must be ``bin``."""
 
 
 def reject(reason: str, detail: str) -> PydanticCustomError:
-    """Build the error that carries a rejection reason of the protocol through pydantic."""
-    # The detail goes in as a value: braces in hostile input must not be read as template fields.
+    """Build a pydantic error whose type is a rejection reason of the protocol."""
+    # Pass the detail as a value: braces in received text must not act as template fields.
     return PydanticCustomError(reason, "{detail}", {"detail": detail})  # type: ignore[arg-type,unused-ignore]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column: wire dtype, row width and whether NaN and infinity are forbidden.
+    """A column: dtype, row width and whether NaN and infinity are rejected.
 
     Parameters
     ----------
     dtype
-        NumPy type string with the byte order, e.g. ``<u8``.
+        NumPy type string with byte order, e.g. ``<u8``.
     width
-        None for a vector, a number for rows of that many values, ``"dim"`` where the message's own
-        ``dim`` settles it.
+        Values per row; None for a vector, ``"dim"`` for the field ``dim`` of the message.
     finite
         Reject NaN and infinity.
     """
@@ -43,20 +42,20 @@ class Column:
     finite: bool = True
 
     def validate(self, value: object, info: ValidationInfo) -> Array:
-        """Validate a field: array-likes are for Python, not for the wire."""
+        """Validate a field; array-likes are accepted in Python, but not in decoded payloads."""
         if info.context is WIRE and not isinstance(value, bytes):
             raise reject("schema", f"a column is bin, not {type(value).__name__}")
         return self.coerce(value)
 
     def coerce(self, value: object) -> Array:
-        """Turn an array-like, or the bytes of the wire, into a read-only array of the stated dtype.
+        """Convert an array-like or encoded bytes to a read-only array of the dtype of the column.
 
         Raises
         ------
         PydanticCustomError
-            ``length`` for bytes that are no whole number of rows or an array of another rank,
-            ``non-finite`` where numbers must be finite, ``range`` for integers that do not fit,
-            ``schema`` for anything that is no array of numbers.
+            ``length`` for bytes that are not a whole number of rows, or an array of another rank;
+            ``non-finite`` for numbers that must be finite; ``range`` for integers that do not fit;
+            ``schema`` for anything that is not an array of numbers.
         """
         array = self._from_bytes(value) if isinstance(value, bytes) else self._from_array(value)
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -66,21 +65,21 @@ class Column:
     def _from_bytes(self, raw: bytes) -> Array:
         dtype = np.dtype(self.dtype)
         if len(raw) % dtype.itemsize:
-            raise reject("length", f"{len(raw)} bytes are no whole number of {dtype.name} values")
+            raise reject("length", f"{len(raw)} bytes are not a whole number of {dtype.name} values")
         flat = np.frombuffer(raw, dtype)
         if not isinstance(self.width, int):
             return flat
         if flat.size % self.width:
-            raise reject("length", f"{flat.size} numbers are no whole number of rows of {self.width}")
+            raise reject("length", f"{flat.size} numbers are not a whole number of rows of {self.width}")
         return flat.reshape(-1, self.width)
 
     def _from_array(self, value: object) -> Array:
         try:
             given = np.asarray(value)
             if given.dtype.kind == "f" and isinstance(value, list) and all(type(v) is int for v in value):
-                given = np.array(value, self.dtype)  # NumPy makes floats of a list that exceeds int64
+                given = np.array(value, self.dtype)  # NumPy converts lists beyond int64 to floats
             self._check_kind(given)
-            # An overflow to infinity is reported by the finite check, not by a warning.
+            # The finite check reports an overflow to infinity.
             with np.errstate(over="ignore"):
                 array = np.array(given, dtype=self.dtype, order="C")
         except (TypeError, ValueError, OverflowError) as error:
@@ -99,7 +98,7 @@ class Column:
             raise reject("length", f"expected rows of {self.width}, got {array.shape[-1]}")
 
     def _check_kind(self, given: Array) -> None:
-        """Only numbers convert, and only integers to integers."""
+        """Reject values that are not numbers, and floats in an integer column."""
         target = np.dtype(self.dtype)
         if not given.size:
             return
@@ -126,12 +125,12 @@ class Column:
 
 
 def increasing(ids: Array) -> bool:
-    """Whether every id exceeds the one before."""
+    """Whether ids uint64 [N] are strictly increasing."""
     return bool((ids[1:] > ids[:-1]).all())
 
 
 def has_duplicates(ids: Array) -> bool:
-    """Whether an id occurs twice. The common sorted case needs no sort."""
+    """Whether an id occurs twice; sorted ids, the common case, are not sorted again."""
     if ids.size < 2 or increasing(ids):
         return False
     ordered = np.sort(ids)
@@ -139,6 +138,6 @@ def has_duplicates(ids: Array) -> bool:
 
 
 def require_rows(name: str, array: Array, expected: int) -> None:
-    """Reject a column that does not have one row per id."""
+    """Reject a column whose number of rows is not the expected one."""
     if len(array) != expected:
         raise reject("length", f"{name} has {len(array)} rows, expected {expected}")

@@ -1,6 +1,6 @@
-"""Presence of one process in a scene: session, liveliness, Status, signals and readiness.
+"""Component: the session, liveliness token, Status, signals and readiness of one process in a scene.
 
-Sources, the service and clients all live inside a :class:`Component`::
+Sources, the service and clients run in a :class:`Component`::
 
     with Component(scene="default", role="source", name="my-tracker") as component:
         publisher = stream_publisher(component.session, component.keys, "obs", component.name)
@@ -36,13 +36,13 @@ _log = logging.getLogger(__name__)
 
 
 def new_session_id() -> str:
-    """Draw a new session: 16 hexadecimal digits, different at each start of a process."""
+    """Draw a random session id of 16 hexadecimal digits."""
     return secrets.token_hex(8)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StatusFields:
-    """What a component tells about itself; the rest of a Status is known to :class:`Component`."""
+    """The fields of Status that a component provides; :class:`Component` adds the others."""
 
     state: StatusState = "ok"
     rates: dict[str, float] = field(default_factory=dict)
@@ -54,9 +54,9 @@ class StatusFields:
 
 @contextmanager
 def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into an event; a second one has its usual effect.
+    """Set an event on SIGINT or SIGTERM; a second signal has its usual effect.
 
-    Does nothing outside the main thread, where Python takes no signals.
+    Does nothing outside the main thread, since Python handles signals only there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -67,8 +67,8 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
-    # A handler runs inside the main thread, which may hold the very lock that Event.set needs:
-    # another thread has to set it.
+    # A handler runs in the main thread, which may hold the lock that Event.set needs. Therefore another
+    # thread sets the event.
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     thread = threading.Thread(target=_set_on_signal, args=(reader, stop), name="signals", daemon=True)
@@ -87,7 +87,7 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
 
 
 def _set_on_signal(reader: int, stop: threading.Event) -> None:
-    """Set the event when the pipe carries one of the signals; return when it is closed."""
+    """Set the event when one of the signals arrives on the pipe; return when the pipe is closed."""
     while numbers := os.read(reader, 64):
         if not _SIGNALS.isdisjoint(numbers):
             stop.set()
@@ -95,12 +95,12 @@ def _set_on_signal(reader: int, stop: threading.Event) -> None:
 
 @contextmanager
 def announce_ready(ready_file: Path | None) -> Iterator[None]:
-    """Tell whoever started this process that it serves; the file goes when the process does."""
+    """Signal readiness by a file or the line ``ready``; the file is removed at the end."""
     if ready_file is None:
         print("ready", flush=True)  # noqa: T201 - the contract with launchers and scripts
         yield
         return
-    # In one step, so that nobody reads a file that is half there.
+    # Replace in one step: readers never find an incomplete file.
     partial = ready_file.with_name(f".{ready_file.name}.{os.getpid()}")
     partial.write_text(f"{os.getpid()}\n")
     partial.replace(ready_file)
@@ -111,35 +111,34 @@ def announce_ready(ready_file: Path | None) -> Iterator[None]:
 
 
 class Component:
-    """Context manager around a Zenoh session that makes a process a citizen of a scene.
+    """Context manager that connects a process to a scene.
 
-    While open it holds the liveliness token ``live/<role>/<name>``, publishes a Status at once and
-    then every second from a thread of its own, and turns SIGINT and SIGTERM into :attr:`stop`.
-    Entering waits for a router that is not there yet; one that restarts is found again by the
-    session itself. A second signal has its usual effect.
+    While open it holds the liveliness token ``live/<role>/<name>``, publishes a Status at once and then
+    every second from a thread, and sets :attr:`stop` on SIGINT and SIGTERM. Entry waits until a router
+    is available; the session reconnects by itself to a router that restarts.
 
     Parameters
     ----------
     scene, role, name
-        Who this is; `name` is one chunk of ``[a-z0-9_-]{1,64}``.
+        Names of scene and component, each ``[a-z0-9_-]{1,64}``, and the role of the component.
     settings
-        Where to connect.
+        How to connect.
     status
-        Called from the Status thread once a second; must not block. An exception in it is logged
-        and reported as ``degraded``.
+        Called once a second from the Status thread; must not block. An exception is logged and
+        reported as ``degraded``.
     ready_file
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
     session_id
-        16 hexadecimal digits; new by default.
+        16 hexadecimal digits; None: random.
     overrides
-        Top-level keys of Zenoh's configuration to add or replace.
+        Top-level keys of the Zenoh configuration to add or replace.
 
     Raises
     ------
     ValueError
-        If scene or name is no valid chunk of a key.
+        If the name of the scene or component is not valid.
     SystemExit
-        From entering, with status 0, when a signal arrives while no router has been found yet.
+        On entry, with status 0, if a signal arrives before a router is available.
     """
 
     def __init__(
@@ -185,7 +184,7 @@ class Component:
             stack.enter_context(stop_on_signals(self.stop))
             self._session = stack.enter_context(self._connect())
             stack.callback(self.stop.set)
-            # Undeclared by hand: a token that is garbage-collected vanishes from the scene.
+            # The callback keeps a reference: garbage collection would undeclare the token.
             token = self.session.liveliness().declare_token(self._live_key)
             stack.callback(token.undeclare)
             self._start_status(stack)
@@ -200,14 +199,14 @@ class Component:
         self._exit.close()
 
     def ready(self) -> None:
-        """Tell whoever started this process that it serves."""
+        """Signal that the process is ready, by the ready file or the line ``ready``."""
         self._exit.enter_context(announce_ready(self._ready_file))
 
     def status(self) -> Status:
-        """Build the Status as of now."""
+        """Build the current Status."""
         try:
             fields = self._status()
-        except Exception as error:  # a defect in what is reported must not end the reporting
+        except Exception as error:  # an error in the callback must not end the Status thread
             _log.exception("the status of %s could not be determined", self.name)
             fields = StatusFields(state="degraded", message=f"status unavailable: {error!r}"[:500])
         return Status(
@@ -226,7 +225,7 @@ class Component:
     def _connect(self) -> zenoh.Session:
         try:
             return connect(self._settings, self._overrides, given_up=self.stop)
-        except TimeoutError:  # stopped by a signal meanwhile
+        except TimeoutError:  # a signal arrived
             raise SystemExit(0) from None
 
     def _start_status(self, stack: ExitStack) -> None:

@@ -1,8 +1,7 @@
 """JSON Schema of every message header: ``python -m comotion_schemas.export [--check] DIR``.
 
-The schemas describe the map that a payload unpacks to. A column is given as a string with
-``contentEncoding: binary`` and its layout in ``x-dtype`` and ``x-shape``; rules that tie several
-fields together are in the protocol's text alone.
+The schemas describe the map in a payload. A column is a string with ``contentEncoding: binary``, and its
+layout is in ``x-dtype`` and ``x-shape``. Rules about several fields are only in ``docs/protocol.md``.
 """
 
 import argparse
@@ -18,7 +17,7 @@ from .codec import MESSAGE_TYPES, Message
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _SUFFIX = ".schema.json"
-# Bounds that pydantic leaves under its own names where a field type is narrowed further.
+# Names of bounds that pydantic does not convert to JSON Schema in nested types.
 _BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 
 
@@ -26,19 +25,19 @@ def json_schema(kind: type[Message]) -> dict[str, Any]:
     """JSON Schema of one message type's header."""
     generated = TypeAdapter(kind).json_schema()
     content: dict[str, Any] = _as_on_the_wire(generated)
-    # In Python the name of the schema is a default, on the wire it is what tells messages apart.
+    # The schema name is a default in Python, but required in a payload.
     content["required"] = ["schema", *content["required"]]
     content["description"] = content["description"].partition("\n\nRaises\n")[0]
     return {"$schema": _DIALECT, "$id": f"comotion.{kind.__name__}/1"} | content
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """JSON Schema of every message header by the name of the message."""
+    """Map message name -> JSON Schema of its header."""
     return {kind.__name__: json_schema(kind) for kind in MESSAGE_TYPES}
 
 
 def _as_on_the_wire(node: Any) -> Any:
-    """An optional field is absent, never null; patterns end as JSON Schema's regular expressions do."""
+    """Convert to the protocol: optional fields are absent, not null; patterns in ECMA syntax."""
     if isinstance(node, list):
         return [_as_on_the_wire(item) for item in node]
     if not isinstance(node, dict):
@@ -61,21 +60,21 @@ def _as_on_the_wire(node: Any) -> Any:
 
 
 def files() -> dict[str, str]:
-    """Content of every exported file by its name."""
+    """Map file name -> content of every exported file."""
     return {
         f"{name}{_SUFFIX}": json.dumps(content, indent=2) + "\n" for name, content in json_schemas().items()
     }
 
 
 def stale(folder: Path) -> list[str]:
-    """Names of the files in a folder that are missing, outdated or of no message."""
+    """List the files in a folder that are missing, outdated or do not belong to a message."""
     wanted = files()
     present = {path.name: path.read_text(encoding="utf-8") for path in folder.glob(f"*{_SUFFIX}")}
     return sorted(name for name in wanted | present if wanted.get(name) != present.get(name))
 
 
 def export(folder: Path) -> None:
-    """Write every schema, and remove those of no message."""
+    """Write all schemas, and remove files that do not belong to a message."""
     for name in stale(folder):
         (folder / name).unlink(missing_ok=True)
     for name, content in files().items():
@@ -83,13 +82,13 @@ def export(folder: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; 1 if the check finds stale files."""
+    """Run the command and return its exit status: 1 if the check finds outdated files."""
     parser = argparse.ArgumentParser(prog="python -m comotion_schemas.export", description=__doc__)
     parser.add_argument("folder", metavar="DIR", type=Path)
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if a file is not current")
     options = parser.parse_args(arguments)
     if not options.folder.is_dir():
-        parser.error(f"{options.folder} is no directory")
+        parser.error(f"{options.folder} is not a directory")
     if not options.check:
         export(options.folder)
         return 0

@@ -1,4 +1,4 @@
-"""What the service publishes: which features move together (``comotion.HypothesisUpdate/1``)."""
+"""The message of the service: HypothesisUpdate (``comotion.HypothesisUpdate/1``)."""
 
 import math
 from typing import Annotated, Literal, Self
@@ -96,7 +96,7 @@ class Hypothesis(Record):
         return self
 
     def _check(self, what: str, shift: list[float], turn: list[float] | float) -> None:
-        """In 2-D a turn is a number, in 3-D it is not."""
+        """Check lengths; a rotation is a number in 2-D and a list in 3-D."""
         dim = len(self.centroid)
         if len(shift) != dim or isinstance(turn, list) != (dim == 3):
             raise reject("length", f"{what} does not go with {dim} dimensions")
@@ -175,7 +175,7 @@ class HypothesisUpdate:
         ids = [h.id for h in self.hypotheses]
         if len(set(ids)) != len(ids):
             raise reject("duplicate-id", "a hypothesis is listed twice")
-        # None is beyond the last: no number of 32 bits is larger.
+        # UNDETERMINED is the largest number of 32 bits, so searchsorted never exceeds the list.
         listed = np.array([*sorted(ids), UNDETERMINED], np.uint32)
         if (listed[np.searchsorted(listed, self.track_hypothesis)] != self.track_hypothesis).any():
             raise reject("range", "a track names a hypothesis that is not listed")

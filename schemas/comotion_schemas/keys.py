@@ -1,4 +1,4 @@
-"""Key expressions of the protocol: one place that builds and takes apart every key."""
+"""Keys of the protocol: scene and names <-> Zenoh key expressions."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -28,7 +28,7 @@ class Keys:
     Raises
     ------
     ValueError
-        If a scene, source or component name is not one chunk of ``[a-z0-9_-]{1,64}``.
+        If a name of a scene, source or component is not of the form ``[a-z0-9_-]{1,64}``.
     """
 
     scene: str = DEFAULT_SCENE
@@ -38,7 +38,7 @@ class Keys:
 
     @property
     def prefix(self) -> str:
-        """What every key of the scene starts with."""
+        """Common prefix of all keys of the scene."""
         return f"{ROOT}/{self.scene}"
 
     def stream(self, kind: StreamKind, name: str) -> str:
@@ -46,12 +46,12 @@ class Keys:
         return f"{self.prefix}/{kind}/{_chunk('name', name)}"
 
     def streams(self, kind: StreamKind) -> str:
-        """Key expression that matches the streams of every publisher of a kind."""
+        """Key expression of the streams of all publishers of a kind."""
         return f"{self.prefix}/{kind}/*"
 
     @property
     def hypotheses(self) -> str:
-        """Key of the service's updates."""
+        """Key of the updates of the service."""
         return f"{self.prefix}/hypotheses"
 
     def live(self, role: Role, name: str) -> str:
@@ -59,7 +59,7 @@ class Keys:
         return f"{self.prefix}/live/{role}/{_chunk('name', name)}"
 
     def all_live(self, role: Role | Literal["*"] = "*") -> str:
-        """Key expression of the liveliness tokens of a role, or of all."""
+        """Key expression of the liveliness tokens of a role, or of all roles."""
         return f"{self.prefix}/live/{role}/*"
 
     def query(self, name: QueryName) -> str:
@@ -68,12 +68,12 @@ class Keys:
 
 
 def last_chunk(key: str) -> str:
-    """Name of the publisher of a stream or liveliness key."""
+    """Return the name of the publisher in a stream or liveliness key."""
     return key.rsplit("/", 1)[-1]
 
 
 def stream_kind(key: str) -> StreamKind | None:
-    """Kind of a stream key, or None for any other key."""
+    """Return the kind of a stream key; None for other keys."""
     chunks = key.split("/")
     kind = chunks[-2] if len(chunks) == 5 and key.startswith(ROOT + "/") else ""
     return kind if kind in _STREAMS else None  # type: ignore[return-value]

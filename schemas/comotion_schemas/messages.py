@@ -1,8 +1,8 @@
-"""What sources publish: every message of the wire protocol but the service's own.
+"""Messages of sources and components: all messages of the protocol except HypothesisUpdate.
 
-A message is a frozen pydantic dataclass: header fields are plain values, columns are read-only
-NumPy arrays of the stated dtype. Building one validates it wholly, so a message that exists is
-well formed; checks that need the key or the clock belong to the receiver.
+A message is a frozen pydantic dataclass: header fields are plain values, columns are read-only NumPy
+arrays. Construction validates the message completely; the receiver checks what depends on the key or the
+clock.
 """
 
 from typing import Annotated, Literal, Self
@@ -44,7 +44,7 @@ _SIGMA = Column("<f4")
 
 
 def _sigma(value: object, info: ValidationInfo) -> float | Array:
-    """One number for all rows, or one per row; always above zero and finite."""
+    """Validate one number for all rows, or one per row, above zero and finite."""
     if isinstance(value, bool | str):
         raise reject("schema", "sigma is a number or a column")
     if isinstance(value, int | float | np.number):
@@ -139,7 +139,7 @@ class ObservationBatch:
             raise reject(
                 "length", f"positions hold {positions.size} numbers, expected {expected[0]} x {expected[1]}"
             )
-        # The width is known only here; the instance is frozen for everyone else.
+        # Assign although frozen: the width is known only here.
         object.__setattr__(self, "positions", positions.reshape(expected))
 
     def _check_stamps(self) -> None:

@@ -1,8 +1,7 @@
 """Prometheus metrics of a process, at ``http://HOST:PORT/metrics``. Needs the extra `metrics`.
 
-Off unless :func:`expose` is called, and then free: histograms do nothing and nobody asks for a
-Status. What a scrape tells are the Statuses that the components of this process have published
-last, under these names, with the labels `scene`, `component` and `role`:
+Disabled unless :func:`expose` is called; histograms then do nothing. A scrape returns the last Statuses
+of the components of this process, with the labels `scene`, `component` and `role`:
 
 | metric | labels | what |
 |---|---|---|
@@ -37,7 +36,7 @@ _HELP: dict[HistogramName, str] = {
 
 
 class Reporting(Protocol):
-    """A component, as far as metrics are concerned; `last_status` is None before the first."""
+    """Interface of a component for metrics; `last_status` is None before the first Status."""
 
     last_status: Status | None
 
@@ -47,14 +46,14 @@ class Reporting(Protocol):
 
 
 class Histogram(Protocol):
-    """Takes in durations."""
+    """A histogram of durations."""
 
     def observe(self, amount: float) -> None:
-        """Count one, in seconds."""
+        """Add a duration in seconds."""
 
 
 class _Off:
-    """Metrics that nobody has asked for."""
+    """A histogram that is disabled."""
 
     def observe(self, amount: float) -> None:
         """Do nothing."""
@@ -64,7 +63,7 @@ OFF: Histogram = _Off()
 
 
 class _Process:
-    """What is exposed by this process; like logging, there is one of it."""
+    """The metrics of this process, a singleton like the state of `logging`."""
 
     def __init__(self) -> None:
         self.registry: Any = None
@@ -78,7 +77,7 @@ _process = _Process()
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Read ``PORT`` or ``HOST:PORT``; without a host it is 127.0.0.1.
+    """Parse ``PORT`` or ``HOST:PORT``; the default host is 127.0.0.1.
 
     Raises
     ------
@@ -92,14 +91,14 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def expose(host: str, port: int) -> int:
-    """Serve the metrics of this process; answers with the port, which is a free one for 0.
+    """Serve the metrics of this process and return the port; 0 chooses a free port.
 
     Raises
     ------
     ImportError
         If prometheus-client is not installed.
     OSError
-        If the address cannot be served; one line that names it.
+        If the address cannot be used; one line that names it.
     """
     import prometheus_client.core  # noqa: PLC0415 - an extra
 
@@ -115,19 +114,19 @@ def expose(host: str, port: int) -> int:
 
 
 def add(component: Reporting) -> None:
-    """Make a component known; it is forgotten when it is gone."""
+    """Register a component; the reference is weak."""
     with _process.lock:
         _process.components.add(component)
 
 
 def remove(component: Reporting) -> None:
-    """Forget a component that is closed."""
+    """Unregister a component."""
     with _process.lock:
         _process.components.discard(component)
 
 
 def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> Histogram:
-    """Answer with a histogram of a component, or with :data:`OFF` when nothing is exposed."""
+    """Return a histogram of a component; :data:`OFF` if metrics are disabled."""
     if _process.registry is None:
         return OFF
     if name not in _process.histograms:
@@ -139,13 +138,13 @@ def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> 
 
 
 class _Collector:
-    """Turns the last Statuses into metrics when somebody asks."""
+    """Converts the last Statuses to metrics at each scrape."""
 
     def __init__(self, library: Any) -> None:
         self._library = library
 
     def collect(self) -> Iterator[Any]:
-        """Build every family once, with a sample per component."""
+        """Yield all metric families, with one sample per component."""
         families = _Families(self._library)
         with _process.lock:
             components = list(_process.components)

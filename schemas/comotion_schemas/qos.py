@@ -1,6 +1,6 @@
-"""Quality of service per kind of key: how a message travels, apart from what travels.
+"""Quality of service per kind of key.
 
-Every stream drops under congestion: with BLOCK one stuck subscriber stalls the healthy ones.
+All streams drop messages under congestion: with BLOCK one stuck subscriber would stall the others.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ PriorityName = Literal[
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """How the messages of one kind of key are sent.
+    """Quality of service of one kind of key.
 
     Attributes
     ----------
     message
-        Name of the message type the key carries.
+        Name of the message type.
     priority
-        Zenoh priority; lower ones wait when a link is full.
+        Zenoh priority; lower priorities wait on a full link.
     express
-        Send at once instead of batching small messages.
+        Send at once, without batching small messages.
     reliable
-        Ask for reliable links.
+        Request reliable links.
     cache
-        How many samples the publisher keeps for late joiners; 0: none.
+        Samples that the publisher keeps for late joiners; 0: none.
     congestion
         Always DROP.
     """
@@ -57,4 +57,4 @@ QOS: dict[Kind, QoS] = {
 }
 
 HEARTBEAT_S = 0.5
-"""Heartbeat of cached publishers; without it several of them in one session lose last values."""
+"""Heartbeat of cached publishers; without it several publishers in one session lose their last samples."""

@@ -1,6 +1,6 @@
-"""How the messages of a scene lie in an MCAP file: what writers and readers of recordings agree on.
+"""Layout of recordings: how the messages of a scene are stored in an MCAP file.
 
-| MCAP | holds |
+| MCAP | content |
 |---|---|
 | profile | ``comotion`` |
 | topic of a channel | the Zenoh key |
@@ -30,7 +30,7 @@ _SEQUENCE_MASK = 0xFFFF_FFFF
 
 
 def kind_of(key: str) -> Kind | None:
-    """Kind of a key that carries messages; None for any other."""
+    """Return the kind of a key of messages; None for other keys."""
     chunks = key.split("/")
     if len(chunks) == 4 and key == f"{'/'.join(chunks[:3])}/hypotheses" and key.startswith("comotion/@v1/"):
         return "hypotheses"
@@ -38,17 +38,17 @@ def kind_of(key: str) -> Kind | None:
 
 
 def key_of(keys: Keys, kind: Kind) -> str:
-    """Key, or key expression, of all messages of a kind in a scene."""
+    """Return the key or key expression of all messages of a kind in a scene."""
     return keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
 
 
 def publish_time(message: Message | None, log_ns: int) -> int:
-    """MCAP's publish time: when what a message tells was acquired."""
+    """Return the MCAP publish time of a message, ns: its acquisition time, or else `log_ns`."""
     if message is None or isinstance(message, TruthBatch) or message.stamp_ns < 0:
         return log_ns
     return message.stamp_ns
 
 
 def sequence(message: Message | None) -> int:
-    """MCAP's sequence number of a message."""
+    """Return the MCAP sequence number of a message."""
     return int(getattr(message, "seq", 0)) & _SEQUENCE_MASK

@@ -1,6 +1,6 @@
-"""Zenoh sessions and publishers with the settings that were measured to work together.
+"""Zenoh sessions, publishers and subscribers with the settings of the protocol.
 
-The one module of this package that imports zenoh; everything else is transport-free.
+Only this module and :mod:`~comotion_schemas.component` import zenoh.
 """
 
 import json
@@ -20,18 +20,19 @@ from .qos import HEARTBEAT_S, QOS, Kind, QoS
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 TRANSPORT_LIMIT = 32 * 1024 * 1024
-"""Above the codec's limit, so that an oversized message is rejected with a reason and not by the link."""
+"""Above the limit of the codec, so that the receiver rejects an oversized message with a reason."""
 LEASE_MS = 2000
+"""Time after which Zenoh declares a silent link dead."""
 WAIT_BEFORE_DROP_US = 10_000
-"""Zenoh's 1 ms drops batches whenever a loaded machine schedules the sender late."""
-_CONNECT_TRY_MS = 500
+"""With the 1 ms of Zenoh, batches are dropped whenever a loaded machine schedules the sender late."""
+_CONNECT_TRY_MS = 500  # a signal is handled between two tries
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TlsFiles:
-    """PEM files of a mutual TLS link."""
+    """PEM files for mutual TLS."""
 
     root_ca: Path
     certificate: Path
@@ -40,9 +41,9 @@ class TlsFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionSettings:
-    """Where a process connects or listens.
+    """Endpoints that a process connects to or listens on.
 
-    A client connects through a router; only the router itself listens.
+    Clients connect to a router; only a router listens.
     """
 
     mode: Literal["client", "router"] = "client"
@@ -52,17 +53,17 @@ class SessionSettings:
 
 
 class Publisher(Protocol):
-    """What :func:`declare_publisher` returns: a plain or a cached Zenoh publisher."""
+    """Interface of plain and cached Zenoh publishers."""
 
     def put(self, payload: bytes) -> None:
-        """Publish one payload; drops silently while disconnected."""
+        """Publish a payload; without a connection it is dropped silently."""
 
     def undeclare(self) -> None:
-        """Stop publishing."""
+        """Undeclare the publisher."""
 
 
 def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
-    """Session configuration as Zenoh's JSON5 tree."""
+    """Build the Zenoh configuration as a tree of its JSON5 format."""
     config: dict[str, Any] = {
         "mode": settings.mode,
         "connect": {
@@ -73,7 +74,7 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
         },
         "listen": {"endpoints": list(settings.listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        # The cache of a cached publisher needs time stamps.
+        # Cached publishers require time stamps.
         "timestamping": {"enabled": True},
         "transport": {
             # Shared memory leaks across publisher restarts.
@@ -105,14 +106,14 @@ def _tls(settings: SessionSettings) -> dict[str, Any]:
 
 
 def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = None) -> zenoh.Session:
-    """Open a session; use it as a context manager, else the process hangs at exit.
+    """Open a session; use it as a context manager, otherwise the process hangs at exit.
 
     Parameters
     ----------
     settings
         Endpoints and mode.
     overrides
-        Top-level keys of Zenoh's configuration to add or replace, e.g. ``access_control``.
+        Top-level keys of the Zenoh configuration to add or replace, e.g. ``access_control``.
     """
     config = zenoh_config(settings) | (overrides or {})
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
@@ -125,28 +126,28 @@ def connect(
     timeout: float | None = None,
     given_up: threading.Event | None = None,
 ) -> zenoh.Session:
-    """Open a session, waiting for a router that is not there yet; Ctrl-C ends the wait.
+    """Open a session and wait until a router is available; Ctrl-C ends the wait.
 
     Parameters
     ----------
     settings, overrides
         As for :func:`open_session`.
     timeout
-        Seconds to wait; None: for ever.
+        Seconds to wait; None: no limit.
     given_up
-        Ends the wait when set.
+        Ends the wait when set, from another thread.
 
     Raises
     ------
     TimeoutError
-        If no router answered in time, or `given_up` was set.
+        If no router answers in time, or `given_up` is set.
     ValueError
-        If an endpoint or certificate is wrong, so that waiting would not help.
+        If an endpoint or certificate is wrong.
     """
     endpoints = ", ".join(settings.connect)
     deadline = None if timeout is None else time.monotonic() + timeout
-    # Zenoh's own unlimited connect cannot be interrupted; short tries in a loop can. Once connected,
-    # the session reconnects by itself for ever, whatever the time-out says.
+    # An unlimited connect of Zenoh cannot be interrupted, so short tries run in a loop. Once connected,
+    # the session reconnects by itself without a time limit.
     once = {"timeout_ms": _CONNECT_TRY_MS, "exit_on_failure": True, "retry": _RETRY}
     overrides = {**(overrides or {}), "connect": {"endpoints": list(settings.connect), **once}}
     given_up = given_up or threading.Event()
@@ -167,7 +168,7 @@ def connect(
 
 
 def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher:
-    """Declare a publisher with the quality of service of its kind of key."""
+    """Declare a publisher with the quality of service of a kind of key."""
     qos = QOS[kind]
     options = _options(qos)
     if not qos.cache:
@@ -193,7 +194,7 @@ def _options(qos: QoS) -> dict[str, Any]:
 
 
 def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: Any) -> Any:
-    """Declare a subscriber that also gets what the publishers of a cached kind keep for late joiners."""
+    """Declare a subscriber; for a cached kind it also gets the samples that publishers keep."""
     qos = QOS[kind]
     if not qos.cache:
         return session.declare_subscriber(key, handler)
@@ -208,5 +209,5 @@ def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: An
 
 
 def stream_publisher(session: zenoh.Session, keys: Keys, kind: StreamKind, name: str) -> Publisher:
-    """Declare the publisher of a named stream of a scene."""
+    """Declare the publisher of a named stream in a scene."""
     return declare_publisher(session, keys.stream(kind, name), kind)

@@ -1,4 +1,4 @@
-"""Field types that several messages share."""
+"""Field types shared by several messages."""
 
 import re
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ MAX_BYTES = 16 * 1024 * 1024
 """Largest message the codec takes (docs/protocol.md)."""
 
 UNDETERMINED = 0xFFFF_FFFF
-"""``track_hypothesis`` of a trajectory that belongs to no hypothesis."""
+"""``track_hypothesis`` of a trajectory without a hypothesis."""
 
 UNIT_NORM_TOLERANCE = 1e-3
-"""How far the norm of a quaternion may be from 1."""
+"""Largest deviation of the norm of a quaternion from 1: float32 and six decimals in text pass."""
 
 MESSAGE_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
@@ -27,7 +27,7 @@ _NAME = r"[a-z0-9_-]{1,64}"
 
 
 def _plain(value: Any) -> Any:
-    """NumPy scalars are what users compute with; the header holds plain numbers."""
+    """Convert NumPy scalars to plain numbers."""
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -58,12 +58,12 @@ QuaternionColumn = Annotated[NDArray[np.float32], Column("<f4", 4, finite=False)
 
 
 def is_name(value: str) -> bool:
-    """Whether a scene, source or component name is one chunk of ``[a-z0-9_-]{1,64}``."""
+    """Whether a name of a scene, source or component is of the form ``[a-z0-9_-]{1,64}``."""
     return re.fullmatch(_NAME, value) is not None
 
 
 class Record:
-    """A map inside a message: fields read as attributes, or by key as on the wire."""
+    """A map inside a message, with access to fields as attributes or by key."""
 
     def __getitem__(self, key: str) -> Any:
         if key in self:
@@ -74,10 +74,10 @@ class Record:
         return key in tuple(self.keys())
 
     def keys(self) -> Iterator[str]:
-        """Names of the fields that are set, as they would be on the wire."""
+        """Names of the fields that are set."""
         return (f.name for f in fields(self) if getattr(self, f.name) is not None)  # type: ignore[arg-type]
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Value of a field, or `default` where it is unset."""
+        """Value of a field, or `default` if it is not set."""
         value = getattr(self, key) if key in self else None
         return default if value is None else value

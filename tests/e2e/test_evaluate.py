@@ -92,8 +92,8 @@ def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: 
     ("arguments", "complaint"),
     [
         (["nothing.npz"], "nothing.npz: No such file"),
-        (["sim:fig4_4", "--scene", "lab"], "--scene goes without FILES only"),
-        (["--seeds", "0-4"], "--seeds goes with FILES only"),
+        (["sim:fig4_4", "--scene", "lab"], "--scene is only for a running scene, without FILES"),
+        (["--seeds", "0-4"], "--seeds is only for FILES"),
         (["sim:fig4_4", "--set", "window=-1"], "fusion parameter window"),
         (["sim:fig4_4", "--duration", "0"], "--duration 0 is not above 0"),
     ],

@@ -89,7 +89,7 @@ def test_there_is_every_figure_and_it_can_be_picked():
         (("--workcell-seeds", "-1"), "seeds '-1'"),
         (("--set", "method=thesis"), "compare the default method"),
         (("--set", "window=0"), "window"),
-        (("--out", __file__), "is no folder"),
+        (("--out", __file__), "not a folder"),
         (("nothing",), "No such command"),
     ],
     ids=str,

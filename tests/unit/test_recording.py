@@ -274,8 +274,8 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path, capsys, content):
     ("arguments", "words"),
     [
         (["take.txt"], "ends in .mcap"),
-        (["--out", "x.mcap"], "--out goes with"),
-        (["x.mcap", "--repair", "y.mcap"], "record nothing"),
+        (["--out", "x.mcap"], "--out needs"),
+        (["x.mcap", "--repair", "y.mcap"], "do not record"),
         (["--scene", "A"], "scene 'A'"),
         (["x.mcap", "--reserve", "1e12"], "MiB are to stay free"),
     ],

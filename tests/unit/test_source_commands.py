@@ -72,7 +72,7 @@ def test_a_wrong_recording_is_one_line(capsys, take, tmp_path):
     assert "empty" in fails(capsys, "replay", take)
     text = tmp_path / "take.c3d"
     text.write_text("x" * 2000)
-    assert "no C3D file" in fails(capsys, "replay", text)
+    assert "not a C3D file" in fails(capsys, "replay", text)
 
 
 def test_the_scenes_are_listed(capsys):

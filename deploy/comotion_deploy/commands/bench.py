@@ -1,4 +1,4 @@
-"""``comotion bench``: what an update costs on this machine."""
+"""``comotion bench``: time, memory and latency of the core on this machine."""
 
 import json
 import os
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import options
-from ..errors import UserError, missing_extra
 from ..fusion_options import fusion_config
+from .experiments import check
 
 if TYPE_CHECKING:
     from comotion_experiments.bench import Costs
@@ -79,15 +79,16 @@ def bench(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Time the core on made-up scenes of any size: ms per update, CPU, memory, and what others take."""
+    """Time the core on generated scenes of any size: ms per update, CPU, memory, and baselines."""
     from rich.console import Console
 
-    # Threads of kernels spin for some tens of microseconds for the next one, then sleep.
+    # Threads of parallel kernels spin for some tens of microseconds before they sleep.
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     if live:
         _live(features, method, seconds, assignments or [], as_json=json_)
         return
-    _check(out)
+    if out is not None:
+        check(out)
     from comotion_experiments import bench as study
 
     spec = study.SceneSpec(bodies=bodies, sources=sources, churn=churn, seed=seed, pixels=pixels)
@@ -126,7 +127,7 @@ def _report(costs: "Costs", out: Path | None, *, as_json: bool) -> None:
 
 
 def _command() -> str:
-    """What the user typed; files by their names alone, for a page tells others nothing by where they lay."""
+    """Return the command line; files without their folders, since the page is for other machines."""
     return " ".join(
         ["comotion", *(Path(word).name if Path(word).is_file() else word for word in sys.argv[1:])]
     )
@@ -152,17 +153,6 @@ def _baseline(quick: bool, pixels: bool) -> int:
     if pixels:
         return 0
     return 200 if quick else 1000
-
-
-def _check(out: Path | None) -> None:
-    if out is None:
-        return
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("plot", error) from None
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is no folder")
 
 
 def _numbers(option: str, text: str, least: int, most: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""``comotion calibrate``: where a second camera is."""
+"""``comotion calibrate``: the extrinsics of a second camera."""
 
 import json
 from pathlib import Path
@@ -18,16 +18,16 @@ Examples:
 
   comotion calibrate a.png b.png --target marker:0.08:apriltag_36h11 --calibration-a a.yaml ...
 
-Of two folders, the first image of A goes with the first of B and so on. With two devices, hold the
-target still. Without extrinsics of its own, A is the origin of 'world': run it with '--extrinsics identity'.
+With two folders, the first image of A is paired with the first of B and so on. With two devices, keep the
+target at rest. Without extrinsics, A is the origin of 'world': run its source with '--extrinsics identity'.
 """
 
 
 def calibrate(
     camera_a: Annotated[
-        str, typer.Argument(metavar="A", help="The camera that is known: as for 'comotion source klt'.")
+        str, typer.Argument(metavar="A", help="The reference camera, as for 'comotion source klt'.")
     ],
-    camera_b: Annotated[str, typer.Argument(metavar="B", help="The camera to place.")],
+    camera_b: Annotated[str, typer.Argument(metavar="B", help="The camera to calibrate.")],
     target: Annotated[
         str,
         typer.Option(
@@ -46,10 +46,10 @@ def calibrate(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE.toml", help="Write B's calibration; else it is printed."
+            "--output", "-o", metavar="FILE.toml", help="File for the calibration of B. Default: print it."
         ),
     ] = None,
-    views: Annotated[int, typer.Option(min=1, max=1000, help="Views of the target to use at most.")] = 30,
+    views: Annotated[int, typer.Option(min=1, max=1000, help="Most views of the target to use.")] = 30,
     timeout: Annotated[
         float, typer.Option(min=1, help="Seconds to look for the target with devices.")
     ] = 60.0,
@@ -57,7 +57,7 @@ def calibrate(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
-    """Find the extrinsics of camera B in the frame of camera A from a target that both see."""
+    """Find the extrinsics of camera B from a target that cameras A and B observe."""
     from contextlib import closing
 
     from comotion_sources.calibration import Calibration, format_calibration, read_calibration

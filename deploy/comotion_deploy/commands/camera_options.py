@@ -1,23 +1,16 @@
-"""Options that the camera sources share, and what they mean to them."""
+"""Options of the camera sources, and their conversion."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import UserError, one_line
+from .source_options import StampChoice
 
 if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
     from comotion_sources.klt import TrackerConfig
-
-
-class StampChoice(StrEnum):
-    """Which stamps the frames of a recording get."""
-
-    NOW = "now"
-    ORIGINAL = "original"
 
 
 What = Annotated[
@@ -37,7 +30,7 @@ Rate = Annotated[
         min=0.1,
         max=1000,
         metavar="HZ",
-        help="Track at most so many frames a second; also asked of devices and assumed for image folders.",
+        help="Most frames per second; also requested from devices and assumed for folders of images.",
     ),
 ]
 MaxFeatures = Annotated[
@@ -50,7 +43,7 @@ RespawnEvery = Annotated[
         envvar="COMOTION_RESPAWN_EVERY",
         min=1,
         metavar="FRAMES",
-        help="Frames between two looks for new corners.",
+        help="Frames between two searches for new corners.",
     ),
 ]
 Tracker = Annotated[
@@ -60,7 +53,7 @@ Tracker = Annotated[
         envvar="COMOTION_TRACKER",
         metavar="NAME=VALUE",
         help="Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
-        "An unknown one lists them all.",
+        "An unknown name lists all parameters.",
     ),
 ]
 CalibrationFile = Annotated[
@@ -70,7 +63,7 @@ CalibrationFile = Annotated[
         "--intrinsics",
         envvar="COMOTION_CALIBRATION",
         metavar="FILE",
-        help="Intrinsics (and extrinsics): our TOML, OpenCV's YAML or ROS camera_info YAML.",
+        help="Intrinsics (and extrinsics): comotion TOML, OpenCV YAML or ROS camera_info YAML.",
     ),
 ]
 ExtrinsicsFile = Annotated[
@@ -79,7 +72,7 @@ ExtrinsicsFile = Annotated[
         "--extrinsics",
         envvar="COMOTION_EXTRINSICS",
         metavar="FILE.toml|identity",
-        help="Where the camera is, as 'comotion calibrate' writes it; 'identity': it is the origin of world.",
+        help="Pose of the camera, written by 'comotion calibrate'; 'identity': the origin of world.",
     ),
 ]
 Space = Annotated[
@@ -87,12 +80,12 @@ Space = Annotated[
     typer.Option(
         "--space",
         envvar="COMOTION_SPACE",
-        help="Coordinate space. Default: NAME/pixels without depth, 'world' (what the extrinsics say) "
+        help="Coordinate space. Default: NAME/pixels without depth, the frame of the extrinsics ('world') "
         "with depth and extrinsics, else NAME/optical.",
     ),
 ]
 Depth = Annotated[
-    bool, typer.Option("--depth/--no-depth", envvar="COMOTION_DEPTH", help="Use depth where there is any.")
+    bool, typer.Option("--depth/--no-depth", envvar="COMOTION_DEPTH", help="Use depth if available.")
 ]
 PreviewPath = Annotated[
     Path | None,
@@ -100,7 +93,7 @@ PreviewPath = Annotated[
         "--preview",
         envvar="COMOTION_PREVIEW",
         metavar="FILE.mp4|DIR",
-        help="Write an annotated video, or PNGs into a folder; features in the colour of their hypothesis.",
+        help="Write an annotated video, or PNG images to a folder, with features coloured by hypothesis.",
     ),
 ]
 SharePreview = Annotated[
@@ -111,7 +104,7 @@ SharePreview = Annotated[
         min=0,
         max=60,
         metavar="HZ",
-        help="Images a second, with their features, for viewers and recorders that subscribe; 0: none.",
+        help="Images per second for viewers and recorders that subscribe to them; 0: none.",
     ),
 ]
 Realtime = Annotated[
@@ -119,19 +112,17 @@ Realtime = Annotated[
     typer.Option(
         "--realtime/--no-realtime",
         envvar="COMOTION_REALTIME",
-        help="Play recordings at their own pace, or as fast as they can be tracked (for a service with "
+        help="Play recordings at their recorded rate, or as fast as they can be tracked (for a service with "
         "--clock event).",
     ),
 ]
-Loop = Annotated[
-    bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Start a recording again at its end.")
-]
+Loop = Annotated[bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Repeat a recording.")]
 Stamps = Annotated[
     StampChoice,
     typer.Option(
         "--stamps",
         envvar="COMOTION_STAMPS",
-        help="Stamps of recordings: as if taken now, or the file's own (media time from 0 without any).",
+        help="Stamps of recordings: as if taken now, or those of the file (media time if it has none).",
     ),
 ]
 Reconnect = Annotated[
@@ -139,7 +130,7 @@ Reconnect = Annotated[
     typer.Option(
         "--reconnect/--no-reconnect",
         envvar="COMOTION_RECONNECT",
-        help="Wait for a lost device to come back, or end.",
+        help="Reopen a lost device, or end.",
     ),
 ]
 ClockOffset = Annotated[
@@ -148,7 +139,7 @@ ClockOffset = Annotated[
         "--clock-offset",
         envvar="COMOTION_CLOCK_OFFSET",
         metavar="SECONDS",
-        help="Added to every stamp, for a camera whose clock is known to be off.",
+        help="Added to every stamp, for a camera with a known clock offset.",
     ),
 ]
 
@@ -156,12 +147,12 @@ ClockOffset = Annotated[
 def tracker_config(
     max_features: int, respawn_every: int, assignments: list[str] | None = None
 ) -> "TrackerConfig":
-    """Build the tracker's parameters.
+    """Build the parameters of the tracker.
 
     Raises
     ------
     UserError
-        For an unknown parameter or a value out of bounds.
+        If a parameter is unknown or a value is out of bounds.
     """
     from pydantic import ValidationError
 
@@ -185,14 +176,14 @@ def tracker_config(
 
 
 def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Calibration":
-    """Read both files; the extrinsics of the second one win.
+    """Read both calibration files; the extrinsics of the second file take precedence.
 
     Raises
     ------
     CalibrationError
-        If a file is wrong.
+        If a file cannot be read.
     UserError
-        If the second one holds no extrinsics.
+        If the second file has no extrinsics.
     """
     from comotion_sources.calibration import Calibration, Extrinsics
     from comotion_sources.calibration import read_calibration as read

@@ -1,4 +1,4 @@
-"""``comotion demo``: the whole path in one command."""
+"""``comotion demo``: a complete system in one command."""
 
 import sys
 from pathlib import Path
@@ -21,7 +21,7 @@ Examples:
 """
 
 _THESIS_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
-"""What the thesis uses for its figure 4.4: a switch at 0.01 and equal weights."""
+"""Parameters of figure 4.4 in the thesis: σ_switch 0.01 and equal weights."""
 
 
 def demo(

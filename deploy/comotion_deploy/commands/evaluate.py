@@ -1,4 +1,4 @@
-"""``comotion evaluate``: how good the hypotheses are, live or offline."""
+"""``comotion evaluate``: scores of the hypotheses against the truth, live or offline."""
 
 import sys
 from pathlib import Path
@@ -64,7 +64,11 @@ def evaluate(
     split: Annotated[
         int,
         typer.Option(
-            "--split", envvar="COMOTION_SPLIT_SOURCES", min=1, max=64, help="Sources a recording becomes."
+            "--split",
+            envvar="COMOTION_SPLIT_SOURCES",
+            min=1,
+            max=64,
+            help="Divide a recording among so many sources.",
         ),
     ] = 1,
     rate: Annotated[
@@ -78,8 +82,8 @@ def evaluate(
         typer.Option(
             "--as-received",
             envvar="COMOTION_AS_RECEIVED",
-            help="Feed recorded scenes (.mcap) in the order of receipt, with what came late. "
-            "Default: in that of acquisition.",
+            help="Process recorded scenes (.mcap) in the order of receipt, including late data. "
+            "Default: in the order of acquisition.",
         ),
     ] = False,
     plot: Annotated[
@@ -97,13 +101,16 @@ def evaluate(
 ) -> None:
     """Score hypotheses against the truth: NMI, error, number of hypotheses, label switches.
 
-    Every track that is observed at an update is scored; one that is undetermined,
-    or not listed, counts as a cluster of its own.
+    Every track that is observed at an update is scored; a track that is undetermined
+    or not in the update counts as a separate cluster.
     """
     _check_duration(duration)
     if plot is not None:
         _require_matplotlib()
-    _refuse_options(ctx, _LIVE_ONLY if files else _OFFLINE_ONLY, "without" if files else "with")
+    if files:
+        options.reject_flags(ctx, _LIVE_ONLY, "is only for a running scene, without FILES")
+    else:
+        options.reject_flags(ctx, _OFFLINE_ONLY, "is only for FILES")
     if not files:
         _live(scene, connect, duration, plot, ready_file, json_=json_)
         return
@@ -126,7 +133,7 @@ def evaluate(
         _print_json(as_json(results, config, period))
     else:
         Console(width=None if sys.stdout.isatty() else 120).print(table(results))
-        _tell_plot(plot)
+        _print_plot_path(plot)
 
 
 def _live(
@@ -158,21 +165,12 @@ def _live(
         return
     for line in summary_lines(run):
         print(line)
-    _tell_plot(plot)
+    _print_plot_path(plot)
 
 
 def _check_duration(duration: float | None) -> None:
     if duration is not None and not 0 < duration < float("inf"):
         raise UserError(f"--duration {duration:g} is not above 0")
-
-
-def _refuse_options(ctx: typer.Context, names: tuple[str, ...], word: str) -> None:
-    """An option that has no effect here is a misunderstanding; the environment and files may set it."""
-    for name in names:
-        source = ctx.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            flag = {"assignments": "--set"}.get(name, f"--{name.replace('_', '-')}")
-            raise UserError(f"{flag} goes {word} FILES only")
 
 
 def _require_matplotlib() -> None:
@@ -182,7 +180,7 @@ def _require_matplotlib() -> None:
         raise UserError("matplotlib is not installed: pip install 'comotion[plot]'")
 
 
-def _tell_plot(plot: Path | None) -> None:
+def _print_plot_path(plot: Path | None) -> None:
     if plot is not None:
         print(f"plot: {plot}")
 

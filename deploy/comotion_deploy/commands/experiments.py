@@ -1,4 +1,4 @@
-"""What the commands of ``comotion reproduce`` share."""
+"""Options and checks of the commands of ``comotion reproduce``."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -17,18 +17,18 @@ Cache = Annotated[
         "--cache",
         metavar="DIR",
         envvar="COMOTION_CACHE",
-        help="Where tracks are kept for the next run. Default: the experiment's folder in ~/.cache/comotion.",
+        help="Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
     ),
 ]
 
 
 def check(out: Path) -> None:
-    """Find out what would fail at the end before hours of work.
+    """Check before hours of work what would fail at the end.
 
     Raises
     ------
     UserError
-        If matplotlib is not installed, or `out` is no folder.
+        If matplotlib is not installed, or `out` exists and is not a folder.
     """
     try:
         import matplotlib  # noqa: F401
@@ -38,26 +38,26 @@ def check(out: Path) -> None:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse what exists and is no folder.
+    """Check that a path can be used as a folder.
 
     Raises
     ------
     UserError
-        If it is none.
+        If it exists and is not a folder.
     """
     if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is no folder")
+        raise UserError(f"{out}: not a folder")
 
 
 def cache_folder() -> Path:
-    """Where caches go unless told otherwise."""
+    """Return the default folder of caches."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "comotion"
 
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """What is run next, on standard error: one line that changes in a terminal, else a line each."""
+    """Yield a function that shows what runs next on standard error."""
     from rich.console import Console
 
     console = Console(stderr=True)

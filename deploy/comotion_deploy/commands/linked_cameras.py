@@ -1,4 +1,4 @@
-"""``--camera`` of the service: calibrated cameras whose hypotheses are linked to bodies in space."""
+"""``--camera`` of ``comotion serve``: calibrated cameras whose hypotheses are linked to bodies in 3-D."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,8 +21,8 @@ Cameras = Annotated[
         "--camera",
         envvar="COMOTION_CAMERA",
         metavar="NAME=FILE[,FILE]",
-        help="Calibration of a plain camera that does not move, to link its hypotheses to bodies in space: "
-        "its source's name (or its space's), then intrinsics and extrinsics in one file or two, or "
+        help="Calibration of a fixed camera without depth, to link its hypotheses to bodies in 3-D: "
+        "name of its source (or space), then intrinsics and extrinsics in one file or two, or "
         "workcell:SCENE/CAMERA; may be repeated.",
     ),
 ]
@@ -34,20 +34,20 @@ def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConf
     Raises
     ------
     UserError
-        If one is not told as it should be, or has no intrinsics or extrinsics.
+        If a camera is malformed, or has no intrinsics or extrinsics.
     ValueError
         If a file, or the name of a simulated camera, is wrong.
     """
     from comotion.config import LinkingConfig
 
-    told = dict(_camera(text) for text in given or ())
-    if not told:
+    cameras = dict(_camera(text) for text in given or ())
+    if not cameras:
         return config
-    return config.model_copy(update={"linking": LinkingConfig(cameras=config.linking.cameras | told)})
+    return config.model_copy(update={"linking": LinkingConfig(cameras=config.linking.cameras | cameras)})
 
 
 def _camera(text: str) -> "tuple[str, Camera]":
-    """Name of the space, and the camera."""
+    """Parse NAME=FILE[,FILE] to the name of the space and the camera."""
     from comotion.linking import Camera
 
     name, separator, where = text.partition("=")

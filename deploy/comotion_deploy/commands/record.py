@@ -1,4 +1,4 @@
-"""``comotion record``: a scene into MCAP files, and what to do with them afterwards."""
+"""``comotion record``: records a scene to MCAP files, repairs them and exports them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +21,7 @@ Examples:
 
   comotion record --export take.mcap --out take-foxglove.mcap   # for Foxglove
 
-A recording is played again with: comotion source replay take.mcap
+To play a recording: comotion source replay take.mcap
 """
 
 
@@ -29,12 +29,12 @@ def record(
     file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[FILE.mcap]", help="Where to. Default: SCENE-DATE-TIME.mcap.", show_default=False
+            metavar="[FILE.mcap]", help="File to write. Default: SCENE-DATE-TIME.mcap.", show_default=False
         ),
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after so many seconds."),
+        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
     ] = None,
     max_size: Annotated[
         float | None,
@@ -50,21 +50,19 @@ def record(
     ] = None,
     reserve: Annotated[
         float,
-        typer.Option(
-            "--reserve", envvar="COMOTION_RESERVE", min=0, help="MiB that stay free on the disk: stop before."
-        ),
+        typer.Option("--reserve", envvar="COMOTION_RESERVE", min=0, help="MiB that remain free on the disk."),
     ] = 64.0,
     repair: Annotated[
         Path | None,
         typer.Option(
             "--repair",
             metavar="FILE",
-            help="Save what is readable of a damaged file into a new one, and end.",
+            help="Copy all readable messages of a damaged file to a new file, and end.",
         ),
     ] = None,
     export: Annotated[
         Path | None,
-        typer.Option("--export", metavar="FILE", help="Make a file that Foxglove shows, and end."),
+        typer.Option("--export", metavar="FILE", help="Convert a recording for Foxglove, and end."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -82,18 +80,18 @@ def record(
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
-    """Record everything a scene publishes to MCAP, exactly as it came.
+    """Record all messages of a scene to MCAP, byte for byte.
 
-    Every second what came is on the disk: a crash loses no more than that.
+    Data is written to the disk every second: a crash loses at most one second.
     """
     _require_mcap()
     if repair is not None or export is not None:
         if file is not None or (repair is not None and export is not None):
-            raise UserError("--repair and --export take one file each, and record nothing")
-        _afterwards(repair, export, out, json_=json_)
+            raise UserError("--repair and --export take one file each and do not record")
+        _repair_or_export(repair, export, out, json_=json_)
         return
     if out is not None:
-        raise UserError("--out goes with --repair or --export")
+        raise UserError("--out needs --repair or --export")
     from comotion_clients.recording.process import RecordOptions
     from comotion_clients.recording.process import record as run
     from comotion_clients.recording.series import SeriesOptions
@@ -115,7 +113,7 @@ def record(
         scene,
         options.session_settings(connect, listen),
     )
-    _tell(result.as_json(), result.lines(), json_=json_)
+    _print_result(result.as_json(), result.lines(), json_=json_)
 
 
 def _target(file: Path | None, scene: str) -> Path:
@@ -128,22 +126,22 @@ def _target(file: Path | None, scene: str) -> Path:
     return file
 
 
-def _afterwards(repair: Path | None, export: Path | None, out: Path | None, *, json_: bool) -> None:
+def _repair_or_export(repair: Path | None, export: Path | None, out: Path | None, *, json_: bool) -> None:
     if repair is not None:
         from comotion_clients.recording.repair import repair as save
 
         target = out or repair.with_name(f"{repair.stem}-repaired.mcap")
         saved = save(repair, target)
-        _tell(saved.as_json(), saved.lines(target), json_=json_)
+        _print_result(saved.as_json(), saved.lines(target), json_=json_)
     if export is not None:
         from comotion_clients.recording.export import export as convert
 
         target = out or export.with_name(f"{export.stem}-foxglove.mcap")
         exported = convert(export, target)
-        _tell(exported.as_json(), exported.lines(target), json_=json_)
+        _print_result(exported.as_json(), exported.lines(target), json_=json_)
 
 
-def _tell(values: dict[str, object], lines: list[str], *, json_: bool) -> None:
+def _print_result(values: dict[str, object], lines: list[str], *, json_: bool) -> None:
     import json
 
     print(json.dumps(values, indent=2) if json_ else "\n".join(lines))

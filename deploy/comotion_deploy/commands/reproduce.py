@@ -1,4 +1,4 @@
-"""``comotion reproduce``: experiments that anyone can run again."""
+"""``comotion reproduce``: runs the experiments of the project."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ Examples:
 
   comotion reproduce pixels --data recordings --no-baselines --json
 
-The folder holds hopkins155/, kt3dmoseg/, mtpv/ or video/ikeasmall01.npz, those that are there are used.
+The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall01.npz.
 """
 
 ACCURACY_EPILOG = """
@@ -55,7 +55,7 @@ Examples:
 
 
 class _FiguresByDefault(TyperGroup):
-    """Without a command, options are those of ``figures``."""
+    """Uses ``figures`` if no command is given."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not args or (args[0].startswith("-") and args[0] not in ctx.help_option_names):
@@ -102,7 +102,7 @@ def fusion(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
-    """What fusing cameras and a robot's joints gains: the workcell with camera A open and covered."""
+    """Measure the gain of fusing cameras and robot joints, with camera A open and covered."""
     from comotion_experiments.fusion import QUICK, SCENES, Setup, run_experiment
     from comotion_experiments.inputs import parse_seeds
 
@@ -134,7 +134,7 @@ def pixels(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Grouping of image features on labelled recordings, beside baselines that are told K."""
+    """Score the grouping of image features on labelled recordings, with baselines that know K."""
     from rich.console import Console
 
     from comotion_experiments.pixels import find_data_sets, report, run_benchmark
@@ -185,7 +185,7 @@ def accuracy(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Accuracy of the default method beside the thesis', on scenes and recordings."""
+    """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
     from comotion_experiments import accuracy as study
     from comotion_experiments.accuracy import report
     from comotion_experiments.inputs import parse_seeds

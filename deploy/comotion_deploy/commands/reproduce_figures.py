@@ -58,9 +58,9 @@ def figures(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Every figure of the thesis, its method beside the default method: pictures and a page.
+    """Draw all figures of the thesis with the thesis method and the default method.
 
-    Figures 4.6 to 4.11 need the workcell (extra sim3d) and are left out without it.
+    Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
     """
     from comotion_experiments.figures import Options, reproduce, select
     from comotion_experiments.figures.page import left_out, page
@@ -97,7 +97,7 @@ def _command(
     *,
     quick: bool,
 ) -> str:
-    """The command line that makes the same page again."""
+    """Return the command line that makes the same page."""
     words = ["comotion", "reproduce"]
     for name in only or ():
         words += ["--only", name]

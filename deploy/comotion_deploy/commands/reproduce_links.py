@@ -1,4 +1,4 @@
-"""``comotion reproduce links``: what linking a plain camera to a depth camera's bodies gains."""
+"""``comotion reproduce links``: the gain of linking a camera without depth to bodies in 3-D."""
 
 import json
 from pathlib import Path
@@ -39,9 +39,7 @@ def links(
     period: Period = 1 / 3,
     turned: Annotated[
         float,
-        typer.Option(
-            "--turned", metavar="DEGREES", min=-180, max=180, help="By how much the calibration is wrong."
-        ),
+        typer.Option("--turned", metavar="DEGREES", min=-180, max=180, help="Error of the calibration."),
     ] = 0.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where links.md, links.json and links.jpg go.")
@@ -53,7 +51,7 @@ def links(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """What it gains to link a plain camera's hypotheses to bodies that a depth camera sees."""
+    """Measure the gain of linking hypotheses of a camera without depth to bodies of a depth camera."""
     from rich.console import Console
 
     from comotion_experiments import links as study

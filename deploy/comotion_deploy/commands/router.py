@@ -1,4 +1,4 @@
-"""``comotion router``: where all processes of a system meet."""
+"""``comotion router``: the Zenoh router that all processes of a system connect to."""
 
 from typing import Annotated
 
@@ -28,7 +28,7 @@ def router(
             "--connect",
             envvar="COMOTION_ROUTER_CONNECT",
             metavar="ENDPOINT",
-            help="Another router to join; may be repeated.",
+            help="Another router to connect to; may be repeated.",
         ),
     ] = None,
     max_message_bytes: Annotated[
@@ -37,7 +37,7 @@ def router(
             "--max-message-bytes",
             envvar="COMOTION_MAX_MESSAGE_BYTES",
             min=1024,
-            help="Drop larger messages at the router. Default: no limit below the transport's 32 MiB.",
+            help="Drop larger messages at the router. Default: 32 MiB, the limit of the transport.",
         ),
     ] = None,
     ready_file: options.ReadyFile = None,

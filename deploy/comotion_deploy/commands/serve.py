@@ -20,14 +20,13 @@ Examples:
 
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
 
-  comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies that a depth camera sees
-
-  comotion serve --clock event   # recordings whose stamps lie in the past
+  comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies of a depth camera
+  comotion serve --clock event   # for recordings with stamps in the past
 """
 
 
 class ClockChoice(StrEnum):
-    """What the service holds to be now."""
+    """Clock of the service."""
 
     WALL = "wall"
     EVENT = "event"
@@ -55,7 +54,7 @@ def serve(
     clock: Annotated[
         ClockChoice,
         typer.Option(
-            "--clock", envvar="COMOTION_CLOCK", help="Now: the wall clock, or the newest event received."
+            "--clock", envvar="COMOTION_CLOCK", help="The wall clock, or the newest stamp received."
         ),
     ] = ClockChoice.WALL,
     name: Annotated[
@@ -70,7 +69,7 @@ def serve(
     _metrics: options.Metrics = None,
 ) -> None:
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
-    # Threads of kernels spin for some tens of microseconds for the next one, then sleep.
+    # Threads of parallel kernels spin for some tens of microseconds before they sleep.
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     from comotion.runtime import server
 

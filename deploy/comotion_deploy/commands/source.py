@@ -1,4 +1,4 @@
-"""``comotion source``: the processes that observe."""
+"""``comotion source``: the group of source commands."""
 
 import typer
 
@@ -11,7 +11,7 @@ from . import (
     source_workcell,
 )
 
-app = typer.Typer(help="Observe: publish tracked features to a scene.", no_args_is_help=True)
+app = typer.Typer(help="Publish tracked features to a scene.", no_args_is_help=True)
 app.command("simulator", epilog=source_simulator.EPILOG)(source_simulator.simulator)
 app.command("replay", epilog=source_replay.EPILOG)(source_replay.replay)
 app.command("workcell", epilog=source_workcell.EPILOG)(source_workcell.workcell)

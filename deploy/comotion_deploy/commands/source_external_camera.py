@@ -1,4 +1,4 @@
-"""``comotion source external-camera``: a second, fixed viewpoint, with markers as 6-DoF features."""
+"""``comotion source external-camera``: a fixed camera, with markers as 6-DoF features."""
 
 from typing import Annotated
 
@@ -6,6 +6,7 @@ import typer
 
 from .. import options
 from . import camera_options as camera
+from . import source_options
 
 EPILOG = """
 Examples:
@@ -20,9 +21,7 @@ Examples:
 
 def external_camera(
     what: camera.What,
-    name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
-    ] = "external",
+    name: source_options.Name = "external",
     rate: camera.Rate = None,
     marker_size: Annotated[
         float | None,
@@ -30,7 +29,7 @@ def external_camera(
             "--marker-size",
             envvar="COMOTION_MARKER_SIZE",
             metavar="METRES",
-            help="Edge of the markers' black square: look for markers, published as NAME-markers.",
+            help="Detect markers with a black square of this edge; they are published as NAME-markers.",
         ),
     ] = None,
     dictionary: Annotated[
@@ -38,7 +37,7 @@ def external_camera(
         typer.Option(
             "--dictionary",
             envvar="COMOTION_DICTIONARY",
-            help="Marker dictionary, e.g. 4x4_50 or apriltag_36h11; an unknown one lists them all.",
+            help="Marker dictionary, e.g. 4x4_50 or apriltag_36h11; an unknown name lists all.",
         ),
     ] = "4x4_50",
     max_features: camera.MaxFeatures = 400,
@@ -52,7 +51,7 @@ def external_camera(
     share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
-    stamps: camera.Stamps = camera.StampChoice.NOW,
+    stamps: camera.Stamps = source_options.StampChoice.NOW,
     reconnect: camera.Reconnect = True,
     clock_offset: camera.ClockOffset = 0.0,
     scene: options.Scene = "default",
@@ -63,7 +62,7 @@ def external_camera(
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
-    """Publish what a second, fixed camera sees: features, and fiducial markers with their orientation."""
+    """Publish features and fiducial markers of a fixed camera."""
     from comotion_sources.klt.options import CameraOptions, Connection
     from comotion_sources.klt.pacing import Pacing
     from comotion_sources.klt.process import run

@@ -1,11 +1,8 @@
-"""``comotion source klt``: features of a camera by Lucas-Kanade."""
-
-from typing import Annotated
-
-import typer
+"""``comotion source klt``: features of a camera, tracked by Lucas-Kanade."""
 
 from .. import options
 from . import camera_options as camera
+from . import source_options
 
 EPILOG = """
 Examples:
@@ -24,9 +21,7 @@ Examples:
 
 def klt(
     what: camera.What,
-    name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
-    ] = "klt",
+    name: source_options.Name = "klt",
     rate: camera.Rate = None,
     max_features: camera.MaxFeatures = 400,
     respawn_every: camera.RespawnEvery = 15,
@@ -39,7 +34,7 @@ def klt(
     share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
-    stamps: camera.Stamps = camera.StampChoice.NOW,
+    stamps: camera.Stamps = source_options.StampChoice.NOW,
     reconnect: camera.Reconnect = True,
     clock_offset: camera.ClockOffset = 0.0,
     scene: options.Scene = "default",

@@ -7,6 +7,7 @@ import typer
 
 from .. import options
 from ..errors import UserError
+from . import source_options
 
 if TYPE_CHECKING:
     from comotion_sources.calibration.model import Extrinsics
@@ -55,7 +56,7 @@ def proprioception(
         ),
     ] = None,
     topic: Annotated[
-        str | None, typer.Option("--topic", help="Topic in the bag; needed where it has several.")
+        str | None, typer.Option("--topic", help="Topic in the bag; needed if it has several.")
     ] = None,
     domain: Annotated[
         int, typer.Option("--ros-domain", envvar="ROS_DOMAIN_ID", min=0, help="ROS domain id, for --ros.")
@@ -71,13 +72,13 @@ def proprioception(
     link: Annotated[
         list[str] | None,
         typer.Option(
-            "--link", help="Link to report; may be repeated. Default: all moving, or the scene's robot."
+            "--link", help="Link to publish; may be repeated. Default: all moving links, or the robot's."
         ),
     ] = None,
     base: Annotated[
         str,
         typer.Option(
-            "--base", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the robot's base is in the world (m)."
+            "--base", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Pose of the robot base in the world (m)."
         ),
     ] = "0,0,0",
     rate: Annotated[
@@ -96,11 +97,9 @@ def proprioception(
     ] = 1e-5,
     speed: Annotated[float, typer.Option("--speed", min=0.01, help="Recorded seconds per second.")] = 1.0,
     original_stamps: Annotated[
-        bool, typer.Option("--original-stamps", help="Keep a log's stamps (serve with --clock event).")
+        bool, typer.Option("--original-stamps", help="Keep the stamps of a log (serve with --clock event).")
     ] = False,
-    name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")
-    ] = "proprioception",
+    name: source_options.Name = "proprioception",
     space: Annotated[str, typer.Option("--space", help="Coordinate space of the poses.")] = "world",
     scene: options.Scene = "default",
     connect: options.Connect = None,
@@ -134,7 +133,7 @@ def proprioception(
 def _load(
     model: str, links: list[str] | None
 ) -> tuple[Any, list[str] | None, dict[str, tuple[int, str]] | None, str | None]:
-    """Model, links, truth of the links and default joint states."""
+    """Return model, links, truth of the links and name of the default joint states."""
     from comotion_sources.proprioception import load_model
 
     if not model.startswith(_WORKCELL):

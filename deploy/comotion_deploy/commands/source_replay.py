@@ -1,6 +1,5 @@
-"""``comotion source replay``: a recording, published again."""
+"""``comotion source replay``: publishes a recording."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +7,7 @@ import typer
 
 from .. import options
 from ..errors import UserError, missing_extra
+from . import source_options
 
 if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings
@@ -27,17 +27,10 @@ Examples:
 
   comotion source replay take.npz --stamps original   # for: comotion serve --clock event
 
-  comotion source replay scene.mcap --start 10 --end 40   # what comotion record has written, all its sources
+  comotion source replay scene.mcap --start 10 --end 40   # all sources of a recording of comotion record
 """
 _NOT_FOR_MCAP = ("rate", "split", "part", "name")
 _MCAP_ONLY = ("start", "end")
-
-
-class StampsChoice(StrEnum):
-    """Which acquisition times the batches carry."""
-
-    NOW = "now"
-    ORIGINAL = "original"
 
 
 def replay(
@@ -48,24 +41,22 @@ def replay(
     speed: Annotated[
         float, typer.Option("--speed", envvar="COMOTION_SPEED", help="Recorded seconds per second.")
     ] = 1.0,
-    loop: Annotated[
-        bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Start again at the end, as a new session.")
-    ] = False,
+    loop: source_options.Loop = False,
     rate: Annotated[
         str | None,
         typer.Option(
             "--rate",
             envvar="COMOTION_RATE",
             metavar="HZ[,HZ...]",
-            help="Drop frames down to this rate, for all sources or for each. Default: that of the "
-            "recording; its 1/K for the K-th of several sources.",
+            help="Reduce to this rate by dropping frames, for all sources or for each. Default: that of the "
+            "recording; 1/K of it for the K-th of several sources.",
         ),
     ] = None,
     start: Annotated[
-        float, typer.Option("--start", envvar="COMOTION_START", min=0, help="s to begin at (.mcap).")
+        float, typer.Option("--start", envvar="COMOTION_START", min=0, help="Start of the range, s (.mcap).")
     ] = 0.0,
     end: Annotated[
-        float | None, typer.Option("--end", envvar="COMOTION_END", min=0, help="s to end at (.mcap).")
+        float | None, typer.Option("--end", envvar="COMOTION_END", min=0, help="End of the range, s (.mcap).")
     ] = None,
     split: Annotated[
         int,
@@ -74,48 +65,22 @@ def replay(
             envvar="COMOTION_REPLAY_SPLIT",
             min=1,
             max=64,
-            help="Deal the markers out to so many sources, all in this process.",
+            help="Divide the markers among this number of sources, all in this process.",
         ),
     ] = 1,
-    part: Annotated[
-        str | None,
-        typer.Option(
-            "--part",
-            envvar="COMOTION_PART",
-            metavar="K/N",
-            help="Be the K-th of N sources only, the others being processes of their own.",
-        ),
-    ] = None,
+    part: source_options.Part = None,
     stamps: Annotated[
-        StampsChoice,
+        source_options.StampChoice,
         typer.Option(
             "--stamps",
             envvar="COMOTION_STAMPS",
-            help="Stamp with the wall clock, or with the recording's own time from 0 on "
+            help="Stamp with the wall clock, or with the time of the recording from 0 on "
             "(then serve with --clock event).",
         ),
-    ] = StampsChoice.NOW,
-    start_at: Annotated[
-        str,
-        typer.Option(
-            "--start-at",
-            envvar="COMOTION_START_AT",
-            metavar="now|aligned|SECONDS",
-            help="When to start: now, at a multiple of the recording's length, or at a Unix time.",
-        ),
-    ] = "now",
-    duration: Annotated[
-        float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="Stop after so many seconds."),
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            "--name",
-            envvar="COMOTION_SOURCE_NAME",
-            help="Name of the source; of several, NAME-1, NAME-2, ... Default: replay.",
-        ),
-    ] = None,
+    ] = source_options.StampChoice.NOW,
+    start_at: source_options.StartAt = "now",
+    duration: source_options.Duration = None,
+    name: source_options.Names = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     listen: options.Listen = None,
@@ -124,13 +89,13 @@ def replay(
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
-    """Publish a recording, with its truth where it has labels, as one source or several.
+    """Publish a recording, with truth if it has labels, as one source or several.
 
-    A recorded scene (.mcap) is published as the sources it was recorded from, byte for byte with
-    --stamps original. The space bar pauses it.
+    A recorded scene (.mcap) is published as its recorded sources, with
+    --stamps original byte for byte. The space bar pauses it.
     """
     if file.suffix.lower() == ".mcap":
-        _refuse(ctx, _NOT_FOR_MCAP, "does not go with a recorded scene (.mcap)")
+        options.reject_flags(ctx, _NOT_FOR_MCAP, "is not for a recorded scene (.mcap)")
         _replay_scene(
             file,
             {"speed": speed, "loop": loop, "start": start, "end": end, "duration": duration},
@@ -139,7 +104,7 @@ def replay(
             (scene, options.session_settings(connect, listen), ready_file),
         )
         return
-    _refuse(ctx, _MCAP_ONLY, "goes with a recorded scene (.mcap) only")
+    options.reject_flags(ctx, _MCAP_ONLY, "is only for a recorded scene (.mcap)")
     from comotion_sources import parts, player
     from comotion_sources import replay as process
     from comotion_sources.recordings import read_recording
@@ -172,7 +137,7 @@ def replay(
 def _replay_scene(
     file: Path,
     when: "dict[str, Any]",
-    stamps: StampsChoice,
+    stamps: source_options.StampChoice,
     start_at: str,
     where: "tuple[str, SessionSettings, Path | None]",
 ) -> None:
@@ -183,17 +148,9 @@ def _replay_scene(
         raise missing_extra("record", error) from None
     instant = player.parse_start(start_at)
     if instant == "aligned":
-        raise UserError("--start-at aligned does not go with a recorded scene (.mcap)")
+        raise UserError("--start-at aligned is not for a recorded scene (.mcap)")
     schedule = MessageSchedule(
         **when, stamps=stamps.value, start_at=None if instant == "now" else float(instant)
     )
     scene, settings, ready_file = where
     message_replay.run(file, schedule, scene=scene, settings=settings, ready_file=ready_file)
-
-
-def _refuse(ctx: typer.Context, names: tuple[str, ...], why: str) -> None:
-    """An option that has no effect is a misunderstanding; the environment and files may set it."""
-    for name in names:
-        source = ctx.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise UserError(f"--{name} {why}")

@@ -1,4 +1,4 @@
-"""``comotion source simulator``: a scene whose truth is known."""
+"""``comotion source simulator``: publishes a simulated scene with its truth."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -7,6 +7,7 @@ import typer
 
 from .. import options
 from ..errors import UserError
+from . import source_options
 
 EPILOG = """
 Examples:
@@ -24,7 +25,7 @@ Examples:
 
 
 class SplitChoice(StrEnum):
-    """What several sources divide among them."""
+    """How several sources divide a scene."""
 
     FEATURES = "features"
     OBJECTS = "objects"
@@ -35,67 +36,38 @@ def simulator(
         str | None,
         typer.Argument(metavar="SCENE", help="A scene of --list, or a TOML file.", show_default=False),
     ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="List the scenes that ship and end.")] = False,
+    list_: Annotated[bool, typer.Option("--list", help="List the scenes of the package and end.")] = False,
     rate: Annotated[
         str | None,
         typer.Option(
             "--rate",
             envvar="COMOTION_RATE",
             metavar="HZ[,HZ...]",
-            help="Rate; several make as many sources. Default: what the scene says.",
+            help="Rate, or one rate per source for several sources. Default: that of the scene.",
         ),
     ] = None,
-    part: Annotated[
-        str | None,
-        typer.Option(
-            "--part",
-            envvar="COMOTION_PART",
-            metavar="K/N",
-            help="Be the K-th of N sources that share the scene; each feature is seen by exactly one.",
-        ),
-    ] = None,
+    part: source_options.Part = None,
     split: Annotated[
         SplitChoice,
-        typer.Option("--split", envvar="COMOTION_SPLIT", help="What several sources divide among them."),
+        typer.Option("--split", envvar="COMOTION_SPLIT", help="How several sources divide the scene."),
     ] = SplitChoice.FEATURES,
     seed: Annotated[
-        int, typer.Option("--seed", envvar="COMOTION_SEED", min=0, help="Seed of all that is random.")
+        int, typer.Option("--seed", envvar="COMOTION_SEED", min=0, help="Seed of the random numbers.")
     ] = 0,
     noise: Annotated[
-        float, typer.Option("--noise", envvar="COMOTION_NOISE", min=0, help="Factor on the scene's noise.")
+        float, typer.Option("--noise", envvar="COMOTION_NOISE", min=0, help="Factor on the noise.")
     ] = 1.0,
     time_scale: Annotated[
         float, typer.Option("--time-scale", envvar="COMOTION_TIME_SCALE", help="2 plays twice as fast.")
     ] = 1.0,
-    duration: Annotated[
-        float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="Stop after so many seconds."),
-    ] = None,
-    loop: Annotated[
-        bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Start again at the end, as a new session.")
-    ] = False,
-    start_at: Annotated[
-        str,
-        typer.Option(
-            "--start-at",
-            envvar="COMOTION_START_AT",
-            metavar="now|aligned|SECONDS",
-            help="When the scene starts: now, at a multiple of its length, or at a Unix time. "
-            "Sources in several processes need one of the latter two to be in phase.",
-        ),
-    ] = "now",
+    duration: source_options.Duration = None,
+    loop: source_options.Loop = False,
+    start_at: source_options.StartAt = "now",
     publish_sigma: Annotated[
         bool,
         typer.Option("--publish-sigma", envvar="COMOTION_PUBLISH_SIGMA", help="Publish the true noise."),
     ] = False,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            "--name",
-            envvar="COMOTION_SOURCE_NAME",
-            help="Name of the source; of several, NAME-1, NAME-2, ... Default: simulator.",
-        ),
-    ] = None,
+    name: source_options.Names = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     listen: options.Listen = None,

@@ -1,4 +1,4 @@
-"""``comotion source workcell``: drive a simulated workcell, or write what its cameras see."""
+"""``comotion source workcell``: publishes the joint states of a simulated workcell."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +7,7 @@ import typer
 
 from .. import options
 from ..errors import UserError
+from . import source_options
 
 EPILOG = """
 Examples:
@@ -41,19 +42,16 @@ def workcell(
             "--seed",
             envvar="COMOTION_SEED",
             min=0,
-            help="Varies the timing (and cameras, by their own ?seed=).",
+            help="Seed of the timing (and of the cameras, if they have the same ?seed=).",
         ),
     ] = 0,
-    duration: Annotated[
-        float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="Stop after so many seconds."),
-    ] = None,
+    duration: source_options.Duration = None,
     write_tum: Annotated[
         Path | None,
         typer.Option(
             "--write-tum",
             metavar="DIR",
-            help="Write what a camera sees as a TUM RGB-D folder instead, and end.",
+            help="Write the frames of a camera as a TUM RGB-D folder instead, and end.",
         ),
     ] = None,
     camera: Annotated[
@@ -70,7 +68,7 @@ def workcell(
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
-    """Drive a workcell: publish the joint states of a simulated scene that cameras can look at."""
+    """Publish the joint states of a simulated workcell, which its cameras follow."""
     from comotion_sources.workcell import process
     from comotion_sources.workcell.scene import Scene
 

@@ -1,4 +1,4 @@
-"""``comotion up FILE.toml``: a whole system of processes."""
+"""``comotion up FILE.toml``: starts a system of processes."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ Examples:
 
   comotion up workcell.toml --log workcell.log
 
-The file is the --config of every process it starts; its tables process.NAME say what to run:
+The file is the --config of every process it starts; its tables process.NAME describe the processes:
 
   run = 'source simulator fig4.4 --rate 30'   (a comotion command)
 
@@ -29,7 +29,7 @@ DEFAULT_LOG = Path("comotion-up.log")
 
 
 def up(
-    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="What to run.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="Description of the system.")],
     log: Annotated[
         Path | None,
         typer.Option(
@@ -45,7 +45,7 @@ def up(
     ] = None,
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
-    """Start router, sources, service and clients; restart what dies; stop all on Ctrl-C."""
+    """Start router, sources, service and clients; restart failed processes; stop all on Ctrl-C."""
     from dataclasses import replace
 
     from ..launcher import launch

@@ -1,4 +1,4 @@
-"""``comotion view``: a scene to look at, in a window, a browser or a file."""
+"""``comotion view``: shows a scene in a window, a browser or a file."""
 
 import os
 import re
@@ -23,7 +23,7 @@ Examples:
 
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
 
-  comotion view take.mcap   # what 'comotion record' has recorded
+  comotion view take.mcap   # a recording of 'comotion record'
 """
 
 
@@ -64,12 +64,12 @@ def view(
         typer.Option(
             "--memory",
             envvar="COMOTION_VIEW_MEMORY",
-            help="What window and page keep, e.g. 500MB, 2GB or 25%; the oldest goes first.",
+            help="Memory for the history, e.g. 500MB, 2GB or 25%; the oldest data is dropped first.",
         ),
     ] = "1GB",
     duration: Annotated[
         float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after so many seconds."),
+        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
     ] = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
@@ -125,9 +125,9 @@ def _show_scene(
     from comotion_clients.viewing.sink import RerunSink
     from comotion_schemas import Keys
 
-    Keys(scene)  # a wrong name must not open a window first
+    Keys(scene)  # checks the name before a window opens
     with RerunSink(where) as sink:
-        _tell_where(sink)
+        _print_address(sink)
         how = ViewOptions(duration=duration, ready_file=ready_file)
         result = run(sink, scene, options.session_settings(connect), how)
     if json_:
@@ -149,7 +149,7 @@ def _show_recording(recording: Path, where: "Destination", duration: float | Non
 
     stop = threading.Event()
     with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
-        _tell_where(sink)
+        _print_address(sink)
         shown = view_messages(reading.messages(), reading.scene(), sink)
         if not shown:
             raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
@@ -158,7 +158,7 @@ def _show_recording(recording: Path, where: "Destination", duration: float | Non
             sink.wait(stop, duration)
 
 
-def _tell_where(sink: "RerunSink") -> None:
+def _print_address(sink: "RerunSink") -> None:
     if sink.url is not None:
         print(f"look at {sink.url}", file=sys.stderr, flush=True)
 

@@ -51,9 +51,9 @@ def watch(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Show sources, hypotheses, tracks and events of a scene as they are now.
+    """Show the current sources, hypotheses, tracks and events of a scene.
 
-    Plain lines when the output is no terminal; with --json one object per line.
+    Plain lines if the output is not a terminal; with --json one object per line.
     """
     from comotion_clients.watch import WatchOptions, watch
 
