@@ -1,9 +1,12 @@
 """Compilation of the loops that NumPy cannot fuse."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from contextlib import suppress
+from typing import Any, TypeVar, cast
 
 import numba
+
+from .kernel_cache import KernelCache
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -36,12 +39,11 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
         options["parallel"] = _OWN_LOOPS
 
     def compile_(function: Kernel) -> Kernel:
-        try:
-            kernel: Kernel = numba.njit(cache=True, error_model="numpy", **options)(function)
-        except RuntimeError:
-            # Neither the package nor the user's cache can be written to: compile in every process.
-            kernel = numba.njit(error_model="numpy", **options)(function)
-        return kernel
+        kernel = numba.njit(error_model="numpy", **options)(function)
+        # Without a folder to write to, every process compiles.
+        with suppress(RuntimeError):
+            kernel._cache = KernelCache(function)  # type: ignore[no-untyped-call]
+        return cast("Kernel", kernel)
 
     return compile_
 

@@ -1,0 +1,148 @@
+"""Compiled kernels on disk: kept by all of their sources, wherever there is a folder to keep them in."""
+
+import ast
+import importlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
+from types import CodeType, ModuleType
+
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import comotion
+from comotion import compiled, kernel_cache
+
+INNER = """
+from ..compiled import compiled
+
+@compiled()
+def inner(x):
+    return 2 * x
+"""
+OUTER = """
+from ..compiled import compiled
+from ..first.kernels import inner
+
+@compiled()
+def outer(x):
+    return inner(x) + 1
+
+def run():
+    print(outer(3), sum(outer.stats.cache_hits.values()), sum(outer.stats.cache_misses.values()))
+"""
+
+
+class Package:
+    """A package of two folders with a kernel each; that of the second calls that of the first."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.home = root / "package", root / "home"
+        for folder, source in (("first", INNER), ("second", OUTER)):
+            (self.root / folder).mkdir(parents=True)
+            (self.root / folder / "__init__.py").touch()
+            (self.root / folder / "kernels.py").write_text(source)
+        (self.root / "__init__.py").touch()
+        for module in (compiled, kernel_cache):
+            shutil.copy(str(module.__file__), self.root)
+
+    def run(self) -> tuple[int, int, int]:
+        """Result of the outer kernel in a process of its own; how often it was loaded, and compiled."""
+        env = {**os.environ, "PYTHONPATH": str(self.root.parent), "XDG_CACHE_HOME": str(self.home)}
+        env.pop("NUMBA_CACHE_DIR", None)
+        code = "from package.second.kernels import run; run()"
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", code], check=False, env=env, capture_output=True, text=True
+        )
+        assert not done.returncode, done.stderr
+        result, loaded, built = map(int, done.stdout.split())
+        return result, loaded, built
+
+    def change_callee(self) -> None:
+        """Change the inner kernel, and nothing else that a file system could tell."""
+        file = self.root / "first" / "kernels.py"
+        before = file.stat()
+        file.write_text(INNER.replace("2 * x", "5 * x"))
+        os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+        assert file.stat().st_size == before.st_size
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Package:
+    return Package(tmp_path)
+
+
+def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(package: Package) -> None:
+    assert package.run() == (7, 0, 1)
+    assert package.run() == (7, 1, 0)
+    package.change_callee()
+    assert package.run() == (16, 0, 1)
+    assert package.run() == (16, 1, 0)
+
+
+def test_files_of_other_sources_are_removed(package: Package) -> None:
+    package.run()
+    before = set(package.root.rglob("*.nb[ic]"))
+    package.change_callee()
+    package.run()
+    after = set(package.root.rglob("*.nb[ic]"))
+    assert len(before) == len(after) > 0
+    assert not before & after
+
+
+def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_process_compiles(
+    package: Package,
+) -> None:
+    for folder in ("first", "second"):
+        (package.root / folder / "__pycache__").touch()
+    assert package.run() == (7, 0, 1)
+    assert package.run() == (7, 1, 0)
+    shutil.rmtree(package.home)
+    package.home.touch()
+    assert package.run() == (7, 0, 1)
+    assert package.run() == (7, 0, 1)
+
+
+def modules() -> Iterator[ModuleType]:
+    for found in pkgutil.walk_packages(comotion.__path__, "comotion."):
+        yield importlib.import_module(found.name)
+
+
+def names(code: CodeType) -> set[str]:
+    inside = (constant for constant in code.co_consts if isinstance(constant, CodeType))
+    return set(code.co_names).union(*(names(part) for part in inside))
+
+
+def imported(module: ModuleType) -> dict[str, str]:
+    """Names that a module imports from elsewhere in the package, and from which of its modules."""
+    tree = ast.parse(Path(str(module.__file__)).read_text())
+    return {
+        alias.asname or alias.name: resolve_name("." * node.level + (node.module or ""), module.__package__)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+        for alias in node.names
+    }
+
+
+def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover() -> None:
+    found = 0
+    outside = set()
+    covered = {str(path) for path in kernel_cache.kernel_sources()}
+    for module in modules():
+        origins = imported(module)
+        for kernel in vars(module).values():
+            if not isinstance(kernel, Dispatcher) or kernel.py_func.__module__ != module.__name__:
+                continue
+            found += 1
+            assert isinstance(kernel._cache, kernel_cache.KernelCache)
+            for name in names(kernel.py_func.__code__) & origins.keys():
+                file = find_spec(origins[name]).origin  # type: ignore[union-attr]
+                if file not in covered:
+                    outside.add(f"{name} in {module.__name__} is from {file}")
+    assert not outside
+    assert found > 50
