@@ -57,6 +57,8 @@ class Figures:
         Tracks with another hypothesis than an update before, per 100.
     hypotheses, bodies
         Mean numbers: confirmed hypotheses, and bodies apart.
+    over
+        Share of the updates with more confirmed hypotheses than bodies apart.
     ms
         Median time of an update.
     """
@@ -75,6 +77,7 @@ class Figures:
     switches: float
     hypotheses: float
     bodies: float
+    over: float
     ms: float
 
 
@@ -232,6 +235,8 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:
     true = metrics.true_events(since, last, scene.happenings)
     events = sum(len(m.events) for m in moments)
     healings = [metrics.healing(moments, h, until) for h, until in _until(scene.happenings, last)]
+    found = [float(len(m.confirmed)) for m in moments]
+    apart_now = [float(len(set(since.components(m.t)[m.bodies].tolist()))) for m in moments]
     figures = Figures(
         nmi=metrics.mean_nmi(moments),
         nmi_apart=metrics.mean_nmi_apart(moments),
@@ -245,8 +250,9 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:
         spurious=max(events - true, 0) / minutes,
         true=true / minutes,
         switches=run.summary.switches_per_100,
-        hypotheses=metrics.mean([float(len(m.confirmed)) for m in moments]),
-        bodies=metrics.mean([len(set(since.components(m.t)[m.bodies].tolist())) for m in moments]),
+        hypotheses=metrics.mean(found),
+        bodies=metrics.mean(apart_now),
+        over=metrics.mean([float(k > true_k) for k, true_k in zip(found, apart_now, strict=True)]),
         ms=float(np.median(run.update_ms)),
     )
     return figures, _trace(moments)

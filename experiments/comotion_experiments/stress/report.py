@@ -35,6 +35,7 @@ _COLUMNS = (
     ("switches", "switches", 1),
     ("hypotheses", "K", 2),
     ("bodies", "K true", 2),
+    ("over", "over", 2),
     ("ms", "ms", 1),
 )
 
@@ -119,7 +120,8 @@ method has equal weights and the σ_switch that suits the scene's noise. Every c
 - **wrong**: share of runs with an NMI below .95 in the mean from 5 s after the start on.
 - **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
 - **spurious**: events a minute beyond the true ones. **switches**: tracks whose hypothesis differs from that
-  of the update before, per 100. **K**: hypotheses, and bodies that are apart."""
+  of the update before, per 100. **K**: hypotheses, and bodies that are apart. **over**: share of
+  the updates with more hypotheses than that."""
 
 _MARKDOWN = (
     ("nmi_apart", "NMI", 3),
@@ -133,6 +135,7 @@ _MARKDOWN = (
     ("spurious", "spurious", 0),
     ("switches", "switches", 1),
     ("hypotheses", "K", 1),
+    ("over", "over", 2),
 )
 
 
