@@ -15,7 +15,7 @@ Order = Literal["newest", "overtaken", "repeated"]
 
 
 class Sighting(NamedTuple):
-    """What one sequence number says.
+    """What follows from one sequence number.
 
     `lost` is how many numbers were skipped right before it. `order` is ``newest`` for a number beyond
     all before, ``overtaken`` for the first sight of an older one, and ``repeated`` for one seen before.

@@ -23,7 +23,7 @@ from .rigid.poses import Poses
 from .trajectories.track_index import Ids, TrackIndex
 from .trajectories.window import Window
 
-# A trajectory that is outdated and has fewer observations in the window than this says nothing of motion.
+# Motion shows between two observations: an outdated trajectory with fewer in the window is forgotten.
 _MIN_OBSERVATIONS = 2
 # m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
 MAX_COORDINATE = 1e9
@@ -122,11 +122,13 @@ class Space:
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = _take(batch.sigma, rows) if isinstance(batch.sigma, np.ndarray) else batch.sigma
-            # Noise beyond what coordinates can express says no more than at these ends, and squares badly.
+            # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
-        turns = None if batch.quaternions is None else _take(batch.quaternions, rows).astype(np.float64)
+        quaternions = None
+        if batch.quaternions is not None:
+            quaternions = _take(batch.quaternions, rows).astype(np.float64)
         positions = _take(batch.positions, rows).astype(np.float64)
-        stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, turns)
+        stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, quaternions)
         self._stats.observations += int(stored.sum())
         self._stats.duplicates += not stored.all()
         if stored.any():
@@ -210,7 +212,7 @@ class Space:
         return self._window.used & held & (self._window.last_ns >= stamp_ns - limits)
 
     def _forget(self, fresh: Bools) -> None:
-        """Forget trajectories that are outdated and too short to say anything."""
+        """Forget trajectories that are outdated and too short to show motion."""
         window = self._window
         gone = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
         if not len(gone):

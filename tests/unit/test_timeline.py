@@ -110,7 +110,7 @@ def test_without_a_live_source_the_watermark_stands_still(clock):
     clock.at(1_000 * MS)
     assert clock.watermark == 500, "live until source_timeout: max_lag pulls"
     clock.at(5_000 * MS)
-    assert clock.watermark == 500, "dead: nothing pulls"
+    assert clock.watermark == 500, "not live any more: nothing moves it"
 
 
 def test_nothing_ever_seen_leaves_the_watermark_unset(clock):

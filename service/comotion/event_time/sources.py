@@ -27,7 +27,7 @@ class SourceHealth:
 
 @dataclass
 class Source:
-    """What event time knows of one source.
+    """State of one source.
 
     Attributes
     ----------

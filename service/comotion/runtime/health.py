@@ -66,7 +66,7 @@ class Health:
         stats: Stats,
         notes: list[str],
     ) -> StatusFields:
-        """Assemble what the Status says.
+        """Assemble the fields of the Status.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class Watchdog:
         self._alive_ns: int | None = None
 
     def report(self, fields: StatusFields) -> None:
-        """Replace what the Status says."""
+        """Replace the fields of the Status."""
         self._fields = fields
 
     def alive(self, monotonic_ns: int) -> None:

@@ -18,7 +18,7 @@ class TrackIndex:
     Parameters
     ----------
     window
-        The window whose slots it knows.
+        The window that holds the trajectories.
 
     Attributes
     ----------
