@@ -1,7 +1,10 @@
-"""Names for the arrays that the core passes on; shapes and units stand where they are used."""
+"""Names for the arrays that the core passes on, and arrays that begin where vector loads are fast."""
+
+import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -13,3 +16,23 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Labels = NDArray[np.int64]
 """A hypothesis id per trajectory, or -1."""
+
+# Of a cache line, the largest unit that processors load at once.
+_ALIGNMENT_BYTES = 64
+
+
+def aligned_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros that begin at a cache line; NumPy's begin at 16 bytes, which costs vector loops a quarter.
+
+    Parameters
+    ----------
+    shape
+        Of the array.
+    dtype
+        Of its elements.
+    """
+    element = np.dtype(dtype)
+    count = math.prod(shape) * element.itemsize
+    raw = np.zeros(count + _ALIGNMENT_BYTES, np.uint8)
+    first = -raw.ctypes.data % _ALIGNMENT_BYTES
+    return raw[first : first + count].view(element).reshape(shape)

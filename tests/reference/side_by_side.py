@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from comotion.partition import Rows
-from comotion.thesis.pairs import Pairs
+from comotion.thesis.kernels.samples import STRIP
+from comotion.thesis.kernels.sums import COMPARABLE_SAMPLES, FIRST, SAMPLES, SECOND, WEIGHTS
+from comotion.thesis.pair_sums import PairSums
 from comotion.trajectories.window import Window
 
 from . import thesis as literal
@@ -27,14 +29,14 @@ class SideBySide:
     gap: int = 500 * MS
     dtype: type = np.float64
     window: Window = field(init=False)
-    pairs: Pairs = field(init=False)
+    pairs: PairSums = field(init=False)
     slots: dict[int, int] = field(default_factory=dict)
     lists: dict[int, literal.Trajectory] = field(default_factory=dict)
     oldest: int = -(2**63)
 
     def __post_init__(self) -> None:
         self.window = Window(self.dim, self.span, self.gap)
-        self.pairs = Pairs(self.v_move, self.dtype)
+        self.pairs = PairSums(self.v_move, self.dtype)
 
     def observe(self, stamp: int, points: dict[int, Point]) -> None:
         """One instant: {track: position}; new tracks are opened."""
@@ -83,13 +85,26 @@ class SideBySide:
 
     def samples(self, i: int, j: int) -> int:
         """Common samples of two tracks."""
-        return int(self.pairs.variance(self.window, self.slots_of([i, j]))[1][0, 1])
+        return int(self.variance([i, j])[1][0, 1])
+
+    def variance(self, tracks: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
+        slots = self.slots_of(tracks)
+        # So small that sums are computed again long before 1e-6 of a variance is lost.
+        self.pairs.affinity(self.window, slots, 1e-6)
+        rows = self.pairs.rows.of[slots]
+        high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
+        strip = high // STRIP
+        sums = self.pairs.sums.sums[strip * (strip + 1) // 2 + low // STRIP, :, high % STRIP, low % STRIP]
+        weight, first, second = (sums[..., k].astype(np.float64) for k in (WEIGHTS, FIRST, SECOND))
+        samples = sums[..., SAMPLES].astype(np.int64)
+        weight = np.where(samples >= COMPARABLE_SAMPLES, weight, np.inf)
+        return np.maximum(second - first**2 / weight, 0.0) / weight, samples
 
     def check(self) -> None:
         """Assert that samples are the same ones in number, and variances equal to 1e-6."""
         tracks = sorted(self.slots)
-        slots = self.slots_of(tracks)
-        variance, samples = self.pairs.variance(self.window, slots)
+        variance, samples = self.variance(tracks)
         np.testing.assert_array_equal(variance, variance.T)
         for a, i in enumerate(tracks):
             for b, j in enumerate(tracks[:a]):

@@ -8,8 +8,8 @@ from sklearn.cluster import KMeans
 
 from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import by_appearance, make_clustering
-from comotion.thesis.clustering.block import Block
 from comotion.thesis.clustering.divisive_kmeans import halve
+from comotion.thesis.clustering.submatrix import Submatrix
 
 DIVISIVE = "divisive-kmeans"
 ALL = [DIVISIVE, "gmm-bic", "eigengap", "eigengap-normalized"]
@@ -125,10 +125,10 @@ def test_spectral_clustering_answers_for_any_affinity(name, affinity):
 
 
 def gathered(affinity, members, some):
-    """The block of some members, with room for one more."""
+    """Rows and columns of some members, with room for one more."""
     room = np.full((len(members) + 1,) * 2, np.nan, np.float32)
     lower = np.where(np.tri(len(affinity), dtype=bool), affinity, np.nan).astype(np.float32)
-    return Block.gathered(lower, members, room, some)
+    return Submatrix.gathered(lower, members, room, some)
 
 
 def first_half(affinity):
@@ -138,19 +138,19 @@ def first_half(affinity):
 
 @pytest.mark.parametrize("count", [1, 2, 40, 299])
 @pytest.mark.parametrize("size", [40, 300])
-def test_a_block_is_read_from_below_the_diagonal(size, count):
+def test_a_submatrix_is_read_from_below_the_diagonal(size, count):
     rng = np.random.default_rng(size + count)
     affinity = _symmetric(size, count, ())
     members = np.sort(rng.choice(size, min(size, count), replace=False))
     some, vector = rng.uniform(size=len(members)) < 0.3, rng.normal(size=len(members))
-    block, survey = gathered(affinity, members, some)
+    matrix, totals = gathered(affinity, members, some)
     dense = affinity[np.ix_(members, members)]
-    np.testing.assert_allclose(survey.sums, dense.sum(axis=1), rtol=1e-5)
-    np.testing.assert_allclose(survey.part, dense[:, some].sum(axis=1), rtol=1e-5)
-    assert survey.least == pytest.approx(dense.min(), abs=1e-7)
-    np.testing.assert_allclose(block.times(vector), dense @ vector, atol=1e-4)
-    np.testing.assert_allclose(block.rows(), dense, rtol=1e-6)
-    np.testing.assert_allclose(block.row(len(members) // 2), dense[len(members) // 2], rtol=1e-6)
+    np.testing.assert_allclose(totals.sums, dense.sum(axis=1), rtol=1e-5)
+    np.testing.assert_allclose(totals.part, dense[:, some].sum(axis=1), rtol=1e-5)
+    assert totals.least == pytest.approx(dense.min(), abs=1e-7)
+    np.testing.assert_allclose(matrix.times(vector), dense @ vector, atol=1e-4)
+    np.testing.assert_allclose(matrix.rows(), dense, rtol=1e-6)
+    np.testing.assert_allclose(matrix.row(len(members) // 2), dense[len(members) // 2], rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))

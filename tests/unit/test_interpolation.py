@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion.aligned import aligned_zeros
+from comotion.arrays import aligned_zeros
 from comotion.trajectories.interpolation import locate, recent_steps
 from comotion.trajectories.window import Window
 

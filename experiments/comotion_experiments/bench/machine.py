@@ -8,9 +8,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion.compiled import compiled, numba_range
-from comotion.thesis.samples import Array
+
+Singles = NDArray[np.float32]
 
 _ELEMENTS = 32_000_000
 _TURNS = 7
@@ -55,7 +57,7 @@ def triad() -> float:
 
 
 @compiled(parallel=True)
-def _triad(a: Array, b: Array, c: Array, s: np.float32) -> None:
+def _triad(a: Singles, b: Singles, c: Singles, s: np.float32) -> None:
     for k in numba_range(len(a)):
         a[k] = b[k] + s * c[k]
 

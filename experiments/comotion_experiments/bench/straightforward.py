@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from sklearn.cluster import KMeans
 
 from comotion import FusionConfig
-from comotion.thesis.samples import velocity_weight
+from comotion.thesis.equations import weight as velocity_weight
 from comotion_schemas import ObservationBatch
 
 from .scene import Scene, SceneSpec

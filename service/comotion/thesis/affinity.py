@@ -21,14 +21,14 @@ class Affinity:
     Attributes
     ----------
     matrix
-        float32 [P, P]: that of two places at [larger, smaller], 1 on the diagonal; what is above the
-        diagonal is meaningless.
-    places
-        intp [n]: place of each trajectory.
+        float32 [P, P]: that of two trajectories at [larger row, smaller row], 1 on the diagonal; what is
+        above the diagonal means nothing.
+    rows
+        intp [n]: row of each trajectory.
     """
 
     matrix: Matrix
-    places: Slots
+    rows: Slots
 
     @classmethod
     def of(cls, dense: Floats | Matrix) -> Self:
@@ -36,9 +36,9 @@ class Affinity:
         return cls(np.asarray(dense, np.float32), np.arange(len(dense)))
 
     def __len__(self) -> int:
-        return len(self.places)
+        return len(self.rows)
 
     def dense(self) -> Matrix:
         """float32 [n, n], symmetric, a copy."""
-        high = np.maximum.outer(self.places, self.places)
-        return self.matrix[high, np.minimum.outer(self.places, self.places)]
+        high = np.maximum.outer(self.rows, self.rows)
+        return self.matrix[high, np.minimum.outer(self.rows, self.rows)]

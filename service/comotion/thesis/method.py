@@ -1,8 +1,17 @@
 """The method of the thesis (``method = "thesis"``): trajectories in, a partition by affinity out.
 
-    pairs (3.2, 3.3, 3.5) -> affinity (3.4) -> clustering (3.6) -> label propagation (comotion.matching)
+To be read beside "Inferring Object Hypotheses Based on Feature Motion from Different Sources":
 
-A group here is a cluster; of its motion no more is said than whether it moves.
+1. Trajectories: observations of the last `window` seconds, in order of time (:mod:`comotion.trajectories`).
+2. Distance samples (3.5): at each observation of either trajectory of a pair, the other is interpolated.
+3. Weights (3.2): a sample counts the more, the faster one of the two moves.
+4. Variance (3.3) of the distance and affinity (3.4), for every pair.
+5. Divisive k-means (3.6): clusters are halved while they hold a pair of small affinity.
+6. Label propagation: a cluster continues the hypothesis with which it shares the most trajectories
+   (:mod:`comotion.hypotheses`, by :func:`comotion.matching.largest_first`).
+
+Steps 2 to 4 are in :mod:`~comotion.thesis.equations` as the thesis states them, for one pair. What runs is
+:mod:`~comotion.thesis.pair_sums`, which follows the changes of the window for all pairs.
 """
 
 import math
@@ -19,10 +28,10 @@ from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .affinity import Affinity
 from .clustering import ClusterFunction, make_clustering
-from .pairs import Pairs
+from .pair_sums import PairSums
 
-# A velocity is taken over this long: at 15 Hz noise moves a single step as much as slow motion does.
-_VELOCITY_NS = 500_000_000
+# Velocities span half a second: in a single step at 15 Hz, noise moves a feature as far as slow motion does.
+_VELOCITY_SPAN_NS = 500_000_000
 
 
 class ThesisMethod:
@@ -45,26 +54,30 @@ class ThesisMethod:
         v_move = config.thesis.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
-        self._pairs = Pairs(v_move)
+        self._pair_sums = PairSums(v_move)
         self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity = Affinity.of(np.zeros((0, 0)))
 
     def observed(self, window: Window, rows: Rows) -> None:
         """One instant of one source has been stored."""
-        self._pairs.observed(window, rows)
+        self._pair_sums.observed(window, rows)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """The oldest observations of some slots are about to go."""
-        self._pairs.evicting(window, slots, counts)
+        self._pair_sums.evicting(window, slots, counts)
 
     def forgetting(self, window: Window, slots: Slots) -> None:  # noqa: ARG002
         """Slots are about to be freed."""
-        self._pairs.forget(slots)
+        self._pair_sums.forget(slots)
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:  # noqa: ARG002
         """Group the current trajectories."""
-        self._affinity = affinity = self._pairs.affinity(window, current, self._sigma_switch)
-        clusters = self._cluster(affinity)
+        # 1. Trajectories: the window holds them up to date; `current` are those to group.
+        # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
+        self._affinity = self._pair_sums.affinity(window, current, self._sigma_switch)
+        # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
+        clusters = self._cluster(self._affinity)
+        # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
             groups=clusters.labels,
@@ -85,12 +98,13 @@ class ThesisMethod:
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Compute the sums anew from the window."""
         del state
-        self._pairs.rebuild(window, window.slots())
+        self._pair_sums.rebuild(window, window.slots())
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
+        """Whether each cluster moves; the thesis tells no more of its motion."""
         sizes = np.bincount(groups)
-        step, took = recent_steps(window, current, _VELOCITY_NS)
-        velocity = step / np.where(took > 0, took * 1e-9, 1.0)[:, None]
+        step, elapsed = recent_steps(window, current, _VELOCITY_SPAN_NS)
+        velocity = step / np.where(elapsed > 0, elapsed * 1e-9, 1.0)[:, None]
         speeds = np.linalg.norm(_means(velocity, groups, sizes), axis=1)
         return [Group("moving" if speed > self._v_moving else "undetermined") for speed in speeds.tolist()]
 

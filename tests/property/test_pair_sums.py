@@ -4,6 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comotion.thesis import equations
+
+from ..reference import thesis as literal
 from ..reference.side_by_side import MS, T0, Point, SideBySide
 
 _LAST_MS = 2200
@@ -79,3 +82,27 @@ def test_sums_computed_anew_are_those_carried_along(script, v_move):
         both.evict(arrival - both.span)
     both.pairs.rebuild(both.window, both.window.slots())
     both.check()
+
+
+@settings(max_examples=50, deadline=None)
+@given(scene=st.sampled_from([2, 3]).flatmap(tracks), v_move=st.sampled_from([None, 0.1, 1.0]))
+def test_the_equations_equal_the_definitions(scene, v_move):
+    gap = 500 * MS
+    plain = [literal.Trajectory(dict(points)) for points in scene.values() if points]
+    whole = []
+    for points in scene.values():
+        if points:
+            times, x = np.array(sorted(points)), np.array([points[t] for t in sorted(points)])
+            whole.append(equations.Observations(times, x, equations.backward_speed(times, x)))
+    for i, one in enumerate(plain):
+        for j, other in enumerate(plain[:i]):
+            pairs = literal.samples(one, other, gap)
+            distance, speed = equations.distance_samples(whole[i], whole[j], gap)
+            np.testing.assert_allclose(distance, [d for d, _ in pairs], rtol=1e-9)
+            np.testing.assert_allclose(speed**2, [v for _, v in pairs], rtol=1e-9)
+            if len(pairs) >= 2:
+                found = equations.variance(distance, equations.weight(speed, v_move))
+                expected = literal.variance(one, other, gap, v_move)
+                np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+                want = literal.affinity(one, other, gap, v_move, 0.02)
+                np.testing.assert_allclose(equations.affinity(np.array(found), 0.02), want, rtol=1e-6)

@@ -5,9 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from comotion.thesis.samples import velocity_weight
-
-from ..reference import thesis as literal
 from ..reference.side_by_side import MS, T0, SideBySide
 
 
@@ -15,19 +12,11 @@ def at(ms: float) -> int:
     return T0 + round(ms * MS)
 
 
-def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
-    w = velocity_weight(np.array([0.0, 0.1, 1.0]), 0.1)
-    assert w[0] == pytest.approx(0.0023, rel=0.01)
-    assert w[1] == pytest.approx(0.9, abs=1e-3)
-    assert w[2] == pytest.approx(1.0)
-    assert velocity_weight(np.array([0.0, 3.0]), None).tolist() == [1.0, 1.0]
-
-
 def test_the_variance_of_a_steady_departure_is_that_of_its_distances():
     both = SideBySide(2, None)
     for k in range(5):
         both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0 + 0.1 * k, 0.0)})
-    variance, samples = both.pairs.variance(both.window, both.slots_of([0, 1]))
+    variance, samples = both.variance([0, 1])
     assert samples[0, 1] == 5
     assert variance[0, 1] == pytest.approx(np.var([1.0, 1.1, 1.2, 1.3, 1.4]))
 
@@ -192,14 +181,3 @@ def test_a_wild_observation_shows_in_no_affinity_after_it_has_gone():
         both.evict(at(ms) - both.span)
         if ms >= 1900 and ms % 100 == 0:
             both.check_affinities(0.02)
-
-
-def test_the_reference_interpolates_and_weighs_as_the_thesis_says():
-    """The reference itself, against numbers worked out by hand."""
-    i = literal.Trajectory({at(0): (0.0, 0.0), at(1000): (1.0, 0.0)})
-    j = literal.Trajectory({at(0): (0.0, 2.0), at(250): (0.0, 2.0), at(1000): (0.0, 2.0)})
-    found = literal.samples(i, j, 2000 * MS)
-    assert [d for d, _ in found] == pytest.approx([2.0, math.hypot(0.25, 2.0), math.hypot(1.0, 2.0)])
-    assert [v for _, v in found] == pytest.approx([1.0, 1.0, 1.0])
-    assert len(literal.samples(i, j, 500 * MS)) == 2
-    assert literal.weight(0.01, 0.1) == pytest.approx(1 - 0.1 * math.exp(math.log(0.1) * 1e-3))
