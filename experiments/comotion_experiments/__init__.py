@@ -1,1 +1,1 @@
-"""The core offline: evaluate recordings and reproduce the paper."""
+"""Experiments: evaluate recordings offline, reproduce the figures of the thesis, and measure costs."""

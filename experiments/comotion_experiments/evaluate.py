@@ -1,4 +1,4 @@
-"""``comotion evaluate FILES``: recordings and scenes through the core, with a table of scores."""
+"""Offline evaluation: recordings and scenes -> scores of the core, as a table or JSON."""
 
 import hashlib
 import math
@@ -35,7 +35,7 @@ _MEANS = (
 
 @dataclass(frozen=True)
 class Evaluated:
-    """One input and its run, less the bulk of it; `digest`: SHA-256 of all updates as on the wire."""
+    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates."""
 
     name: str
     seed: int | None
@@ -46,7 +46,7 @@ class Evaluated:
     digest: str
 
     def values(self) -> dict[str, Any]:
-        """Everything as plain numbers."""
+        """Convert to plain numbers."""
         return {**asdict(self.summary), "ms_per_update": self.ms_per_update, "ms_p99": self.ms_p99}
 
 
@@ -64,20 +64,20 @@ def evaluate_inputs(
     Parameters
     ----------
     inputs
-        What to run, see :func:`comotion_experiments.inputs.find_inputs`.
+        Inputs, see :func:`comotion_experiments.inputs.find_inputs`.
     config
         Parameters of the core.
     period, duration
         As in :func:`comotion_experiments.offline.run_offline`.
     plot
-        Draw every run here; with several inputs their names become part of the file's.
+        Path of the plot; with several inputs the name of the input is added.
     progress
-        Show a bar on standard error when that is a terminal.
+        Show a progress bar if standard error is a terminal.
 
     Raises
     ------
     ValueError
-        If an input holds no observation, or is shorter than a period.
+        If an input has no observation, or is shorter than a period.
     """
     results: list[Evaluated] = []
     for one in _with_progress(inputs, shown=progress):
@@ -121,7 +121,7 @@ def _plot(path: Path, one: Input, config: FusionConfig, run: Run, trace: Trace) 
 
 
 def plot_path(path: Path, one: Input, *, several: bool) -> Path:
-    """Where the picture of an input goes: `path`, with the input's name where there are several."""
+    """Return the path of the plot of an input: `path`, with the name of the input if there are several."""
     if not several:
         return path
     seed = "" if one.seed is None else f"-{one.seed}"
@@ -144,7 +144,7 @@ def _with_progress(inputs: Sequence[Input], *, shown: bool) -> Iterator[Input]:
 
 
 def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
-    """Results by input name, in order: the seeds of a scene together."""
+    """Group results by the name of the input, in order."""
     groups: dict[str, list[Evaluated]] = {}
     for result in results:
         groups.setdefault(result.name, []).append(result)
@@ -152,13 +152,13 @@ def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
 
 
 def averages(results: Sequence[Evaluated]) -> dict[str, float]:
-    """Mean of every number over results that have it; NaN where none has."""
+    """Mean of every number over the results that have it; NaN if none has."""
     rows = [result.values() for result in results]
     return {name: _mean([row[name] for row in rows]) for name in _MEANS}
 
 
 def overall(results: Sequence[Evaluated]) -> dict[str, float]:
-    """Mean over files, each with the mean over its seeds."""
+    """Mean over files of the mean over seeds."""
     files = [averages(members) for members in group(results).values()]
     return {name: _mean([file[name] for file in files]) for name in _MEANS}
 
@@ -169,7 +169,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
-    """Everything as plain values: parameters, one entry per run, and the mean over files."""
+    """Convert to plain values: parameters, one entry per run, and the mean over files."""
     return {
         "config": config.model_dump(mode="json"),
         "period": config.period if period is None else period,
@@ -188,7 +188,7 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
 
 
 def table(results: Sequence[Evaluated]) -> Table:
-    """One row per file or scene, the mean over its seeds, and one for all."""
+    """Build a table with one row per file or scene (mean over seeds), and one for all."""
     seeded = any(len(members) > 1 for members in group(results).values())
     found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     found.add_column("file", no_wrap=True)

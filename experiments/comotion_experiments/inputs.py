@@ -1,4 +1,4 @@
-"""What can be evaluated offline: recordings by path, simulated scenes as ``sim:NAME``."""
+"""Inputs of offline runs: paths of recordings and ``sim:NAME`` -> messages."""
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,15 +15,15 @@ from comotion_sources.recordings import read_recording, recording_batches
 from .offline import Arrived, Incoming, Message
 
 SIMULATED = "sim:"
-_LATEST_NS = 10_000_000_000
-_Waiting: TypeAlias = tuple[tuple[int, str, str, int, int], int, ObservationBatch]
+_SORT_SPAN_NS = 10_000_000_000
+_Pending: TypeAlias = tuple[tuple[int, str, str, int, int], int, ObservationBatch]
 
 
 @dataclass(frozen=True)
 class Input:
     """One recording, or one seed of a scene.
 
-    `name` is what the user called it, `seed` None for a recording; `open` yields its messages anew.
+    `name` is the name given by the user, `seed` None for a recording; `open` returns its messages.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Input:
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Read seeds: numbers and ranges, separated by commas, e.g. ``0-4`` or ``0,2,7-9``.
+    """Parse seeds: numbers and ranges, separated by commas, e.g. ``0-4`` or ``0,2,7-9``.
 
     Raises
     ------
     ValueError
-        If it is not that.
+        If the text does not have this form.
     """
     seeds: list[int] = []
     for chunk in text.split(","):
@@ -58,28 +58,28 @@ def find_inputs(
     rates: Sequence[float] | None = None,
     as_received: bool = False,
 ) -> list[Input]:
-    """Resolve what the user named; everything is checked before anything runs.
+    """Find the inputs that the user named, and check all of them before the first run.
 
     Parameters
     ----------
     names
         Paths of recordings (.c3d, .npz, or .mcap of a whole scene), and simulated scenes: ``sim:``
-        and the name of one that ships or the path of a TOML file.
+        and the name of a scene in the package or the path of a TOML file.
     seeds
-        Of simulated scenes: one input per seed.
+        Seeds of simulated scenes: one input per seed.
     split
-        Divide the markers of recordings among so many sources.
+        Divide the markers of recordings among this number of sources.
     rates
-        Hz of every source, or of all; of a scene as many as it is to have sources.
+        Hz of every source, or of all; for a scene one per source.
     as_received
-        Feed recorded scenes in the order of receipt instead of that of acquisition.
+        Process recorded scenes in the order of receipt instead of the order of acquisition.
 
     Raises
     ------
     ValueError
-        If a recording or scene is missing or unreadable, or the rates do not suit it.
+        If a recording or scene is missing or unreadable, or the rates do not match.
     ImportError
-        If the extra `record` is missing and there is an .mcap.
+        If an input is an .mcap file and the extra `record` is not installed.
     """
     found: list[Input] = []
     for name in names:
@@ -99,10 +99,10 @@ def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -
 def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_received: bool) -> Input:
     if Path(name).suffix.lower() == SUFFIX:
         if split != 1 or rates is not None:
-            raise ValueError(f"{name}: a recorded scene has the sources and rates it has")
+            raise ValueError(f"{name}: sources and rates of a recorded scene cannot be changed")
         return _recorded_scene(name, as_received=as_received)
-    # Read twice: once to refuse what is unreadable before hours of work, once when its turn comes,
-    # so that only one recording is in memory at a time.
+    # Read twice: once to check it before hours of work, and once for its run, so that only one
+    # recording is in memory at a time.
     recording_batches(read_recording(name), split=split, rates=rates)
     return Input(name, None, lambda: recording_batches(read_recording(name), split=split, rates=rates))
 
@@ -115,7 +115,7 @@ def _recorded_scene(name: str, *, as_received: bool) -> Input:
 
 
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
-    """A recorded scene as a service with an event clock takes it in."""
+    """Yield a recorded scene as a service with an event clock receives it."""
     from comotion_sources.recordings.messages import logged_batches
 
     clock, logged = EventClock(), logged_batches(name)
@@ -128,29 +128,29 @@ def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
 
 
 def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[tuple[int, Message]]:
-    """Sort batches by their stamps, with as much memory as 10 s of a recording take.
+    """Sort batches by their stamps within a sliding span of 10 s.
 
-    Two recordings of the same messages give the same order, however these were held up on their
-    way; truth comes first. What came more than 10 s after later data stays behind it.
+    Two recordings of the same messages give the same order, whatever their delays were; truth comes
+    first. A batch that arrived more than 10 s after newer data remains behind it.
 
     Parameters
     ----------
     logged
         (receipt in ns, message), in the order of receipt.
     """
-    waiting: list[_Waiting] = []
+    pending: list[_Pending] = []
     for number, (log_ns, message) in enumerate(logged):
         if isinstance(message, TruthBatch):
             yield log_ns, message
             continue
         place = (message.stamp_ns, message.source, message.session, message.seq, number)
-        heapq.heappush(waiting, (place, log_ns, message))
-        while log_ns - waiting[0][1] > _LATEST_NS:
-            yield _popped(waiting)
-    while waiting:
-        yield _popped(waiting)
+        heapq.heappush(pending, (place, log_ns, message))
+        while log_ns - pending[0][1] > _SORT_SPAN_NS:
+            yield _popped(pending)
+    while pending:
+        yield _popped(pending)
 
 
-def _popped(waiting: list[_Waiting]) -> tuple[int, ObservationBatch]:
-    _, log_ns, batch = heapq.heappop(waiting)
+def _popped(pending: list[_Pending]) -> tuple[int, ObservationBatch]:
+    _, log_ns, batch = heapq.heappop(pending)
     return log_ns, batch

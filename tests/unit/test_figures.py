@@ -13,12 +13,12 @@ from comotion_deploy.cli import run
 from comotion_deploy.commands import reproduce_figures
 from comotion_experiments.figures import FIGURES, Options, select
 from comotion_experiments.figures.colouring import LETTERS, Styles, unit
-from comotion_experiments.figures.numbers import perfect_from, right_at, told
-from comotion_experiments.figures.runs import Close
+from comotion_experiments.figures.numbers import format_times, perfect_from, right_at
+from comotion_experiments.figures.runs import ViewRequest
 from comotion_experiments.figures.study import Study, thesis
 from comotion_schemas import UNDETERMINED
 
-CLOSE = Close((1.0, 5.0, 10.0), trail=2.0, affinity=True)
+CLOSE = ViewRequest((1.0, 5.0, 10.0), trail=2.0, affinity=True)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_a_take_has_the_curves_of_every_seed_and_the_golden_values(study):
     assert np.all(perfect_from(take) <= 1.5)
     small = study.simulated("fig4_1", thesis(0.005), period=0.2)
     assert small.mean_nmi().mean() == pytest.approx(0.23, abs=0.01)
-    assert told(perfect_from(small)) == "never"
+    assert format_times(perfect_from(small)) == "never"
 
 
 def test_a_take_is_run_once(study, monkeypatch):
@@ -148,9 +148,9 @@ def test_a_workcell_scene_is_filmed_once_and_drawn(tmp_path, monkeypatch):
     from comotion_experiments.figures import footage, workcell
     from comotion_sources.klt import TrackerConfig
 
-    tiny = footage.Shooting((160, 120), 10.0, 1.4, TrackerConfig(max_features=40, respawn_every=5))
-    monkeypatch.setattr(footage, "shooting", lambda study, respawn_every: tiny)
-    monkeypatch.setattr(workcell, "shooting", footage.shooting)
+    tiny = footage.FilmSetup((160, 120), 10.0, 1.4, TrackerConfig(max_features=40, respawn_every=5))
+    monkeypatch.setattr(footage, "film_setup", lambda study, respawn_every: tiny)
+    monkeypatch.setattr(workcell, "film_setup", footage.film_setup)
     shot = replace(workcell.TRUCK, times=(2 / 3, 4 / 3))
     notes: list[str] = []
     study = Study(Options(workcell_seeds=(0,), cache=tmp_path), notes.append)

@@ -11,7 +11,7 @@ pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 from comotion import FusionConfig
 from comotion_experiments.links import Setup, report, run_experiment, save_picture
 from comotion_experiments.links.recording import plain_camera, record
-from comotion_experiments.links.setup import DEEP, PLAIN, PLAIN_SPACE
+from comotion_experiments.links.setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
 from comotion_experiments.links.study import Count, by_object, count_links, main_objects, rested
 from comotion_schemas import Hypothesis, HypothesisUpdate, ObservationBatch
 from comotion_sources.workcell import Scene
@@ -41,7 +41,9 @@ def update(*hypotheses: Hypothesis) -> HypothesisUpdate:
 
 def test_the_plain_camera_publishes_pixels_that_its_calibration_explains(cache: Path) -> None:
     sources = record("arm", 0, TINY, cache)
-    deep, plain = ([m for m in sources[name] if isinstance(m, ObservationBatch)] for name in (DEEP, PLAIN))
+    deep, plain = (
+        [m for m in sources[name] if isinstance(m, ObservationBatch)] for name in (DEPTH_CAMERA, PLAIN_CAMERA)
+    )
     assert {(b.space, b.unit) for b in deep} == {("world", "m")}
     assert {(b.space, b.unit) for b in plain} == {(PLAIN_SPACE, "px")}
     assert len(deep) == len(plain) == 24
@@ -61,10 +63,10 @@ def test_links_are_counted_against_the_main_objects() -> None:
     main = main_objects(labels, objects)
     assert main == {1: 4, 2: 0, 5: 4}, "two features, or three of which one is ambiguous, are too few"
     assert main_objects(labels, objects, 0.8) == {2: 0, 5: 4}, "a quarter of 1 is of another object"
-    told = update(
+    read_as = update(
         hypothesis(1, PLAIN_SPACE, [5]), hypothesis(2, PLAIN_SPACE, [5]), hypothesis(5, "world", [1, 2])
     )
-    moving, resting = count_links(told, main)
+    moving, resting = count_links(read_as, main)
     assert moving == Count(links=1, right=1, linkable=1, found=1)
     assert resting == Count(links=1, right=0, linkable=0, found=0)
     assert (moving + resting).precision == 0.5
@@ -72,12 +74,12 @@ def test_links_are_counted_against_the_main_objects() -> None:
 
 
 def test_what_rests_and_what_is_of_one_object_can_be_read_as_one() -> None:
-    told = update(
+    read_as = update(
         hypothesis(8, PLAIN_SPACE, None, "static"),
         hypothesis(9, "world", None, "static"),
         hypothesis(10, "world"),
     )
-    assert rested(told) == {8: 8, 9: 8}
+    assert rested(read_as) == {8: 8, 9: 8}
     assert by_object({1: 4, 5: 4, 8: 0, 7: 4}) == {1: 1, 5: 1, 7: 1, 8: 8}
 
 

@@ -1,4 +1,4 @@
-"""The accuracy report: the default method beside that of the thesis, on scenes and recordings."""
+"""The accuracy report: the default method and the thesis method on scenes and recordings."""
 
 from .cases import Case, displaced_cases, recorded_cases, scene_cases
 from .experiment import Experiment, Results, run_experiment

@@ -1,4 +1,4 @@
-"""What the report is about: scenes, scenes with badly calibrated sources, and recordings."""
+"""Cases of the accuracy report: scenes, scenes with badly calibrated sources, and recordings."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ DISPLACEMENTS = ((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0), (0, 0, 5), (0, 0,
 _DISPLACED_SCENE = "3d_3"
 _RATES = (15.0, 30.0)
 _RECORDED_SECONDS = 60.0
-# The standard deviation at which the thesis method's affinity switches: the best for each scene.
+# σ_switch of the thesis method, m: the best value for each scene.
 _SWITCH = {"fig4_1": 0.02}
 _SWITCH_ELSE = 0.01
 
@@ -45,13 +45,13 @@ class Case:
     Attributes
     ----------
     name, group
-        What it is called, and which table it belongs to.
+        Name of the case, and of its table.
     open
-        Messages of a seed.
+        Maps a seed to messages.
     seeded
-        Whether seeds make a difference.
+        Whether the messages depend on the seed.
     duration
-        Seconds to run, None: all.
+        Seconds to run; None: all.
     sigma_switch
         m; for the thesis method.
     """
@@ -65,7 +65,7 @@ class Case:
 
 
 def scene_cases() -> list[Case]:
-    """The thesis' scenes and the 3-D set."""
+    """List the scenes of the thesis and the 3-D set."""
     return [_scene(name, "thesis scenes") for name in THESIS_SCENES] + [
         _scene(name, "3-D set") for name in SPATIAL_SCENES
     ]
@@ -82,7 +82,7 @@ def _scene(name: str, group: str) -> Case:
 
 
 def displaced_cases() -> list[Case]:
-    """A scene seen by two sources, the second with wrong extrinsics, a wrong clock, or both."""
+    """List cases of a scene with two sources, the second with wrong extrinsics, a wrong clock, or both."""
     return [_displaced(*one) for one in DISPLACEMENTS]
 
 
@@ -113,12 +113,12 @@ def _moved(message: Message, source: str, turn: np.ndarray, shift: np.ndarray, d
 
 
 def recorded_cases(folder: Path) -> list[Case]:
-    """Labelled marker recordings (.npz) in a folder.
+    """List the labelled marker recordings (.npz) in a folder.
 
     Raises
     ------
     ValueError
-        If there are none, or one is unreadable.
+        If there is none, or one is unreadable.
     """
     paths = sorted(folder.glob("*.npz"))
     if not paths:

@@ -1,4 +1,4 @@
-"""All runs of the report."""
+"""Runs all cases of the accuracy report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from .study import Array, Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"
 REFERENCE = "thesis, scikit-learn"
-# Where the robustness table looks: what each parameter could hurt, short enough to be run for all.
+# Scenes of the robustness table: they cover all parameters and are short enough to run for each.
 ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
 Progress = Callable[[str], None]
@@ -25,7 +25,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Experiment:
-    """What to run: cases, seeds, and whether to vary the parameters too."""
+    """Cases, seeds, and whether to vary the parameters as well."""
 
     cases: Sequence[Case]
     seeds: Sequence[int]
@@ -34,7 +34,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Variation:
-    """Mean NMI of each case, by name, with one parameter scaled; `factor` 1: all as they are."""
+    """Mean NMI of each case, by name, with one parameter scaled by `factor`; 1: all defaults."""
 
     parameter: str
     factor: float
@@ -48,7 +48,7 @@ class Variation:
 
 @dataclass
 class Results:
-    """Outcomes by case name and method, in the order of seeds; and the rest of the report."""
+    """Outcomes by case name and method, in the order of seeds, and the other parts of the report."""
 
     experiment: Experiment
     outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Results:
 
 
 def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
-    """Run everything; `progress` is told what is next."""
+    """Run all cases; `progress` is called with the name of the next run."""
     results = Results(experiment)
     for case in experiment.cases:
         progress(case.name)
@@ -85,7 +85,7 @@ def _config(method: str, case: Case) -> FusionConfig:
 
 
 def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:
-    """Scores with every parameter as it is, then with each halved and doubled."""
+    """Compute scores with the defaults, and with each parameter halved and doubled."""
     cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
     progress("robustness")
     found = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]

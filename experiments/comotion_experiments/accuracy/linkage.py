@@ -1,4 +1,4 @@
-"""A plain baseline: complete linkage on the standard deviation of distances, at a fixed cut."""
+"""Baseline: complete linkage on the standard deviation of pairwise distances, with a fixed threshold."""
 
 from collections.abc import Iterable
 
@@ -18,7 +18,7 @@ _RATE = 15.0
 
 
 def linkage_nmi(messages: Iterable[Message], duration: float | None) -> Array:
-    """NMI at each update, float64 [updates]; of one source in 3-D."""
+    """Return the NMI at each update, float64 [updates], for one source in 3-D."""
     truth = Truth()
     batches = []
     for message in messages:
@@ -40,7 +40,7 @@ def linkage_nmi(messages: Iterable[Message], duration: float | None) -> Array:
 
 
 def _table(batches: list[ObservationBatch]) -> tuple[Array, Array, np.ndarray, tuple[str, str]]:
-    """Seconds [F], positions [F, N, dim] with NaN where unobserved, ids [N] and the source."""
+    """Return seconds [F], positions [F, N, dim] (NaN where unobserved), ids [N] and the source."""
     ids = np.unique(np.concatenate([b.ids for b in batches]))
     positions = np.full((len(batches), len(ids), batches[0].dim), np.nan)
     for f, batch in enumerate(batches):

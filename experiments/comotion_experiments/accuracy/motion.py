@@ -1,4 +1,4 @@
-"""Accuracy of pose since birth and of twist, on simulated bodies whose motion is known."""
+"""Accuracy of the pose since birth and of the twist, on simulated bodies with known motion."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ _STEP = 1e-3
 
 @dataclass
 class MotionErrors:
-    """Errors of every update and body: rad, m, m/s, rad/s; `speed` m/s of the truth."""
+    """Errors of every update and body in rad, m, m/s and rad/s; `speed`: true speed, m/s."""
 
     rotation: list[float] = field(default_factory=list)
     translation: list[float] = field(default_factory=list)
@@ -52,7 +52,7 @@ class MotionErrors:
     speed: list[float] = field(default_factory=list)
 
     def medians(self) -> dict[str, float]:
-        """Medians, in the units of the report: degrees, mm, shares and degrees per second."""
+        """Medians in the units of the report: degrees, mm, % and degrees per second."""
         speed = np.array(self.speed)
         fast = (speed >= SPEEDS[0]) & (speed <= SPEEDS[1])
         return {

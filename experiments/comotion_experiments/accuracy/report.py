@@ -1,4 +1,4 @@
-"""The report as Markdown and as a picture."""
+"""The accuracy report as Markdown and as a picture."""
 
 import statistics
 from pathlib import Path
@@ -9,13 +9,13 @@ from .experiment import DEFAULT, REFERENCE, ROBUST_SCENES, THESIS, Results
 from .study import Array, Outcome
 
 _BINS = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9])
-# Scenes where bodies that will move are told apart by the truth before anything can tell.
+# Scenes in which the truth separates bodies that have not moved yet, so no method can.
 _UNKNOWABLE = ("fig4_3", "fig3_3", "3d_late", "3d_static")
 _GROUPS = ("thesis scenes", "3-D set", "two sources", "recordings")
 
 
 def markdown(results: Results, picture: str) -> str:
-    """The whole report; `picture` is the name of the reliability diagram beside it."""
+    """Format the report; `picture` is the path of the reliability diagram."""
     present = {case.group for case in results.experiment.cases}
     parts = [_head(results), *(_table(results, group) for group in _GROUPS if group in present)]
     parts += [_respawn(results), _motion(results), _reliability(results, picture), _robustness(results)]
@@ -122,7 +122,7 @@ def _motion(results: Results) -> str:
 
 
 def pooled(results: Results) -> tuple[Array, Array]:
-    """Confidence and whether right (0 or 1) of all simulated assignments that can be known, [n] each."""
+    """Confidence and correctness (0 or 1) of all simulated assignments with known truth, [n] each."""
     chosen = [
         outcome
         for case in results.experiment.cases
@@ -134,7 +134,7 @@ def pooled(results: Results) -> tuple[Array, Array]:
 
 
 def bins(results: Results) -> list[tuple[float, float, int]]:
-    """Mean confidence, share right and count of each bin that holds any assignment."""
+    """Mean confidence, share of right assignments and count of each bin that is not empty."""
     confidence, right = pooled(results)
     place = np.digitize(confidence, _BINS) - 1
     return [
@@ -180,7 +180,7 @@ def _robustness(results: Results) -> str:
 
 
 def _leave_one_out(results: Results) -> str:
-    """What choosing among these settings on the other recordings gives on the one left out."""
+    """Cross-validation: choose the setting on the other recordings, score it on the one left out."""
     names = [c.name for c in results.experiment.cases if c.group == "recordings"]
     if len(names) < 2:
         return ""

@@ -1,4 +1,4 @@
-"""One run of one case: scores over time, and how right confident assignments were."""
+"""One run of one case: messages -> scores over time, and correctness of the assignments."""
 
 from dataclasses import dataclass, field
 
@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outcome:
-    """Figures of a run.
+    """Results of a run.
 
-    `seconds`, `nmi`, `hypotheses` float64 [updates]; `confidence` and `right` float64 and bool [n] of
-    every assignment of a track whose object is known.
+    `seconds`, `nmi`, `hypotheses` float64 [updates]; `confidence` float64 [n] and `right` bool [n] of
+    every assignment of a track with known object.
     """
 
     seconds: Array
@@ -56,7 +56,7 @@ class _Collector:
 
 
 def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
-    """True object of each track of an update, -1 where unknown, int32 [N]."""
+    """Return the true object of each track of an update, int32 [N]; -1 where unknown."""
     found = np.full(len(update.track_id), -1, np.int32)
     for k, source in enumerate(update.sources):
         mine = update.track_source == k
@@ -65,15 +65,15 @@ def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
 
 
 def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
-    """Whether each track's hypothesis is the one that stands for its object, bool [N].
+    """Whether the hypothesis of each track is the one assigned to its object, bool [N].
 
-    Hypotheses and objects are matched one to one with as many right tracks as can be.
+    Hypotheses and objects are assigned one to one so that the number of right tracks is largest.
     """
     counts = contingency(labels, objects)
     rows, columns = linear_sum_assignment(counts, maximize=True)
     hypotheses, true = np.unique(labels), np.unique(objects)
-    stands_for = dict(zip(hypotheses[rows].tolist(), true[columns].tolist(), strict=True))
-    return np.array([stands_for.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
+    object_of = dict(zip(hypotheses[rows].tolist(), true[columns].tolist(), strict=True))
+    return np.array([object_of.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
 
 
 def run_case(
@@ -83,7 +83,7 @@ def run_case(
     duration: float | None = None,
     fusion: type[Fusion] = Fusion,
 ) -> Outcome:
-    """Run a case through the core, or another `fusion`."""
+    """Run a case through the core, or through another class `fusion`."""
     truth = Truth()
     collector = _Collector(truth)
     run = run_offline(

@@ -1,4 +1,4 @@
-"""What the core costs, by number of features, rate and method."""
+"""Benchmark: cost of the core by number of features, rate and method."""
 
 from .experiment import Costs, Row, run_bench, scaled
 from .scene import Scene, SceneSpec

@@ -1,4 +1,4 @@
-"""The table of costs: every method at every number of features, each in a process of its own."""
+"""Runs the benchmark: every method at every number of features, each in a separate process."""
 
 import math
 import multiprocessing
@@ -18,21 +18,21 @@ from .scene import SceneSpec
 from .straightforward import Baseline, time_straightforward
 from .timing import Timing, time_input, time_scene
 
-# A pair: five single precision numbers are read and four written, and an affinity is written.
+# Per pair five float32 are read, four are written, and one affinity is written.
 _BYTES_PER_PAIR = 4 * (5 + 4 + 1)
 _BASELINE_UPDATES = 3
-_LEAST_FITTED = 500
-# From so many features on the default method is given a longer period.
+_MIN_FITTED = 500
+# From this number of features on the default method gets a longer period, s.
 _MANY = 5000
 _LONG_PERIOD = 0.25
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; times in ms per update, its share of ingest included.
+    """One line of the table; times in ms per update, including the ingest of its batches.
 
-    `features` is the number asked for, of a recording the median; `limit_ms` how long the memory takes
-    to stream the sums of all pairs once, 0 where the method keeps none.
+    `features` is the requested number, for a recording the median. `limit_ms` is the time in which the
+    memory can stream the sums of all pairs once; 0 if the method has none.
     """
 
     scene: str
@@ -59,22 +59,22 @@ class Costs:
     baseline: Baseline | None
 
     def exponents(self) -> dict[str, float]:
-        """Exponent of the cost in the number of features, by method, from the scenes of 500 and more."""
+        """Exponent of the cost in the number of features, by method, from scenes with at least 500."""
         found = {}
         for method in dict.fromkeys(row.method for row in self.rows):
-            rows = [r for r in self.scenes(method) if r.features >= _LEAST_FITTED]
+            rows = [r for r in self.scenes(method) if r.features >= _MIN_FITTED]
             if len({row.features for row in rows}) > 1:
                 sizes = np.log([row.features for row in rows])
                 found[method] = float(np.polyfit(sizes, np.log([row.median_ms for row in rows]), 1)[0])
         return found
 
     def scenes(self, method: str) -> list[Row]:
-        """Rows of made-up scenes at the lowest rate."""
+        """Rows of generated scenes at the lowest rate."""
         rows = [row for row in self.rows if row.method == method and row.scene == "made up"]
         return [row for row in rows if row.rate == min(r.rate for r in rows)]
 
     def ratio(self) -> float:
-        """How many times as long the straightforward version takes; NaN where it has not been run."""
+        """Ratio of the times of the straightforward version and the core; NaN if it was not run."""
         for row in self.scenes("thesis"):
             if self.baseline is not None and row.features == self.baseline.features:
                 return self.baseline.update_ms / row.median_ms
@@ -103,20 +103,20 @@ def run_bench(
 ) -> Costs:
     """Time every configuration on every scene and recording.
 
-    Each runs in a fresh process, so that its peak memory is its own and no other's threads disturb.
+    Each runs in a fresh process, so that peak memory and threads are not shared.
 
     Parameters
     ----------
     scenes, configs
-        What to run.
+        Generated scenes and parameters.
     updates
-        How many updates to time in each scene.
+        Number of updates to time in each scene.
     recordings
         Paths or ``sim:NAME``, as for ``comotion evaluate``.
     baseline
-        Number of features at which to run the straightforward version; 0 for not at all.
+        Number of features for the straightforward version; 0: do not run it.
     progress
-        Told what comes next.
+        Called with the name of the next run.
     """
     progress("memory bandwidth")
     machine: Machine = alone(describe_machine)
@@ -184,6 +184,6 @@ def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:
 
 
 def scaled(spec: SceneSpec, sizes: Iterable[int], rates: Iterable[float]) -> list[SceneSpec]:
-    """The same scene with other numbers of features, at other rates."""
+    """Vary the number of features and the rate (Hz) of a scene."""
     rates = list(rates)
     return [replace(spec, features=n, rate=rate) for n in sizes for rate in rates]

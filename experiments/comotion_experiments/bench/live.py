@@ -1,4 +1,4 @@
-"""End to end over a router: sources that note when they put what, and a probe that notes what came back.
+"""End-to-end latency over a router: sources log their puts, a probe logs the updates it receives.
 
 Run as processes, see :mod:`comotion_deploy.bench_live`::
 
@@ -37,18 +37,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Live:
-    """What a run gave; ms, each as median, 99th percentile and largest.
+    """Result of a run; latencies in ms, each as median, 99th percentile and largest.
 
     Attributes
     ----------
     last_batch
-        From the put of the last batch that an update holds to receipt of the update.
+        From the put of the last batch in an update to receipt of the update.
     every_batch
-        From the put of every batch to receipt of the first update that holds it.
+        From the put of every batch to receipt of the first update that includes it.
     cpu_share
-        Processor time of the service, of one core.
+        Processor time of the service, as a share of one core.
     counters
-        Of the service, grown over the run.
+        Growth of the counters of the service over the run.
     """
 
     seconds: float
@@ -75,7 +75,7 @@ def run_source(endpoint: str, folder: Path, index: int, features: int, start: fl
         for batch in Scene(spec, round(start * 1e9)).frames(index):
             if source.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
                 break
-            # Acquired when it is due: a source that was held up has seen it no earlier.
+            # The acquisition time is the time at which the batch is due, also if its put is delayed.
             source.observe(
                 ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended
             )
@@ -92,7 +92,7 @@ def _write(path: Path, log: list[tuple[int, int]]) -> None:
 
 
 def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> None:
-    """Note updates for some time, once `settle` seconds have gone by since the first track."""
+    """Log updates for `seconds`, starting `settle` seconds after the first track."""
     updates: list[tuple[int, int]] = []
     tracks: list[int] = []
     with (
@@ -135,21 +135,21 @@ def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> Non
 
 
 def latencies(updates: Stamps, puts: Stamps) -> tuple[Floats, Floats]:
-    """Latency of updates and of batches in ms.
+    """Compute the latency of updates and of batches in ms.
 
     Parameters
     ----------
     updates
-        int64 [n, 2]: watermark and time of receipt, in order.
+        int64 [n, 2]: watermark and time of receipt, ns, in order.
     puts
-        int64 [m, 2]: stamp and time of the put of every batch.
+        int64 [m, 2]: stamp and time of the put of every batch, ns.
 
     Returns
     -------
     last
-        [n]: since the latest put of those that an update holds.
+        float64 [n]: since the latest put of the batches in an update.
     every
-        [k]: from a put to the first update that holds the batch, of those that the updates cover.
+        float64 [k]: from a put to the first update that includes the batch, for covered batches.
     """
     puts = puts[np.argsort(puts[:, 0])]
     held = np.searchsorted(puts[:, 0], updates[:, 0], side="right")
@@ -174,7 +174,7 @@ def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
 
 
 def _service(endpoint: str) -> int:
-    """Process of the service that is connected to an endpoint."""
+    """Find the process id of the service that is connected to an endpoint."""
     for command in Path("/proc").glob("[0-9]*/cmdline"):
         try:
             words = command.read_bytes().decode(errors="replace").split("\0")
@@ -182,7 +182,7 @@ def _service(endpoint: str) -> int:
             continue
         if words[1:4] == ["-m", "comotion_deploy", "serve"] and endpoint in words:
             return int(command.parent.name)
-    raise ValueError("the service has gone, or this system has no /proc to tell its use of the processor")
+    raise ValueError("the service has ended, or this system has no /proc")
 
 
 def _processor_seconds(pid: int) -> float:

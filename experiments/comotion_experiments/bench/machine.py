@@ -1,4 +1,4 @@
-"""The machine that the numbers are of: processor, versions, memory bandwidth."""
+"""Description of the machine: processor, versions, memory bandwidth."""
 
 import os
 import platform
@@ -21,10 +21,10 @@ _PACKAGES = ("comotion", "numpy", "numba", "scikit-learn", "scipy")
 
 @dataclass(frozen=True)
 class Machine:
-    """What it is, and what it was doing.
+    """Hardware, load and versions.
 
-    `triad_gb_s` is the best of some runs of a[k] = b[k] + s·c[k] over single precision arrays that
-    exceed the cache, on all cores, counting 12 bytes per element.
+    `triad_gb_s` is the best of several runs of a[k] = b[k] + s·c[k] on float32 arrays larger than the
+    cache, on all cores, counting 12 bytes per element (the STREAM triad).
     """
 
     processor: str
@@ -35,7 +35,7 @@ class Machine:
 
 
 def describe_machine() -> Machine:
-    """Find out; takes about a second."""
+    """Describe this machine; takes about a second."""
     return Machine(
         processor=_processor(),
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
@@ -46,7 +46,7 @@ def describe_machine() -> Machine:
 
 
 def triad() -> float:
-    """Memory bandwidth in GB/s."""
+    """Measure the memory bandwidth, GB/s."""
     a, b, c = (np.ones(_ELEMENTS, np.float32) for _ in range(3))
     times = []
     for _ in range(_TURNS + 1):

@@ -1,4 +1,4 @@
-"""The costs as a table, as Markdown and as a picture."""
+"""The benchmark as a table, as Markdown and as a picture."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
 def cells(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Rows of the table: ms per update, median and 99th percentile, of it ingest; share of one core."""
+    """Format the rows of the table."""
     return [
         (
             row.scene,
@@ -49,7 +49,7 @@ def cells(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def table(costs: Costs) -> Table:
-    """For a terminal."""
+    """Build the table for a terminal."""
     drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for k, title in enumerate(TITLES):
         drawn.add_column(title, justify="left" if k < 2 else "right", no_wrap=True)
@@ -59,7 +59,7 @@ def table(costs: Costs) -> Table:
 
 
 def lines(costs: Costs) -> list[str]:
-    """What the table does not say."""
+    """Format the results that are not in the table."""
     machine = costs.machine
     versions = ", ".join(f"{name} {number}" for name, number in machine.versions.items())
     texts = [
@@ -73,7 +73,7 @@ def lines(costs: Costs) -> list[str]:
             f"straightforward version (NumPy sums, scikit-learn 2-means, ten starts), N = {base.features}: "
             f"{base.update_ms:.0f} ms per update, NMI {base.nmi:.3f}",
             f"of it {base.sums_ms:.0f} ms sums and {base.clustering_ms:.0f} ms clustering; the definitions "
-            f"word for word, from a few pairs: {base.literal_ms / 1e3:.0f} s",
+            f"as printed, extrapolated from a few pairs: {base.literal_ms / 1e3:.0f} s",
         ]
         if not math.isnan(costs.ratio()):
             texts.append(f"thesis method: {costs.ratio():.0f} times as fast as the straightforward version")
@@ -81,7 +81,7 @@ def lines(costs: Costs) -> list[str]:
 
 
 def markdown(costs: Costs, picture: str, command: str) -> str:
-    """The measured part of the page; `picture` is the name of the plot beside it."""
+    """Format the measured part of the page; `picture` is the path of the plot."""
     rows = [TITLES, ("---", "---", *["---:"] * (len(TITLES) - 2)), *cells(costs.rows)]
     drawn = "\n".join("| " + " | ".join(row) + " |" for row in rows)
     listed = "\n".join(f"- {line}" for line in lines(costs))
@@ -89,7 +89,7 @@ def markdown(costs: Costs, picture: str, command: str) -> str:
 
 
 def save_picture(path: Path, costs: Costs) -> None:
-    """Draw the cost against the number of features, with the power that fits."""
+    """Draw the cost against the number of features, with the fitted power."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4.5), dpi=100, layout="constrained")
@@ -118,10 +118,10 @@ def save_picture(path: Path, costs: Costs) -> None:
 
 
 def write_page(page: Path, title: str, text: str) -> None:
-    """Replace the measured part of a page, between its marks; the rest is left as it is."""
+    """Replace the measured part of a page between its marks."""
     begin, end = f"<!-- {title}: begin -->", f"<!-- {title}: end -->"
     old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
     if begin not in old or end not in old:
-        raise ValueError(f"{page}: has no marks '{begin}' and '{end}' to write between")
+        raise ValueError(f"{page}: has no marks '{begin}' and '{end}'")
     head, tail = old.split(begin)[0], old.split(end)[1]
     page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")

@@ -1,7 +1,7 @@
-"""A made-up scene of any size: rigid bodies before a background that rests, seen by several sources.
+"""Generated scene of any size: specification -> batches of several sources.
 
-Features die and are replaced at a steady rate, on the same body at another place. What a source
-publishes depends on the seed alone.
+Rigid bodies move in front of a background at rest. Features end and are replaced at a constant rate, on the
+same body at another place. The batches depend only on the specification and its seed.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ SESSION = "b" * 16
 _EXTENT = 2.0
 _BODY_EXTENT = 0.3
 _SINES = 2
-# A plain camera at rest before the scene: its distance, focal length, principal point, and noise in px.
+# A fixed camera without depth: distance to the scene in m; focal length, principal point and noise in px.
 _CAMERA_Z = 3.0
 _FOCAL_PX = 500.0
 _CENTRE_PX = np.array([320.0, 240.0])
@@ -28,24 +28,24 @@ _NOISE_PX = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SceneSpec:
-    """What the scene holds; lengths in metres.
+    """Specification of the scene; lengths in metres.
 
     Attributes
     ----------
     features
-        Tracked at any time, over all sources.
+        Number of features at any time, over all sources.
     bodies
-        Moving bodies; half of all features are on the background.
+        Number of moving bodies; half of all features are on the background.
     sources, rate
-        Sources and their rate in Hz; they are out of step by equal parts of a period.
+        Number of sources and their rate in Hz; their phases are evenly spread.
     churn
         Share of the features that is replaced per second.
     noise
-        Standard deviation of each coordinate.
+        One-sigma noise of each coordinate, m.
     seed
-        Of everything that is drawn.
+        Seed of the random numbers.
     pixels
-        Plain cameras instead, each with a space of its own; noise is 0.3 px.
+        Cameras without depth instead, each with its own pixel space and noise of 0.3 px.
     """
 
     features: int = 1000
@@ -60,9 +60,10 @@ class SceneSpec:
 
 @dataclass
 class Scene:
-    """Sources of a scene, frame by frame.
+    """Generates the batches of a scene.
 
-    `truth` maps the name of a source to the body of every id it has used, by id; 0 is the background.
+    `truth` maps the name of a source to the body of every id so far, in the order of ids; 0 is the
+    background.
     """
 
     spec: SceneSpec
@@ -70,7 +71,7 @@ class Scene:
     truth: dict[str, list[int]] = field(default_factory=dict)
 
     def frames(self, source: int) -> Iterator[ObservationBatch]:
-        """Batches of one source in the order of their stamps, without end."""
+        """Yield the batches of one source in the order of their stamps, without end."""
         spec, name = self.spec, f"s{source}"
         bodies = _Bodies(spec)
         rng = np.random.default_rng((spec.seed, 1 + source))
@@ -88,7 +89,7 @@ class Scene:
             ids[dead] = len(self.truth[name]) + np.arange(len(dead))
             self.truth[name] += of[dead].tolist()
             places[dead] = bodies.places(of[dead], rng)
-            positions = self._seen(bodies.move(places, of, seconds), rng)
+            positions = self._observed(bodies.move(places, of, seconds), rng)
             yield ObservationBatch(
                 source=name,
                 session=SESSION,
@@ -103,8 +104,8 @@ class Scene:
             )
             seq += 1
 
-    def _seen(self, places: Floats, rng: np.random.Generator) -> Floats:
-        """Places [n, 3] as a source sees them, with noise, [n, 3] in m or [n, 2] in px."""
+    def _observed(self, places: Floats, rng: np.random.Generator) -> Floats:
+        """Observe places [n, 3] with noise: [n, 3] in m or [n, 2] in px."""
         if not self.spec.pixels:
             return places + rng.normal(0, self.spec.noise, places.shape)
         image = _FOCAL_PX * places[:, :2] / (places[:, 2:] + _CAMERA_Z) + _CENTRE_PX
@@ -112,20 +113,20 @@ class Scene:
         return noisy
 
     def merged(self, seconds: float) -> Iterator[ObservationBatch]:
-        """Batches of all sources by their stamps."""
+        """Yield the batches of all sources in the order of their stamps."""
         streams = [self.frames(source) for source in range(self.spec.sources)]
         for _ in range(round(seconds * self.spec.rate)):
             yield from (next(stream) for stream in streams)
 
 
 def _spread(count: int, bodies: int) -> NDArray[np.intp]:
-    """Body of each feature: every other one on the background, the rest dealt to bodies 1, 2, ..."""
+    """Body of each feature: every other one on the background, the others on bodies 1, 2, ... in turn."""
     place = np.arange(count)
     return np.where(place % 2 == 0, 0, 1 + (place // 2) % bodies)
 
 
 class _Bodies:
-    """Motions as those of the 3-D set: sums of sines in position and rotation vector; body 0 rests."""
+    """Motion as in the 3-D set: sums of sines in position and rotation vector; body 0 is at rest."""
 
     def __init__(self, spec: SceneSpec) -> None:
         rng = np.random.default_rng((spec.seed, 0))
@@ -139,12 +140,12 @@ class _Bodies:
             still[0] = 0.0
 
     def places(self, of: NDArray[np.intp], rng: np.random.Generator) -> Floats:
-        """Random places on bodies [n, 3], in the frame of each."""
+        """Draw places on bodies, float64 [n, 3], in the frame of each body."""
         half = np.where(of == 0, _EXTENT, _BODY_EXTENT)[:, None] / 2
         return rng.uniform(-half, half, (len(of), 3))
 
     def move(self, places: Floats, of: NDArray[np.intp], seconds: float) -> Floats:
-        """Where places on bodies are at a time, [n, 3]."""
+        """Positions of places on bodies at a time, float64 [n, 3]."""
         wave = np.sin(self._pace * seconds + self._phase)
         turns = Rotation.from_rotvec((self._turn * wave).sum(axis=1)).as_matrix()
         shifts = self._centre + (self._swing * wave).sum(axis=1)

@@ -1,8 +1,8 @@
-"""The thesis method as one would write it first: NumPy sums over all pairs, scikit-learn for 2-means.
+"""Baseline: a straightforward version of the thesis method in NumPy, with 2-means of scikit-learn.
 
-What is observed is kept in a table by source, frame and feature, so that all is whole arrays; sums are
-carried along, with one pass over all pairs per instant that comes or goes. And the definitions, word for
-word, for single pairs.
+Observations are stored by source, frame and feature, so that all operations are on arrays. The sums are
+incremental, with one pass over all pairs for each instant that enters or leaves the window. The module also
+has the definitions as printed, for single pairs.
 """
 
 import math
@@ -27,14 +27,14 @@ _STOP = 0.4
 
 @dataclass
 class _Source:
-    """Frames of one source: stamps, and positions [rows, 3], NaN where a row was not seen."""
+    """Frames of one source: stamps, and positions [rows, 3], NaN where unobserved."""
 
     row_of: dict[int, int] = field(default_factory=dict)
     stamps: deque[int] = field(default_factory=deque)
     frames: deque[Floats] = field(default_factory=deque)
 
     def state(self, stamp: int) -> tuple[Floats, Floats, bool]:
-        """Positions and speeds of its rows at a time, and whether that is a frame of it."""
+        """Positions and speeds of its rows at a time, and whether there is a frame at this time."""
         stamps = np.array(self.stamps)
         k = int(np.searchsorted(stamps, stamp, side="right")) - 1
         exact = bool(stamps[k] == stamp)
@@ -58,7 +58,7 @@ class Straightforward:
         self._weight, self._first, self._second = (np.zeros((rows, rows)) for _ in range(3))
 
     def ingest(self, batch: ObservationBatch) -> None:
-        """Note a frame; give rows to new features and take back those of features that ended."""
+        """Store a frame; assign rows to new features and free those of ended features."""
         source = self._sources.setdefault(batch.source, _Source())
         for gone in batch.ended.tolist() if batch.ended is not None else ():
             self._clear(source.row_of.pop(gone))
@@ -79,7 +79,7 @@ class Straightforward:
                 frame[row] = np.nan
 
     def advance(self) -> None:
-        """Take in the instants that all sources have gone past, take out those before the window."""
+        """Add the instants that all sources have passed, and remove those before the window."""
         last = min(source.stamps[-1] for source in self._sources.values())
         first = max(source.stamps[0] for source in self._sources.values())
         every = sorted(t for source in self._sources.values() for t in source.stamps)
@@ -111,7 +111,7 @@ class Straightforward:
         self._second[pairs] += share * distance**2
 
     def cluster(self) -> tuple[list[tuple[str, int]], NDArray[np.intp]]:
-        """Tracks, and the cluster of each."""
+        """Cluster the tracks: returns the tracks and the cluster of each."""
         tracks = [(name, track) for name, source in self._sources.items() for track in source.row_of]
         rows = np.array([self._sources[name].row_of[track] for name, track in tracks])
         weight, first, second = (m[np.ix_(rows, rows)] for m in (self._weight, self._first, self._second))
@@ -140,9 +140,9 @@ def divide(affinity: Floats, stop_affinity: float = _STOP) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Baseline:
-    """What an update costs without any of it being thought about; ms of wall clock.
+    """Cost of an update of the baseline in ms of wall clock.
 
-    `literal_ms` is that of the definitions word for word, from a few pairs; `nmi` that of the updates.
+    `literal_ms`: cost of the definitions as printed, extrapolated from a few pairs; `nmi`: of the updates.
     """
 
     features: int
@@ -153,12 +153,12 @@ class Baseline:
 
     @property
     def update_ms(self) -> float:
-        """Of the NumPy version."""
+        """Cost of the NumPy version."""
         return self.sums_ms + self.clustering_ms
 
 
 def time_straightforward(spec: SceneSpec, config: FusionConfig, updates: int) -> Baseline:
-    """Run it until the window is full, then time some updates."""
+    """Run the baseline until the window is full, then time some updates."""
     from comotion_clients.metrics import nmi
 
     scene = Scene(spec)
@@ -191,7 +191,7 @@ def time_straightforward(spec: SceneSpec, config: FusionConfig, updates: int) ->
 
 
 def _literal_ms(spec: SceneSpec, config: FusionConfig) -> float:
-    """Time of (3.2), (3.3) and (3.5) by their words for all pairs of a full window, from a few of them."""
+    """Time of (3.2), (3.3) and (3.5) as printed for all pairs of a full window, from a few pairs."""
     scene, tracks = Scene(spec), dict[tuple[str, int], list[tuple[int, Floats]]]()
     for batch in scene.merged(config.window):
         for track, x in zip(batch.ids[:8].tolist(), batch.positions[:8].astype(np.float64), strict=True):
@@ -206,7 +206,7 @@ def _literal_ms(spec: SceneSpec, config: FusionConfig) -> float:
 
 
 def literal_variance(i: list[tuple[int, Floats]], j: list[tuple[int, Floats]], v_move: float | None) -> float:
-    """(3.3) of two trajectories, lists of (time, position), sample by sample."""
+    """Equation (3.3) for two trajectories, lists of (time in ns, position [3])."""
     begin, end = max(i[0][0], j[0][0]), min(i[-1][0], j[-1][0])
     weights, distances = [], []
     for t in sorted({t for t, _ in i} | {t for t, _ in j}):
@@ -222,7 +222,7 @@ def literal_variance(i: list[tuple[int, Floats]], j: list[tuple[int, Floats]], v
 
 
 def _state(track: list[tuple[int, Floats]], t: int) -> tuple[Floats, float]:
-    """Position, interpolated, and speed of the segment that ends at or after a time."""
+    """Interpolated position, and speed of the segment that ends at or after a time."""
     k = next(k for k, (stamp, _) in enumerate(track) if stamp >= t)
     (before, left), (after, right) = track[max(k - 1, 0)], track[max(k, 1)]
     share = (t - before) / (after - before)

@@ -1,4 +1,4 @@
-"""What an update costs in the core: time with its share of ingest, CPU, memory."""
+"""Timing of the core: scene or recording -> time, processor time and memory per update."""
 
 import gc
 import resource
@@ -22,22 +22,22 @@ from .scene import Scene, SceneSpec
 
 @dataclass
 class Timing:
-    """Costs of the updates measured, after the window has filled.
+    """Costs of the updates after the window is full.
 
     Attributes
     ----------
     method
         Name of the method.
     features
-        Tracks in the update, median.
+        Number of tracks, per update.
     ingest_ms, update_ms
-        Per update: taking in and fusing the batches since the one before, and the update itself.
+        Per update: ingest and fusion of its batches, and the update itself.
     cpu_ms
         Processor time of all threads per update, user and system.
     memory_mb
         Peak resident memory of the process.
     nmi
-        Mean agreement of the updates with the truth; NaN where it is not known.
+        Per update; NaN without truth.
     """
 
     method: str
@@ -51,20 +51,20 @@ class Timing:
 
     @property
     def total_ms(self) -> NDArray[np.float64]:
-        """Time per update with its share of ingest, [updates]."""
+        """Time per update including ingest, float64 [updates]."""
         return np.array(self.ingest_ms) + self.update_ms
 
 
 def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Timing:
-    """Cost of the core on a scene, once its window is full.
+    """Time the core on a scene after the window is full.
 
-    While the window fills there is an update each period as well: methods learn from them.
+    Updates run in every period while the window fills, since methods have memory.
     """
     scene = Scene(spec)
     fill = round(config.window / config.period) + 5
     batches = scene.merged((fill + updates + 1) * config.period)
     timing = Timing(config.method, config.period)
-    # As the service does: collecting garbage is no part of an update.
+    # As in the service: garbage collection is not part of an update.
     gc.disable()
     with threadpool_limits(limits=1, user_api="blas"):
         _run(batches, config, timing, scene, fill)
@@ -73,7 +73,7 @@ def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Timing:
 
 
 def time_input(item: Input, config: FusionConfig) -> Timing:
-    """Cost of the core on a recording, once its window is full, or from the middle of a short one."""
+    """Time the core on a recording after the window is full, or in the second half of a short one."""
     timing = Timing(config.method, config.period)
     sizes: list[int] = []
     with threadpool_limits(limits=1, user_api="blas"):
@@ -83,7 +83,7 @@ def time_input(item: Input, config: FusionConfig) -> Timing:
     first = min(round(config.window / config.period), len(run.update_ms) // 2)
     timing.features = sizes[first:]
     timing.update_ms = run.update_ms[first:].tolist()
-    # Ingest is not told apart here, and reading and scoring take processor time as well.
+    # Ingest is not measured separately here, and processor time includes reading and scoring.
     timing.ingest_ms = [0.0] * len(timing.update_ms)
     timing.cpu_ms = [1e3 * cpu / len(run.update_ms)] * len(timing.update_ms)
     timing.nmi = run.nmi[first:].tolist()
@@ -108,7 +108,7 @@ def _run(
                 timing.ingest_ms.append(1e3 * busy)
                 timing.update_ms.append(1e3 * took)
                 timing.cpu_ms.append(1e3 * cpu)
-                timing.nmi.append(_agreement(update, scene))
+                timing.nmi.append(_nmi_of(update, scene))
             due, done, busy, cpu = due + period_ns, done + 1, 0.0, 0.0
         begun, cpu_begun = time.perf_counter(), time.process_time()
         fusion.ingest(batch)
@@ -117,7 +117,7 @@ def _run(
         cpu += time.process_time() - cpu_begun
 
 
-def _agreement(update: HypothesisUpdate, scene: Scene) -> float:
+def _nmi_of(update: HypothesisUpdate, scene: Scene) -> float:
     names = [source.name for source in update.sources]
     truth = np.array(
         [

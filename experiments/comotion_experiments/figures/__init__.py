@@ -1,4 +1,4 @@
-"""Every figure of the thesis anew, with the thesis method and the default method side by side."""
+"""Reproduces the figures of the thesis, with the thesis method and the default method side by side."""
 
 from .catalogue import FIGURES, select
 from .experiment import Made, Results, reproduce

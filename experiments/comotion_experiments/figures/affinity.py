@@ -1,4 +1,4 @@
-"""Figures 3.3 and 3.6: what affinities say, and what they do not."""
+"""Figures 3.3 and 3.6: affinities of trajectories."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,13 +9,13 @@ from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .numbers import count, parameters, spread
-from .runs import Close, Take
+from .runs import SceneRuns, ViewRequest
 from .study import Study, describe, spec_of, thesis
 
 STARTS = "fig3_3"
 START_TIMES = (1.0, 2.0, 3.0, 4.0, 7.0, 9.0)
 EXPECTED = (2, 3, 4, 5, 5, 5)
-"""Clusters that the thesis expects at these times (it says nothing of the last): one more per start."""
+"""Clusters that the thesis expects at these times, one more per start (the last one is not in the thesis)."""
 STARTS_CONFIG = thesis(0.01)
 _DIRECTION = "fig3_6"
 _DIRECTION_TIMES = (1.0, 2.0, 3.0, 4.0)
@@ -23,9 +23,9 @@ _DIRECTION_CONFIG = thesis(0.01)
 _PERIOD = 0.2
 
 
-def starts(study: Study) -> tuple[Take, Take]:
+def starts(study: Study) -> tuple[SceneRuns, SceneRuns]:
     """The scene of figures 3.3 to 3.5 with the thesis method and with the default one."""
-    close = Close(START_TIMES, trail=2.0, affinity=True)
+    close = ViewRequest(START_TIMES, trail=2.0, affinity=True)
     configs = (STARTS_CONFIG, study.options.default)
     first, second = (study.simulated(STARTS, config, period=_PERIOD, close=close) for config in configs)
     return first, second
@@ -49,7 +49,7 @@ def draw_starts(study: Study) -> Drawn:
 
 def draw_direction(study: Study) -> Drawn:
     """Figure 3.6: scenes in the upper row, affinities in the lower one."""
-    close = Close(_DIRECTION_TIMES, trail=4.0, affinity=True)
+    close = ViewRequest(_DIRECTION_TIMES, trail=4.0, affinity=True)
     configs = (_DIRECTION_CONFIG, study.options.default)
     takes = [study.simulated(_DIRECTION, config, period=_PERIOD, close=close) for config in configs]
     figure = panels.new_figure(13, 4.9)
@@ -78,7 +78,7 @@ def _titles(config: Any) -> tuple[str, str]:
 
 
 def _scenes_over_affinities(
-    part: Any, take: Take, scene: str, above: Sequence[Any], below: Sequence[Any], study: Study
+    part: Any, take: SceneRuns, scene: str, above: Sequence[Any], below: Sequence[Any], study: Study
 ) -> None:
     first, spec = take.seeds[0], spec_of(scene)
     styles = Styles(first)
@@ -88,7 +88,7 @@ def _scenes_over_affinities(
     panels.affinity_bar(part, image, list(below))
 
 
-def _between(take: Take, one: str, other: str) -> float:
+def _between(take: SceneRuns, one: str, other: str) -> float:
     """Mean affinity of the features of two objects in the last view, over seeds."""
     found = []
     for seed in take.seeds:
@@ -99,5 +99,5 @@ def _between(take: Take, one: str, other: str) -> float:
     return float(np.mean(found))
 
 
-def _count_at(take: Take, t: float) -> str:
+def _count_at(take: SceneRuns, t: float) -> str:
     return count(take.hypotheses[:, np.abs(take.t - t).argmin()])

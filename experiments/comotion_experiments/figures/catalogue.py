@@ -1,4 +1,4 @@
-"""Every figure of the thesis that shows a result, and which of them are asked for."""
+"""Catalogue of the figures of the thesis that show results, and their selection."""
 
 from collections.abc import Sequence
 
@@ -124,7 +124,12 @@ FIGURES = (
 
 
 def select(names: Sequence[str] | None) -> list[Figure]:
-    """Pick figures by their numbers, each possibly several separated by commas; all when None.
+    """Select figures by their numbers.
+
+    Parameters
+    ----------
+    names
+        Numbers, each entry one or several separated by commas; None: all figures.
 
     Raises
     ------

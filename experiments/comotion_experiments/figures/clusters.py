@@ -13,7 +13,7 @@ from . import panels
 from .affinity import EXPECTED, START_TIMES, STARTS, STARTS_CONFIG, starts
 from .figure import Drawn, Row
 from .numbers import DEFAULT, count, parameters, view_at
-from .runs import Take
+from .runs import SceneRuns
 from .study import Study
 
 BIC_TIMES = (1.0, 3.0)
@@ -87,12 +87,12 @@ def _gap_rows(counts: Counts) -> list[Row]:
     return found
 
 
-def _fits(study: Study, take: Take, t: float, seed: int) -> list[Mixture]:
+def _fits(study: Study, take: SceneRuns, t: float, seed: int) -> list[Mixture]:
     study.note(f"Gaussian mixtures at t = {t:g} s, seed {study.options.seeds[seed]}")
     return list(mixtures(_affinity(take, t, seed)))
 
 
-def _affinity(take: Take, t: float, seed: int) -> NDArray[np.float64]:
+def _affinity(take: SceneRuns, t: float, seed: int) -> NDArray[np.float64]:
     return view_at(take, t, seed).affinity.astype(np.float64)
 
 
@@ -131,7 +131,7 @@ def _bars(axes: Any, t: float, found: list[Mixture]) -> None:
     axes.legend(fontsize=8, ncols=4, loc="upper center")
 
 
-def _eigen_panel(axes: Any, take: Take, t: float, *, normalized: bool) -> list[int]:
+def _eigen_panel(axes: Any, take: SceneRuns, t: float, *, normalized: bool) -> list[int]:
     """Eigenvalues of every seed; answers with the clusters that their gaps suggest."""
     values = np.array(
         [
@@ -150,9 +150,9 @@ def _eigen_panel(axes: Any, take: Take, t: float, *, normalized: bool) -> list[i
     return [count_clusters(one) for one in values]
 
 
-def _counts(takes: tuple[Take, Take], times: tuple[float, ...]) -> Counts:
+def _counts(takes: tuple[SceneRuns, SceneRuns], times: tuple[float, ...]) -> Counts:
     """Hypotheses at times [seeds, times], by method."""
-    pick: Callable[[Take], NDArray[np.float64]] = lambda take: np.stack(  # noqa: E731
+    pick: Callable[[SceneRuns], NDArray[np.float64]] = lambda take: np.stack(  # noqa: E731
         [take.hypotheses[:, np.abs(take.t - t).argmin()] for t in times], axis=1
     ).astype(np.float64)
     return {"divisive k-means": pick(takes[0]), DEFAULT: pick(takes[1])}

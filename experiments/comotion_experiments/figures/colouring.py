@@ -1,4 +1,4 @@
-"""Colours of a run: a hypothesis has that of the object it matches best, for the whole run."""
+"""Colours of a run: a hypothesis has the colour of the object it matches best over the whole run."""
 
 from collections.abc import Mapping
 
@@ -33,7 +33,7 @@ class Styles:
     Parameters
     ----------
     run
-        The run; which hypothesis matches which object is decided over all of it, one to one.
+        The run; hypotheses are assigned to objects one to one over the whole run.
     """
 
     def __init__(self, run: SeedRun) -> None:

@@ -1,4 +1,4 @@
-"""Runs and draws figures one by one, and keeps their numbers."""
+"""Runs and draws figures one by one and collects their numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -9,13 +9,13 @@ import numpy as np
 
 from .figure import Figure, Row
 from .panels import mean_and_spread
-from .runs import Take
+from .runs import SceneRuns
 from .study import Note, Options, Study
 
 
 @dataclass(frozen=True)
 class Made:
-    """A figure that has been drawn: its picture, its numbers, and what it was made with.
+    """A figure that was drawn: picture, numbers, and parameters.
 
     `curves` has, by label, seconds `t`, and `mean` and `std` of NMI over the seeds.
     """
@@ -65,20 +65,20 @@ def reproduce(
     workcell: bool = True,
     note: Note = lambda what: None,  # noqa: ARG005
 ) -> Results:
-    """Make figures.
+    """Run and draw figures.
 
     Parameters
     ----------
     figures
-        Which, in order.
+        The figures, in order.
     options
-        What to run with.
+        Seeds, size and parameters.
     out
-        Folder of the pictures; made if need be.
+        Folder of the pictures; made if it does not exist.
     workcell
-        Whether MuJoCo is there; without it the figures of the workcell are left out.
+        Whether MuJoCo is installed; otherwise figures of the workcell are left out.
     note
-        Told what is run next.
+        Called with the name of the next run.
     """
     out.mkdir(parents=True, exist_ok=True)
     results = Results(options, left_out=[figure for figure in figures if figure.workcell and not workcell])
@@ -96,7 +96,7 @@ def reproduce(
     return results
 
 
-def _curve(take: Take) -> dict[str, list[float | None]]:
+def _curve(take: SceneRuns) -> dict[str, list[float | None]]:
     mean, spread = mean_and_spread(take.nmi)
     return {"t": _plain(take.t, 4), "mean": _plain(mean, 4), "std": _plain(spread, 4)}
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .runs import Take
+from .runs import SceneRuns
 from .study import Study
 
 
@@ -39,7 +39,7 @@ class Drawn:
     figure: Any
     rows: Sequence[Row]
     parameters: Mapping[str, str]
-    curves: Mapping[str, Take] = field(default_factory=dict)
+    curves: Mapping[str, SceneRuns] = field(default_factory=dict)
     summary: tuple[str, str] | None = None
 
 

@@ -1,4 +1,4 @@
-"""The workcell as a camera sees it: features of every seed, from the cache, and pictures."""
+"""Workcell footage: scene and seed -> tracked features, cached, and still images."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from comotion_sources.workcell.sensor import SensorNoise
 
 from ..fusion.recording import keep, track
 from ..offline import Message
-from .runs import Close, Take, run_seed
+from .runs import SceneRuns, ViewRequest, run_seed
 from .study import Study, describe
 
 CAMERA = "a"
@@ -24,8 +24,8 @@ PICTURE = (320, 240)
 
 
 @dataclass(frozen=True)
-class Shooting:
-    """How a scene is filmed and tracked: image size in px, Hz, s, and the tracker's parameters."""
+class FilmSetup:
+    """Image size in px, rate in Hz, duration in s, and parameters of the tracker."""
 
     size: tuple[int, int]
     rate: float
@@ -33,32 +33,32 @@ class Shooting:
     tracker: TrackerConfig
 
 
-def shooting(study: Study, respawn_every: int) -> Shooting:
-    """Film as the thesis does, smaller in a hurry: new features every n-th frame at the 100 best places."""
+def film_setup(study: Study, respawn_every: int) -> FilmSetup:
+    """Choose the set-up of the thesis: every n-th frame new features at the 100 best corners."""
     size, features = ((320, 240), 100) if study.options.quick else ((480, 360), 200)
     tracker = TrackerConfig(max_features=features, spawn_limit=_SPAWN_LIMIT, respawn_every=respawn_every)
-    return Shooting(size, 30.0, 18.0, tracker)
+    return FilmSetup(size, 30.0, 18.0, tracker)
 
 
 def filmed(
     study: Study, scene: str, respawn_every: int, config: FusionConfig, times: tuple[float, ...]
-) -> Take:
+) -> SceneRuns:
     """Run all seeds of a workcell scene."""
 
-    def make() -> Take:
-        close = Close(times, trail=0.7)
+    def make() -> SceneRuns:
+        close = ViewRequest(times, trail=0.7)
         runs = []
         for seed in study.options.workcell_seeds:
             messages = _messages(study, scene, seed, respawn_every)
             study.note(f"{scene}, {describe(config)}, seed {seed}")
             runs.append(run_seed(messages, config, PERIOD, close))
-        return Take(runs)
+        return SceneRuns(runs)
 
     return study.once((scene, respawn_every, config.model_dump_json(), times), make)
 
 
 def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Message]:
-    how = shooting(study, respawn_every)
+    how = film_setup(study, respawn_every)
 
     def make() -> dict[str, list[Message]]:
         study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
@@ -71,18 +71,18 @@ def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Me
 
 
 class Stills:
-    """Pictures of a scene at moments of a run, and where points of the world are in them.
+    """Renders still images of a scene, and projects points into them.
 
     Parameters
     ----------
     scene, seed
-        Of the workcell.
+        Scene and seed of the workcell.
     """
 
     def __init__(self, scene: str, seed: int) -> None:
         self._scene = Scene.named(scene, seed)
         atlas = build_atlas(self._scene.model, seed)
-        # Without image noise, which takes nine tenths of a PNG.
+        # Without image noise, which would take 90 % of the size of a PNG.
         self._view = Viewpoint(self._scene, CAMERA, PICTURE, SensorNoise(image=0.0), atlas)
         self._into_camera = self._view.extrinsics.inverse()
 
@@ -92,12 +92,12 @@ class Stills:
         return dict(self._scene.objects)
 
     def picture(self, t: float) -> NDArray[np.uint8]:
-        """RGB image uint8 [H, W, 3] at a time in seconds."""
+        """Render the RGB image uint8 [H, W, 3] at a time in seconds."""
         frame = self._view.frame(self._scene.configuration(t), round(t * 1e9))
         return np.ascontiguousarray(frame.image[..., ::-1])
 
     def pixels(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Places [N, 2] in the picture of points [N, 3] in the world, px."""
+        """Project points float32 [N, 3] of the world to pixels float32 [N, 2]."""
         if not len(points):
             return np.zeros((0, 2), np.float32)
         inside = self._into_camera.apply(points.astype(np.float64))

@@ -1,4 +1,4 @@
-"""Numbers that several figures tell."""
+"""Numbers that several figures report."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from comotion_schemas import UNDETERMINED
 
 from ..accuracy.study import rightly_assigned
-from .runs import Take, View
+from .runs import SceneRuns, View
 from .study import Study, describe, spec_of
 
 DEFAULT = "default method"
@@ -32,13 +32,13 @@ def count(values: Any) -> str:
     return f"{known.mean():g}" if len(known) else "-"
 
 
-def view_at(take: Take, t: float, seed: int = 0) -> View:
+def view_at(take: SceneRuns, t: float, seed: int = 0) -> View:
     """The view of a seed nearest to a time."""
     return min(take.seeds[seed].views, key=lambda view: abs(view.t - t))
 
 
-def right_at(take: Take, view: int) -> str:
-    """Share of the features whose hypothesis stands for their object, in one view of every seed."""
+def right_at(take: SceneRuns, view: int) -> str:
+    """Share of features with the hypothesis of their object, in one view of every seed."""
     shares = []
     for seed in take.seeds:
         moment = seed.views[view].moment
@@ -48,7 +48,7 @@ def right_at(take: Take, view: int) -> str:
     return f"{spread(shares, 0)} %"
 
 
-def perfect_from(take: Take) -> Any:
+def perfect_from(take: SceneRuns) -> Any:
     """Time from which on NMI is 1, seconds, per seed; NaN where it never is."""
     found = []
     for seed in take.seeds:
@@ -58,20 +58,20 @@ def perfect_from(take: Take) -> Any:
     return np.array(found)
 
 
-def told(seconds: Any) -> str:
-    """Say from when on NMI is 1."""
+def format_times(seconds: Any) -> str:
+    """Format the times from which on NMI is 1."""
     never = int(np.isnan(seconds).sum())
     if never == len(seconds):
         return "never"
     return f"{spread(seconds, 1)} s" + (f" (never in {never} of {len(seconds)} seeds)" if never else "")
 
 
-def best(takes: dict[str, Take]) -> str:
+def best(takes: dict[str, SceneRuns]) -> str:
     """Label of the thesis parameters with the best mean NMI."""
     return max((label for label in takes if label != DEFAULT), key=lambda k: takes[k].mean_nmi().mean())
 
 
-def summary(takes: dict[str, Take]) -> tuple[str, str]:
+def summary(takes: dict[str, SceneRuns]) -> tuple[str, str]:
     """Mean NMI of the thesis method at its best, and of the default method."""
     label = best(takes)
     return f"{spread(takes[label].mean_nmi())} ({label})", spread(takes[DEFAULT].mean_nmi())

@@ -1,4 +1,4 @@
-"""The page: one HTML file that needs nothing beside it."""
+"""The page of all figures: results -> one self-contained HTML file."""
 
 import base64
 import json

@@ -10,7 +10,7 @@ from comotion_sources.simulator import SceneSpec, simulate
 
 from ..plot import broken
 from .colouring import LETTERS, Styles, object_colours, unit
-from .runs import Take, View
+from .runs import SceneRuns, View
 
 DPI = 110
 DEFAULT_COLOUR = "black"
@@ -146,7 +146,14 @@ def object_legend(figure: Any, names: Mapping[int, str]) -> None:
 
 
 def curve(
-    axes: Any, take: Take, label: str, *, colour: Any, dashes: Any = "-", width: float = 1.8, order: int = 2
+    axes: Any,
+    take: SceneRuns,
+    label: str,
+    *,
+    colour: Any,
+    dashes: Any = "-",
+    width: float = 1.8,
+    order: int = 2,
 ) -> None:
     """Draw NMI over time: mean over seeds, and one standard deviation to both sides."""
     mean, spread = mean_and_spread(take.nmi)

@@ -6,7 +6,7 @@ from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .numbers import DEFAULT, parameters, right_at, spread, summary
-from .runs import Close, Take
+from .runs import SceneRuns, ViewRequest
 from .study import Study, describe, spec_of, thesis
 
 _SCENE, _PERIOD = "fig4_4", 1 / 15
@@ -15,8 +15,8 @@ _TIMES = (1.0, 2.2, 3.4, 4.2, 6.2, 8.0)
 _RESPAWNS = (2.0, 4.0, 6.0)
 
 
-def _takes(study: Study) -> tuple[Take, Take]:
-    close = Close(_TIMES, trail=1.5)
+def _takes(study: Study) -> tuple[SceneRuns, SceneRuns]:
+    close = ViewRequest(_TIMES, trail=1.5)
     configs = (_CONFIG, study.options.default)
     first, second = (study.simulated(_SCENE, config, period=_PERIOD, close=close) for config in configs)
     return first, second
@@ -52,7 +52,7 @@ def draw_nmi(study: Study) -> Drawn:
     return Drawn(figure, _rows(takes), found, curves, summary(curves))
 
 
-def _moment_rows(takes: tuple[Take, Take]) -> list[Row]:
+def _moment_rows(takes: tuple[SceneRuns, SceneRuns]) -> list[Row]:
     said = "most are assigned to the correct hypothesis"
     return [
         Row(f"features in the right hypothesis at t = {t:g} s", said, *(right_at(take, k) for take in takes))
@@ -60,7 +60,7 @@ def _moment_rows(takes: tuple[Take, Take]) -> list[Row]:
     ]
 
 
-def _rows(takes: tuple[Take, Take]) -> list[Row]:
+def _rows(takes: tuple[SceneRuns, SceneRuns]) -> list[Row]:
     rows = []
     for t in _RESPAWNS:
         rows.append(Row(f"NMI at t = {t:g} s", "drops", *(f"{take.nmi_at(t):.3f}" for take in takes)))
@@ -72,7 +72,7 @@ def _rows(takes: tuple[Take, Take]) -> list[Row]:
     return [*rows, Row("mean NMI", "-", *(spread(take.mean_nmi()) for take in takes))]
 
 
-def _recovery(take: Take, seed: int) -> float:
+def _recovery(take: SceneRuns, seed: int) -> float:
     """Mean time after a replacement until NMI is .95, seconds; the 2 s between two where it never is."""
     run, found = take.seeds[seed], []
     for t in _RESPAWNS:

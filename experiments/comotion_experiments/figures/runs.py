@@ -1,4 +1,4 @@
-"""What the figures are drawn from: scenes through the core, scored, with close views of some moments."""
+"""Runs for figures: messages -> scores over time, and detailed views of some moments."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class View:
-    """One update seen closely.
+    """The details of one update.
 
     Attributes
     ----------
@@ -29,9 +29,9 @@ class View:
     moment
         Tracks, their positions, hypotheses and objects.
     trails
-        The way of each track in the last seconds, float32 [steps, dim].
+        Positions of each track in the last seconds, float32 [steps, dim].
     affinity
-        float32 [N, N], rows sorted by object; empty unless asked for.
+        float32 [N, N], rows sorted by object; empty unless requested.
     affinity_objects
         Object of each row, int64 [N].
     """
@@ -56,7 +56,7 @@ class SeedRun:
     hypotheses
         int64 [U], distinct hypotheses among the scored tracks.
     views
-        The moments asked for, in order.
+        The requested views, in order.
     votes
         (hypothesis, object) -> tracks times updates that they share.
     main
@@ -80,7 +80,7 @@ class SeedRun:
 
 
 @dataclass(frozen=True)
-class Take:
+class SceneRuns:
     """The seeds of one scene, run with one set of parameters."""
 
     seeds: list[SeedRun]
@@ -110,15 +110,15 @@ class Take:
 
 
 @dataclass(frozen=True)
-class Close:
-    """What to look at closely: moments in seconds, the length of trails in seconds, affinities or not."""
+class ViewRequest:
+    """Requested views: times in s, length of the trails in s, and whether to include affinities."""
 
     times: Sequence[float] = ()
     trail: float = 1.0
     affinity: bool = False
 
 
-def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, close: Close) -> SeedRun:
+def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, close: ViewRequest) -> SeedRun:
     """Run the messages of one seed, with an update every `period` seconds.
 
     Raises
@@ -143,12 +143,12 @@ def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, c
 
 @dataclass
 class _Watch:
-    """Looks into the core at every update."""
+    """Collects views and votes at every update."""
 
     messages: Sequence[Message]
     fusion: Fusion
     period: float
-    close: Close
+    close: ViewRequest
     truth: Truth = field(default_factory=Truth)
     views: list[View] = field(default_factory=list)
     votes: Counter[tuple[int, int]] = field(default_factory=Counter)
@@ -193,7 +193,7 @@ class _Watch:
 
 
 class Trails:
-    """The way that tracks have come, from the observations themselves."""
+    """Past positions of tracks, from the observations."""
 
     def __init__(self, batches: Sequence[ObservationBatch]) -> None:
         self._batches = batches

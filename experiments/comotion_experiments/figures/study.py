@@ -1,4 +1,4 @@
-"""Runs what figures ask for, each thing once."""
+"""Runs the scenes of the figures, each one once."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -10,25 +10,25 @@ from comotion.config import ThesisConfig
 from comotion_sources import simulator
 from comotion_sources.simulator import SceneSpec
 
-from .runs import Close, Take, run_seed
+from .runs import SceneRuns, ViewRequest, run_seed
 
 Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What to run with.
+    """Options of all figures.
 
     Attributes
     ----------
     seeds
-        Of the simulated scenes.
+        Seeds of the simulated scenes.
     workcell_seeds
-        Of the workcell.
+        Seeds of the workcell.
     quick
         Small images and a short run of the workcell.
     cache
-        Where rendered and tracked features are kept; None: nowhere.
+        Folder that keeps tracked features; None: none.
     default
         Parameters of the default method.
     """
@@ -41,40 +41,40 @@ class Options:
 
 
 class Study:
-    """Scenes through the core; what two figures share is run once.
+    """Runs scenes through the core; a run that two figures share is done once.
 
     Parameters
     ----------
     options
-        What to run with.
+        Options.
     note
-        Told what is run next.
+        Called with the name of the next run.
     """
 
     def __init__(self, options: Options, note: Note = lambda what: None) -> None:  # noqa: ARG005
         self.options = options
         self.note = note
-        self._takes: dict[Any, Take] = {}
+        self._takes: dict[Any, SceneRuns] = {}
 
     def simulated(
-        self, scene: str, config: FusionConfig, *, period: float, close: Close | None = None
-    ) -> Take:
+        self, scene: str, config: FusionConfig, *, period: float, close: ViewRequest | None = None
+    ) -> SceneRuns:
         """Run all seeds of a simulated scene."""
-        close = close or Close()
+        close = close or ViewRequest()
         spec = spec_of(scene)
 
-        def make() -> Take:
+        def make() -> SceneRuns:
             runs = []
             for seed in self.options.seeds:
                 self.note(f"{scene}, {describe(config)}, seed {seed}")
                 messages = list(simulator.batches(simulator.simulate(spec, seed=seed)))
                 runs.append(run_seed(messages, config, period, close))
-            return Take(runs)
+            return SceneRuns(runs)
 
         return self.once((scene, config.model_dump_json(), period, close), make)
 
-    def once(self, key: Any, make: Callable[[], Take]) -> Take:
-        """Take from memory, or make and keep."""
+    def once(self, key: Any, make: Callable[[], SceneRuns]) -> SceneRuns:
+        """SceneRuns from memory, or make and keep."""
         if key not in self._takes:
             self._takes[key] = make()
         return self._takes[key]

@@ -3,8 +3,8 @@
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .numbers import DEFAULT, parameters, perfect_from, spread, summary, told
-from .runs import Close, Take
+from .numbers import DEFAULT, format_times, parameters, perfect_from, spread, summary
+from .runs import SceneRuns, ViewRequest
 from .study import Study, spec_of, thesis
 
 _SCENE, _PERIOD = "fig4_1", 0.2
@@ -20,9 +20,9 @@ _SAID = {
 }
 
 
-def _takes(study: Study) -> dict[str, Take]:
+def _takes(study: Study) -> dict[str, SceneRuns]:
     """By row label; the default method last."""
-    close = Close(_TIMES, trail=3.0, affinity=True)
+    close = ViewRequest(_TIMES, trail=3.0, affinity=True)
     configs = {f"σ = {s:g}": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
     return {
         label: study.simulated(_SCENE, config, period=_PERIOD, close=close)
@@ -62,15 +62,15 @@ def draw_nmi(study: Study) -> Drawn:
     return Drawn(figure, _mean_rows(takes), _parameters(study), takes, summary(takes))
 
 
-def _perfect_rows(takes: dict[str, Take]) -> list[Row]:
+def _perfect_rows(takes: dict[str, SceneRuns]) -> list[Row]:
     rows = [
-        Row(f"σ = {s:g}: NMI is 1 from", _SAID[s], told(perfect_from(takes[f"σ = {s:g}"])), "")
+        Row(f"σ = {s:g}: NMI is 1 from", _SAID[s], format_times(perfect_from(takes[f"σ = {s:g}"])), "")
         for s in SWITCHES
     ]
-    return [*rows, Row("NMI is 1 from", "-", "", told(perfect_from(takes[DEFAULT])))]
+    return [*rows, Row("NMI is 1 from", "-", "", format_times(perfect_from(takes[DEFAULT])))]
 
 
-def _mean_rows(takes: dict[str, Take]) -> list[Row]:
+def _mean_rows(takes: dict[str, SceneRuns]) -> list[Row]:
     means = {label: spread(take.mean_nmi()) for label, take in takes.items()}
     rows = [
         Row(f"{label}: mean NMI", _SAID[s], means[label], "")

@@ -5,7 +5,7 @@ import numpy as np
 from . import panels
 from .figure import Drawn, Row
 from .numbers import DEFAULT, parameters, perfect_from, spread, summary
-from .runs import Take
+from .runs import SceneRuns
 from .study import Study, thesis
 
 _SCENE, _PERIOD, _START, _END = "fig4_3", 1 / 15, 10.0, 12.67
@@ -45,7 +45,7 @@ def draw_weights(study: Study) -> Drawn:
     return Drawn(figure, _rows(takes), found, takes, summary(takes))
 
 
-def _rows(takes: dict[str, Take]) -> list[Row]:
+def _rows(takes: dict[str, SceneRuns]) -> list[Row]:
     said = {
         "equal weights": "the baseline",
         "v = 0.001": "not very different from equal weights",
@@ -60,5 +60,5 @@ def _rows(takes: dict[str, Take]) -> list[Row]:
     return [*rows, Row("largest NMI before the start", "nothing has moved", *resting)]
 
 
-def _late(take: Take) -> str:
+def _late(take: SceneRuns) -> str:
     return f"{spread(np.asarray(perfect_from(take)) - _START, 2)} s"

@@ -9,9 +9,9 @@ import numpy as np
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .footage import PERIOD, PICTURE, Stills, filmed, shooting
+from .footage import PERIOD, PICTURE, Stills, film_setup, filmed
 from .numbers import DEFAULT, best, right_at, spread, summary
-from .runs import Take, View
+from .runs import SceneRuns, View
 from .study import Study, thesis
 
 SWITCHES = (0.0025, 0.005, 0.01, 0.02, 0.04)
@@ -57,7 +57,7 @@ SHELF = Shot(
 )
 
 
-def _takes(study: Study, shot: Shot) -> dict[str, Take]:
+def _takes(study: Study, shot: Shot) -> dict[str, SceneRuns]:
     configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
     return {
         label: filmed(study, shot.scene, shot.respawn_every, config, shot.times)
@@ -99,7 +99,7 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
                 panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.4, order=5)
             else:
                 panels.curve(axes, take, f"thesis, {label}", colour=panels.RAMP[k], dashes=panels.DASHES[k])
-        panels.nmi_axes(axes, duration=shooting(study, shot.respawn_every).seconds, columns=2)
+        panels.nmi_axes(axes, duration=film_setup(study, shot.respawn_every).seconds, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         found = _parameters(study, shot, drawn=False)
         return Drawn(figure, _mean_rows(takes), found, takes, summary(takes))
@@ -127,7 +127,7 @@ def _picture(axes: Any, stills: Stills, view: View, styles: Styles) -> None:
     axes.set_title(f"t = {view.t:.3g} s", fontsize=10)
 
 
-def _truth(row: Any, stills: Stills, take: Take) -> None:
+def _truth(row: Any, stills: Stills, take: SceneRuns) -> None:
     """Draw the true objects of the same features; those that are not scored are undetermined here."""
     first = take.seeds[0]
     votes = {(number, number): 1 for number in first.names}
@@ -147,7 +147,7 @@ def _truth(row: Any, stills: Stills, take: Take) -> None:
     row[0].set_ylabel("truth", fontsize=11, fontweight="bold")
 
 
-def _moment_rows(takes: dict[str, Take], shot: Shot) -> list[Row]:
+def _moment_rows(takes: dict[str, SceneRuns], shot: Shot) -> list[Row]:
     rows = [
         Row(
             f"features in the right hypothesis at t = {t:.3g} s",
@@ -168,7 +168,7 @@ def _moment_rows(takes: dict[str, Take], shot: Shot) -> list[Row]:
     return rows
 
 
-def _apart(take: Take, one: str, other: str) -> Any:
+def _apart(take: SceneRuns, one: str, other: str) -> Any:
     """Share of updates in which most of two objects' features are in different hypotheses, %, per seed."""
     found = []
     for seed in take.seeds:
@@ -178,7 +178,7 @@ def _apart(take: Take, one: str, other: str) -> Any:
     return np.array(found)
 
 
-def _door(take: Take) -> str:
+def _door(take: SceneRuns) -> str:
     """Whether the door has the same hypothesis while it closes as while it opened."""
     same = 0
     for seed in take.seeds:
@@ -193,13 +193,13 @@ def _most(ids: Any) -> int:
     return int(np.bincount(known).argmax()) if len(known) else -1
 
 
-def _mean_rows(takes: dict[str, Take]) -> list[Row]:
+def _mean_rows(takes: dict[str, SceneRuns]) -> list[Row]:
     rows = [Row(f"{label}: mean NMI", "-", spread(take.mean_nmi()), "") for label, take in takes.items()]
     return [*rows[:-1], Row("mean NMI", "-", "", spread(takes[DEFAULT].mean_nmi()))]
 
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
-    how = shooting(study, shot.respawn_every)
+    how = film_setup(study, shot.respawn_every)
     seeds = study.options.workcell_seeds
     found = {
         "scene": f"workcell:{shot.scene}, camera a, {how.size[0]}x{how.size[1]} at {how.rate:g} Hz",

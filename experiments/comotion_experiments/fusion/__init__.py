@@ -1,4 +1,4 @@
-"""What fusing sources gains: cameras and a robot's own joints on the workcell, with truth."""
+"""The fusion experiment: gain of fusing cameras and robot joints on the workcell, with truth."""
 
 from .experiment import Results, Verdict, run_experiment, verdict
 from .setup import QUICK, SCENES, Setup

@@ -1,4 +1,4 @@
-"""The whole experiment: every scene, seed and variant, with camera A open and covered."""
+"""Runs the fusion experiment: all scenes, seeds and variants, with camera A open and covered."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from .setup import ALL, ALONE_A, ALONE_B, VARIANTS, Setup, Variant
 from .study import Outcome, run_variant
 
 AFTER_S = 3.0
-"""Seconds after the lens is free again that "after the cover" speaks of."""
+"""Length of the interval "after the cover", s, from the uncovering of the lens."""
 _log = logging.getLogger(__name__)
 
 
@@ -29,7 +29,7 @@ class Case:
     outcomes: list[Outcome]
 
     def nmi_a(self, start: float = 0.0, stop: float = np.inf) -> np.ndarray:
-        """Mean NMI over camera A's features within a time, float64 [seeds]."""
+        """Mean NMI over the features of camera A in start <= t < stop, float64 [seeds]."""
         return np.array([o.mean(o.nmi_a, start, stop) for o in self.outcomes])
 
     def nmi(self) -> np.ndarray:
@@ -55,7 +55,7 @@ class Results:
     seeds: Sequence[int]
 
     def case(self, scene: str, *, covered: bool, variant: Variant) -> Case:
-        """Look up a case; camera B alone does not care whether A is covered."""
+        """Look up a case; camera B alone does not depend on the cover of A."""
         covered = covered and variant is not ALONE_B
         return next(c for c in self.cases if (c.scene, c.covered, c.variant) == (scene, covered, variant))
 
@@ -114,7 +114,7 @@ def _plan(scenes: Sequence[str]) -> Iterator[tuple[str, bool, Variant]]:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the experiment says about fusing everything, against camera A alone or the best single source.
+    """Gain of fusing all sources compared with camera A alone and the best single source.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class Verdict:
 
 
 def verdict(results: Results) -> Verdict:
-    """Sum up an experiment."""
+    """Compute the gains of an experiment."""
     stop = results.setup.cover[1]
     gains, after, kept = [], [], []
     fused, single = [], []

@@ -1,4 +1,4 @@
-"""Renders and tracks a scene once, and keeps the messages of its sources for the next time."""
+"""Renders and tracks a scene: scene and seed -> messages of all sources, cached on disk."""
 
 import hashlib
 import importlib
@@ -27,7 +27,7 @@ Sources: TypeAlias = dict[str, list[Message]]
 _SESSION = "0" * 16
 _WORLD = CameraSpace("world", "m", 3)
 _COVERED = ".covered"
-_MAKERS = (
+_PRODUCERS = (
     *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "template", "tracker")),
     *(f"proprioception.{name}" for name in ("kinematics", "packer")),
     *(
@@ -76,7 +76,7 @@ def keep(cache: Path | None, name: str, setup: object, make: Callable[[], Source
     name
         Begins the name of the file.
     setup
-        What they are made with, told apart by its `repr`; code and scenes are seen to here.
+        What they are made with, published apart by its `repr`; code and scenes are seen to here.
     make
         Makes the messages of each source.
     """
@@ -102,9 +102,9 @@ def _read(raw: bytes) -> Message:
 
 
 def _fingerprint(setup: object) -> str:
-    """Digest of the set-up and of all code and scenes that have a part in the messages."""
+    """Digest of the set-up, and of all code and scenes that the messages depend on."""
     digest = hashlib.sha256(repr(setup).encode())
-    for name in _MAKERS:
+    for name in _PRODUCERS:
         module = importlib.import_module(f"comotion_sources.{name}")
         assert module.__file__ is not None  # noqa: S101 - none of them is a namespace package
         digest.update(Path(module.__file__).read_bytes())
@@ -168,11 +168,11 @@ def track(
         seen = [frame]
         if cover is not None:
             seen.append(view.covered(stamp) if cover.hides(index / rate) else frame)
-        told = [
+        published = [
             list(observer.messages(tracker.step(one), one))
             for one, tracker, observer in zip(seen, trackers, observers, strict=True)
         ]
-        yield told[0], told[-1] if cover is not None else []
+        yield published[0], published[-1] if cover is not None else []
 
 
 def robot_messages(scene: Scene, rate: float, seconds: float) -> Iterator[Message]:

@@ -1,4 +1,4 @@
-"""One variant of one seed through the core, scored in all the ways the experiment asks for."""
+"""One run of the fusion experiment: variant and seed -> scores of every update."""
 
 import heapq
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""How much of the true objects' surface the features cover."""
+"""Surface coverage: features -> share of the surface of the true objects within their reach."""
 
 from functools import cached_property
 

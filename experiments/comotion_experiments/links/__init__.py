@@ -1,4 +1,4 @@
-"""What links between a depth camera's bodies and a plain camera's hypotheses are worth, on the workcell."""
+"""The link experiment: links between bodies of a depth camera and hypotheses of one without, with truth."""
 
 from .experiment import Results, run_experiment
 from .picture import save_picture

@@ -16,7 +16,7 @@ from comotion_sources.workcell import Scene, Viewpoint
 from ..fusion.study import in_time_order
 from ..offline import run_offline
 from .recording import plain_camera, record
-from .setup import DEEP, PLAIN, PLAIN_SPACE, Setup
+from .setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE, Setup
 
 _RADIUS = 4
 _QUALITY = 85
@@ -50,7 +50,7 @@ def save_picture(
     cameras = config.linking.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup)}
     last: list[HypothesisUpdate] = []
     run_offline(
-        in_time_order([sources[DEEP], sources[PLAIN]]),
+        in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]),
         config.model_copy(update={"linking": LinkingConfig(cameras=cameras)}),
         period=0.5,
         duration=seconds,
@@ -59,7 +59,7 @@ def save_picture(
     update = last[-1]
     images = [
         _draw(Viewpoint(Scene.named(scene, seed), camera, setup.size), update, source)
-        for camera, source in (("a", DEEP), ("b", PLAIN))
+        for camera, source in (("a", DEPTH_CAMERA), ("b", PLAIN_CAMERA))
     ]
     _, encoded = cv2.imencode(".jpg", np.hstack(images), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def _draw(view: Viewpoint, update: HypothesisUpdate, source: str) -> NDArray[np.
     mine = np.array([one.name == source for one in update.sources])[update.track_source]
     points = update.track_position[mine].astype(np.float64)
     flat = points[:, :2]
-    if source == DEEP:
+    if source == DEPTH_CAMERA:
         flat = view.intrinsics.project(view.extrinsics.inverse().apply(points))
     for place, one in zip(flat, update.track_hypothesis[mine].tolist(), strict=True):
         bgr = colour(bodies.get(one, one))[::-1]

@@ -11,7 +11,7 @@ from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.viewpoint import calibration
 
 from ..fusion.recording import Sources, keep, track
-from .setup import DEEP, PLAIN, Setup
+from .setup import DEPTH_CAMERA, PLAIN_CAMERA, Setup
 
 
 def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> Sources:
@@ -50,8 +50,8 @@ def _make(name: str, seed: int, setup: Setup) -> Sources:
     config = TrackerConfig(max_features=setup.features)
     seconds = setup.duration or scene.period
     sources: Sources = {}
-    for camera, source in (("a", DEEP), ("b", PLAIN)):
+    for camera, source in (("a", DEPTH_CAMERA), ("b", PLAIN_CAMERA)):
         view = Viewpoint(scene, camera, setup.size, atlas=atlas)
-        frames = track(view, config, source, setup.rate, seconds, depth=source == DEEP)
+        frames = track(view, config, source, setup.rate, seconds, depth=source == DEPTH_CAMERA)
         sources[source] = [message for messages, _ in frames for message in messages]
     return sources

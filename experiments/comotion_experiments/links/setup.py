@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 SCENES = ("truck", "shelf", "arm", "truck-clutter", "shelf-clutter", "arm-clutter")
 
-DEEP, PLAIN = "klt-a", "klt-b"
+DEPTH_CAMERA, PLAIN_CAMERA = "klt-a", "klt-b"
 """Names of the sources: camera a of the scene with depth, camera b without."""
-PLAIN_SPACE = f"{PLAIN}/pixels"
+PLAIN_SPACE = f"{PLAIN_CAMERA}/pixels"
 
 
 @dataclass(frozen=True)

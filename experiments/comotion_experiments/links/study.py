@@ -1,4 +1,4 @@
-"""One seed of one scene through the core, and what its links are worth."""
+"""One run of the link experiment: scene and seed -> counts of right links, and scores with and without."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,15 +14,15 @@ from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from ..fusion.recording import Message, Sources
 from ..fusion.study import in_time_order
 from ..offline import run_offline
-from .setup import DEEP, PLAIN, PLAIN_SPACE
+from .setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
 
 Labels = NDArray[np.int64]
 Objects = NDArray[np.int32]
 
-LEAST = 3
-"""Features of known objects that a hypothesis must have to be said to be one."""
+MIN_FEATURES = 3
+"""Least number of features with known object for a hypothesis to be assigned to an object."""
 PURE = 0.8
-"""Share of them that must be of that object for the hypothesis to be called pure."""
+"""Least share of these features on that object for the hypothesis to be pure."""
 
 
 @dataclass
@@ -114,9 +114,9 @@ class _Scorer:
         readings = [{}, rested(update), bodies_of(update), by_object(main)]
         found = []
         for reading in readings:
-            told = np.array([reading.get(one, one) for one in labels.tolist()], np.int64)
-            both = score_labels(told, objects, update.stamp_ns)
-            alone = score_labels(told[plain], objects[plain], update.stamp_ns)
+            read_as = np.array([reading.get(one, one) for one in labels.tolist()], np.int64)
+            both = score_labels(read_as, objects, update.stamp_ns)
+            alone = score_labels(read_as[plain], objects[plain], update.stamp_ns)
             found.append([both.nmi, alone.nmi, alone.misclassification])
         self.rows.append(found)
 
@@ -128,7 +128,7 @@ class _Scorer:
             table = listed.get(key, {})
             labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
             objects.append(self.truth.objects(key, ids))
-            plain.append(np.full(len(ids), key[0] == PLAIN))
+            plain.append(np.full(len(ids), key[0] == PLAIN_CAMERA))
         return np.concatenate(labels), np.concatenate(objects), np.concatenate(plain)
 
 
@@ -138,7 +138,7 @@ def main_objects(labels: Labels, objects: Objects, share: float = 0.0) -> dict[i
     for one in np.unique(labels[labels != UNDETERMINED]).tolist():
         known = objects[(labels == one) & (objects >= 0)]
         votes = np.bincount(known)
-        if len(known) >= LEAST and votes.max() >= share * len(known):
+        if len(known) >= MIN_FEATURES and votes.max() >= share * len(known):
             found[one] = int(votes.argmax())
     return found
 
@@ -190,7 +190,7 @@ def run_seed(sources: Sources, config: FusionConfig, *, period: float = 1 / 3) -
     scorer = _Scorer(Truth())
 
     def messages() -> Iterator[Message]:
-        for message in in_time_order([sources[DEEP], sources[PLAIN]]):
+        for message in in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]):
             if isinstance(message, ObservationBatch):
                 scorer.observed.add(message)
             yield message
