@@ -1,4 +1,4 @@
-"""The core offline: recorded or simulated messages in, scored updates out, as fast as it goes."""
+"""Offline runs: recorded or simulated messages -> scored updates of the core, as fast as possible."""
 
 import math
 import time
@@ -20,7 +20,7 @@ Message: TypeAlias = TruthBatch | ObservationBatch
 
 @dataclass(frozen=True, slots=True)
 class Arrived:
-    """A batch and what the clock says as it comes: for recordings, whose stamps are what they are."""
+    """A batch with the time of the service clock at its receipt, for recordings."""
 
     batch: ObservationBatch
     now_ns: int
@@ -28,7 +28,7 @@ class Arrived:
 
 Incoming: TypeAlias = Message | Arrived
 _LONGEST_GAP_NS = 600_000_000_000
-"""Of a longer time without data only so much is run through: nothing happens in it."""
+"""Longest time without data that is simulated, since no update changes in it."""
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
@@ -39,7 +39,7 @@ class Run:
     Attributes
     ----------
     summary
-        What the scores add up to.
+        Summary of the scores.
     scores
         One per update, in order.
     update_ms
@@ -69,7 +69,7 @@ class Run:
 
     @property
     def nmi(self) -> NDArray[np.float64]:
-        """NMI of every score; NaN where nothing could be scored."""
+        """NMI of every score; NaN if no track could be scored."""
         return np.array([s.nmi for s in self.scores])
 
 
@@ -182,7 +182,7 @@ def _start(arrived: Arrived) -> int:
 
 
 def _batches(messages: Iterable[Incoming], truth: Truth) -> Iterator[Arrived]:
-    """Pick the observations; truth is put aside as it comes."""
+    """Yield the observations, and add truth batches to `truth`."""
     for message in messages:
         if isinstance(message, TruthBatch):
             truth.add(message)

@@ -1,4 +1,4 @@
-"""Pictures of a run: tracks coloured by hypothesis beside the truth, and NMI over time.
+"""Plot of a run: tracks coloured by hypothesis and by true object, and NMI over time.
 
 Needs the extra ``plot`` (matplotlib), which is imported only when a picture is drawn.
 """
@@ -35,7 +35,7 @@ def save_plot(
     truth: Truth,
     spaces: Mapping[str, SpaceRef],
 ) -> None:
-    """Draw a run into a PNG (or what else the suffix says).
+    """Draw a run to a file; the suffix determines the format.
 
     Three moments of the run, the tracks coloured by hypothesis and, below, by true object; then
     NMI over time, or the number of hypotheses where there is no truth. Of several coordinate
@@ -75,13 +75,13 @@ def save_plot(
     figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout=layout)
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=14)
-    _Painter(figure, space, moments, scores, truth, has_truth).draw()
+    _RunFigure(figure, space, moments, scores, truth, has_truth).draw()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
 
 def object_colours(moment: Moment) -> dict[int, tuple[float, float, float]]:
-    """A colour per true object: that of the hypothesis it matches best, so that errors stand out."""
+    """Colour of each true object: that of the hypothesis it matches best, so that errors are visible."""
     labels, objects = moment.hypotheses, moment.objects
     scored = (objects >= 0) & (labels != UNDETERMINED)
     found: dict[int, tuple[int, int, int]] = {}
@@ -104,7 +104,7 @@ def _unit_rgb(rgb: tuple[int, int, int]) -> tuple[float, float, float]:
     return rgb[0] / 255, rgb[1] / 255, rgb[2] / 255
 
 
-class _Painter:
+class _RunFigure:
     def __init__(
         self,
         figure: Any,
@@ -132,7 +132,7 @@ class _Painter:
         self._curve(self._figure.add_subplot(grid[rows, :]), chosen)
 
     def _chosen(self) -> list[int]:
-        """Moments evenly spread over the run, its end included; those with tracks only."""
+        """Choose moments with tracks, evenly spread over the run, including its end."""
         filled = [k for k, moment in enumerate(self._moments) if moment.tracks]
         picks = np.linspace(0, len(filled) - 1, PANELS + 1)[1:]
         return [filled[round(k)] for k in picks]
@@ -167,7 +167,7 @@ class _Painter:
         return colours[number], "o", self._truth.names.get(number, f"object {number}")
 
     def _trails(self, index: int) -> list[NDArray[np.float32]]:
-        """The way each track of a moment has come in the last second: [steps, dim] each."""
+        """Positions of each track in the last second, float32 [steps, dim] each."""
         end = self._moments[index].stamp_ns
         rows = {track: k for k, track in enumerate(self._moments[index].tracks)}
         ways: list[list[NDArray[np.float32]]] = [[] for _ in rows]
@@ -238,7 +238,7 @@ def _hypothesis_style(label: int, count: int) -> tuple[tuple[float, float, float
 
 
 def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:
-    """Bounds per axis that hold all but stray points, with some room."""
+    """Bounds per axis that contain 99 % of the points, with a margin."""
     points = np.concatenate(clouds)
     low, high = np.percentile(points, [0.5, 99.5], axis=0)
     room = 0.06 * max(float((high - low).max()), 1e-6)
@@ -248,10 +248,7 @@ def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:
 def broken(
     trails: Sequence[NDArray[np.float32]], members: NDArray[np.intp], dim: int
 ) -> Iterator[NDArray[np.float32]]:
-    """Join the trails of some members into one line with gaps: one array per axis.
-
-    That is far faster to draw than many lines.
-    """
+    """Join trails to one line with gaps, one array per axis; one line is drawn much faster than many."""
     gap = np.full((1, dim), np.nan, np.float32)
     pieces = [piece for member in members.tolist() for piece in (trails[member], gap)]
     yield from np.concatenate(pieces).T

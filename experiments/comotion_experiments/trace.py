@@ -1,4 +1,4 @@
-"""What is kept of a run to draw it: its updates, and the tracks of one space at each moment."""
+"""Trace of a run for plots: updates -> tracks of one space at each update."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _TRACE_LIMIT = 600
 
 
 class Trace:
-    """The updates of a run, thinned out so that a long run stays small."""
+    """The updates of a run; a long run is reduced to a part of its updates."""
 
     def __init__(self) -> None:
         self.updates: list[HypothesisUpdate] = []
@@ -22,7 +22,7 @@ class Trace:
         self._count = 0
 
     def add(self, update: HypothesisUpdate, score: Score | None = None) -> None:  # noqa: ARG002
-        """Take in an update; its score, if given, is not needed here."""
+        """Add an update; the score is ignored."""
         if self._count % self._stride == 0:
             self.updates.append(update)
         self._count += 1
@@ -43,7 +43,7 @@ class Moment:
 
 
 def main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
-    """Find the space with most tracks; None where there is no track."""
+    """Find the space with most tracks; None without tracks."""
     counts: dict[SpaceRef, int] = {}
     for update in updates:
         for index, source in enumerate(update.sources):
@@ -56,7 +56,7 @@ def main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRe
 def moment_of(
     update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
 ) -> Moment:
-    """Pick the tracks of a space out of an update, with their true objects."""
+    """Select the tracks of a space in an update, with their true objects."""
     picked, tracks, objects = [np.zeros(0, np.intp)], [], [np.zeros(0, np.int32)]
     for index, source in enumerate(update.sources):
         if spaces.get(source.name) == space:

@@ -1,4 +1,4 @@
-"""The set-up of the fusion experiment: scenes, sources, rates, and when camera A is covered."""
+"""Set-up of the fusion experiment: scenes, sources, rates, and the cover of camera A."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ VARIANTS = (ALONE_A, ALONE_B, WITH_ROBOT, ALL)
 
 @dataclass(frozen=True)
 class Setup:
-    """What is rendered and tracked.
+    """Image size, rates, features, cover and duration.
 
     Attributes
     ----------

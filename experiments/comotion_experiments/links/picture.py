@@ -1,4 +1,4 @@
-"""What both cameras see at one moment, features in the colour of their body: linked ones share it."""
+"""Picture of the link experiment: both camera images at one time, features coloured by body."""
 
 from pathlib import Path
 
@@ -32,9 +32,9 @@ def save_picture(
     cache: Path | None = None,
     seconds: float = 8.0,
 ) -> None:
-    """Draw the depth camera's image on the left and the plain one's on the right.
+    """Draw the image of the depth camera on the left and that of the other camera on the right.
 
-    Discs are features of linked hypotheses, rings those of others.
+    Discs are features of linked hypotheses, rings are features of others.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Renders and tracks a scene with both cameras once, and keeps the messages for the next time."""
+"""Renders and tracks a scene with both cameras: scene and seed -> messages, cached on disk."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from .setup import DEPTH_CAMERA, PLAIN_CAMERA, Setup
 
 
 def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> Sources:
-    """Messages of both cameras, by name of the source.
+    """Return the messages of both cameras by the name of the source.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def record(scene: str, seed: int, setup: Setup, cache: Path | None = None) -> So
 
 
 def plain_camera(scene: str, seed: int, setup: Setup, turned: float = 0.0) -> Camera:
-    """Calibration of the plain camera: the true one, or turned by some degrees about its vertical axis."""
+    """Calibration of the camera without depth, rotated by `turned` degrees about its vertical axis."""
     intrinsics, extrinsics = calibration(Scene.named(scene, seed), "b", setup.size)
     turn = Rotation.from_matrix(extrinsics.rotation) * Rotation.from_euler("y", turned, degrees=True)
     return Camera(

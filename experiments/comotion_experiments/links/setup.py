@@ -1,4 +1,4 @@
-"""The set-up of the link experiment: an RGB-D camera and a plain one, and what is rendered of both."""
+"""Set-up of the link experiment: an RGB-D camera and a camera without depth."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ PLAIN_SPACE = f"{PLAIN_CAMERA}/pixels"
 
 @dataclass(frozen=True)
 class Setup:
-    """What is rendered and tracked.
+    """Image size, rate, features and duration.
 
     Attributes
     ----------

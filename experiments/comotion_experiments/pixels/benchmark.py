@@ -1,4 +1,4 @@
-"""Runs the sequences and adds up."""
+"""Runs the pixel benchmark: data sets -> scores of the method and of baselines."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -51,14 +51,14 @@ class Row:
 
 @dataclass
 class Benchmark:
-    """All results."""
+    """Results of the benchmark."""
 
     rows: list[Row] = field(default_factory=list)
     cross_validated: dict[str, float] = field(default_factory=dict)
     singles: tuple[int, int] = (0, 0)
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Convert to plain values."""
         good, count = self.singles
         return {
             "rows": [asdict(row) for row in self.rows],
@@ -138,7 +138,7 @@ def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> R
 
 
 def _cross_validate(sequences: list[Sequence]) -> float:
-    """Mean error where the setting is chosen on other scenes.
+    """Cross-validated mean error: the setting is chosen on other scenes.
 
     Sequences of one scene share footage and go into the same fold.
     """
@@ -150,7 +150,7 @@ def _cross_validate(sequences: list[Sequence]) -> float:
 
 
 def _singles(sequences: list[Sequence]) -> tuple[int, int]:
-    """How many motions, each alone, are one hypothesis."""
+    """Count the motions that are one hypothesis when they are alone, and all motions."""
     good = count = 0
     for sequence in sequences:
         if sequence.scene != sequence.name:

@@ -1,4 +1,4 @@
-"""What is compared: the core's engine, and baselines that are easy to state."""
+"""Methods of the benchmark: the pixel method of the core, and baselines."""
 
 import time
 import warnings
@@ -24,7 +24,7 @@ _SIGMA_SWITCH_PX = 8.0
 
 
 def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]:
-    """One update of the core's engine over a whole sequence, the dead trajectories listed too.
+    """Labels of one update of the core over a whole sequence, including ended trajectories.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]
 
 
 def one_object(sequence: Sequence) -> Labels:
-    """Everything is one object."""
+    """Baseline: all trajectories are one object."""
     return np.zeros(len(sequence.truth), np.int64)
 
 

@@ -28,7 +28,7 @@ def cells(found: Benchmark) -> list[tuple[str, ...]]:
 
 
 def lines(found: Benchmark) -> list[str]:
-    """What the table does not say."""
+    """Format the results that are not in the table."""
     good, count = found.singles
     texts = [
         f"{name}: {error:.1f} % with the parameters chosen on other scenes, among {len(SETTINGS)} settings"
@@ -40,7 +40,7 @@ def lines(found: Benchmark) -> list[str]:
 
 
 def table(found: Benchmark) -> Table:
-    """For a terminal."""
+    """Build the table for a terminal."""
     drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for k, title in enumerate(TITLES):
         drawn.add_column(title, justify="left" if k < 2 else "right", no_wrap=True)
@@ -50,7 +50,7 @@ def table(found: Benchmark) -> Table:
 
 
 def markdown(found: Benchmark) -> str:
-    """For a document."""
+    """Format the results as Markdown."""
     rows = [TITLES, ("---", "---", *["---:"] * (len(TITLES) - 2)), *cells(found)]
     text = "\n".join("| " + " | ".join(row) + " |" for row in rows)
     return text + "\n\n" + "\n".join(f"- {line}" for line in lines(found)) + "\n"

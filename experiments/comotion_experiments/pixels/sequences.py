@@ -40,17 +40,17 @@ class Sequence:
 
     @property
     def scene(self) -> str:
-        """What it shares with other sequences of the same footage: Hopkins' ``_g12`` are subsets."""
+        """Common name of the sequences of the same footage: Hopkins' ``_g12`` are subsets."""
         return re.sub(r"_g\d+$", "", self.name)
 
     def first(self, frames: int) -> "Sequence":
-        """The first frames, with the trajectories seen in them."""
+        """Return the first frames, with the trajectories observed in them."""
         short = replace(self, positions=self.positions[:frames], times=self.times[:frames])
         seen: NDArray[np.bool_] = np.isfinite(short.positions[..., 0])
         return short.of(np.asarray(seen.any(axis=0)))
 
     def of(self, tracks: NDArray[np.bool_]) -> "Sequence":
-        """Some of the trajectories (bool [N])."""
+        """Select trajectories by a mask bool [N]."""
         return replace(self, positions=self.positions[:, tracks], truth=self.truth[tracks])
 
     def objects(self) -> int:
@@ -59,12 +59,12 @@ class Sequence:
 
 
 def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:
-    """The data sets that are there.
+    """Find the data sets in a folder.
 
     Raises
     ------
     ValueError
-        If there is none, or a file is no labelled recording of image positions.
+        If there is none, or a file is not a labelled recording of image positions.
     """
     found = {name: [_read(path) for path in sorted(folder.glob(glob))] for name, glob in DATA_SETS.items()}
     found = {name: sequences for name, sequences in found.items() if sequences}
@@ -76,5 +76,5 @@ def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:
 def _read(path: Path) -> Sequence:
     recording = read_npz(path)
     if recording.dim != 2 or recording.labels is None:
-        raise ValueError(f"{path}: is no labelled recording of image positions")
+        raise ValueError(f"{path}: not a labelled recording of image positions")
     return Sequence(path.stem, recording.positions, recording.times, recording.labels.astype(np.int64))
