@@ -60,11 +60,6 @@ def at_speed(motion: PoseAt, speed: float) -> PoseAt:
     return lambda times: motion(np.asarray(times) * speed)
 
 
-def shifted(motion: PoseAt, by: float) -> PoseAt:
-    """Play a motion from `by` seconds on."""
-    return lambda times: motion(np.asarray(times) + by)
-
-
 def looped(motion: PoseAt, length: float) -> PoseAt:
     """Play the first `length` seconds of a motion again and again."""
     return lambda times: motion(np.mod(times, length))

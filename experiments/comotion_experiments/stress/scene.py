@@ -206,11 +206,6 @@ class Scene:
         """Number of features observed at once when none is lost."""
         return sum(body.features for body in self.bodies)
 
-    @property
-    def slot_body(self) -> NDArray[np.intp]:
-        """Body of each slot, intp [slots]."""
-        return slot_bodies(self.bodies)
-
 
 def slot_bodies(bodies: list[Body]) -> NDArray[np.intp]:
     """Body of each slot, intp [slots]: the slots of the first body come first."""
