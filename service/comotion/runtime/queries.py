@@ -10,7 +10,7 @@
 
 Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``stamp_ns``,
 ``sources`` (list of ``{name, session}``), ``track_source`` bin<u2>[N], ``track_id`` bin<u8>[N],
-``matrix`` bin<f4>[N, N] in 0..1; columns as in PROTOCOL.md. Parameter values may be percent-encoded.
+``matrix`` bin<f4>[N, N] in 0..1; columns as in docs/protocol.md. Parameter values may be percent-encoded.
 
 Every query gets a reply, or an error that says what is wrong.
 """
