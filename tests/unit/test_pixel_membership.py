@@ -3,8 +3,7 @@
 import numpy as np
 
 from comotion.config import PixelsConfig
-from comotion.pixels.key_frames import KeyFrames
-from comotion.pixels.method import choose
+from comotion.pixels.key_frames import KeyFrames, choose
 from comotion.pixels.reassignment import assign_newborns, label_hysteresis, reassign
 from comotion.trajectories.window import Window
 

@@ -20,15 +20,15 @@ def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
     square = np.where(count > 0, total / np.maximum(count, 1), np.inf)
     width = 2 * (p.noise_factor * np.median(square.min(axis=0)) + p.noise_floor)
     phi, cover = np.exp(-square / width), ((used * activity / activity.sum()) @ seen) ** 3
-    found, evidence, best = preference(Residuals(total.copy(), used, activity), seen, p)
+    found = preference(Residuals(total.copy(), used, activity), seen, p)
     for i in range(14):
         for j in range(14):
             c, a, b = cover[:, i] * cover[:, j], phi[:, i], phi[:, j]
             expected = (c * a * b).sum() / (c * (a * a + b * b - a * b)).sum()
-            assert abs(found[i, j] - expected) < 1e-5
+            assert abs(found.value[i, j] - expected) < 1e-5
             covered = (cover[::4, i] * cover[::4, j]).mean() + p.evidence_floor
-            assert abs(evidence[i, j] - covered) < 1e-6
-    np.testing.assert_allclose(best, square.min(axis=0), rtol=1e-6)
+            assert abs(found.evidence[i, j] - covered) < 1e-6
+    np.testing.assert_allclose(found.residual, square.min(axis=0), rtol=1e-6)
 
 
 def test_equal_rows_have_one_visibility_pattern():

@@ -12,10 +12,10 @@ from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
 from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
-from comotion.pixels.grouping import group
-from comotion.pixels.key_frames import KeyFrames, frame_pairs, spread
+from comotion.pixels.key_frames import KeyFrames, evenly_spaced, frame_pairs
 from comotion.pixels.linkage import Superclusters, link
 from comotion.pixels.merging import BoundaryContrast, merge
+from comotion.pixels.method import group
 from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
 from comotion_clients.metrics import misclassification
@@ -160,9 +160,9 @@ def test_completion_recovers_a_low_rank_scene():
     np.testing.assert_allclose(whole[:3].T @ whole[:3], gappy[:3].T @ gappy[:3], atol=0.02)
 
 
-def test_spread_keeps_both_ends():
-    assert spread(5, 24).tolist() == [0, 1, 2, 3, 4]
-    chosen = spread(100, 24)
+def test_evenly_spaced_keeps_both_ends():
+    assert evenly_spaced(5, 24).tolist() == [0, 1, 2, 3, 4]
+    chosen = evenly_spaced(100, 24)
     assert (chosen[0], chosen[-1], len(np.unique(chosen))) == (0, 99, 24)
 
 
@@ -216,11 +216,11 @@ def test_previous_hypotheses_shift_the_merge_threshold():
     test = EpipolarTest(frames)
     left, right = np.arange(40), np.arange(40, 80)
     distance = BoundaryContrast(frames, np.ones((80, 80), np.float32)).between(left, right).distance
-    threshold = p.border_least + p.epipolar_weight * test.compare(left, right).log_ratio
+    threshold = p.boundary_least + p.epipolar_weight * test.compare(left, right).log_ratio
 
     def groups(surplus, before):
         value = np.ones((80, 80), np.float32)
-        drop = threshold - p.border_distance * np.log1p(distance) + surplus
+        drop = threshold - p.boundary_distance * np.log1p(distance) + surplus
         value[:40, 40:] = value[40:, :40] = np.exp(drop)
         return len(set(merge(superclusters, BoundaryContrast(frames, value), test, p, before).tolist()))
 
@@ -378,7 +378,7 @@ def test_a_restart_keeps_hypotheses():
 def test_real_sequences(name, bodies, worst):
     with np.load(Path(os.environ["COMOTION_DATA"]) / f"{name}.npz") as file:
         positions, truth = file["positions"], file["labels"]
-    positions = positions[spread(len(positions), 24)]
+    positions = positions[evenly_spaced(len(positions), 24)]
     visible = np.isfinite(positions).all(axis=2)
     grown = np.flatnonzero(visible.sum(axis=0) >= 4)
     found = group(frames_of(positions[:, grown], visible[:, grown]), PixelsConfig())

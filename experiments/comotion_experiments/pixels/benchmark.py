@@ -22,9 +22,9 @@ OURS = "comotion, K unknown"
 # What cross-validation chooses from: the defaults, and what matters most one step down and up.
 _STEPS: dict[str, tuple[Any, ...]] = {
     "noise_factor": (22.0, 45.0),
-    "piece_similarity": (0.06, 0.11),
+    "supercluster_similarity": (0.06, 0.11),
     "merge_similarity": (0.0055, 0.01),
-    "border_least": (0.35, 0.75),
+    "boundary_least": (0.35, 0.75),
     "epipolar_weight": (0.8, 1.4),
 }
 SETTINGS = (

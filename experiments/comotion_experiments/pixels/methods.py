@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion.config import PixelsConfig
 from comotion.partition import Previous, Rows, SpaceSpec
-from comotion.pixels.key_frames import KeyFrames, spread
+from comotion.pixels.key_frames import KeyFrames, evenly_spaced
 from comotion.pixels.method import PixelMethod
 from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
@@ -77,7 +77,7 @@ def spectral_interaction(sequence: Sequence) -> Labels:
 
 
 def _key_frames(sequence: Sequence) -> KeyFrames:
-    x = sequence.positions[spread(len(sequence.positions), _KEY_FRAMES)]
+    x = sequence.positions[evenly_spaced(len(sequence.positions), _KEY_FRAMES)]
     seen: NDArray[np.bool_] = np.isfinite(x[..., 0]) & np.isfinite(x[..., 1])
     return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen)
 

@@ -30,11 +30,11 @@ class PixelsConfig(BaseModel):
     most_tracks: Count = Field(
         1200, description="most trajectories that are compared; the others follow their neighbours"
     )
-    dead_share: Weight = Field(
+    ended_share: Weight = Field(
         0.5, description="most ended trajectories that are compared, as a share of the current ones"
     )
     few_tracks: Count = Field(
-        400, description="number of compared trajectories up to which `dead_share` sets no limit"
+        400, description="number of compared trajectories up to which `ended_share` sets no limit"
     )
     steps: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
         (1, 4, 12), description="key frames; lengths of the frame pairs in which motion is measured"
@@ -73,30 +73,30 @@ class PixelsConfig(BaseModel):
     interaction_floor: Floor = Field(0.01, description="added to the mean shape interaction of a pair")
     rank_floor: Floor = Field(0.001, description="added to the shape interaction of a pair at each rank")
     evidence_floor: Floor = Field(0.0005, description="evidence of a pair that no local motion covers")
-    piece_similarity: Share = Field(
-        0.08, description="mean similarity down to which trajectories are linked into pieces"
+    supercluster_similarity: Share = Field(
+        0.08, description="mean similarity down to which trajectories are linked into superclusters"
     )
     merge_similarity: Floor = Field(
         0.0075,
-        description="mean similarity at which pieces merge if the smaller has `merge_size` members",
+        description="mean similarity at which superclusters merge if the smaller has `merge_size` members",
     )
     merge_size: Count = Field(
-        40, description="members; the threshold grows with the root of the smaller piece's size over this"
+        40, description="members; the threshold grows with the root of the smaller one's size over this"
     )
     merge_cap: Count = Field(100, description="members from which on the threshold grows no more")
     merge_range: tuple[Positive, Positive] = Field(
         (0.15, 6.0),
-        description="multiples of the threshold below which no pieces merge, and from which on all do",
+        description="multiples of the threshold below which no superclusters merge, and from which on all do",
     )
-    border_distance: Weight = Field(
-        0.86, description="weight of log(1 + distance in px) of two pieces in the evidence that they are one"
+    boundary_distance: Weight = Field(
+        0.86, description="weight of log(1 + distance in px) of two groups in the evidence that they are one"
     )
-    border_least: Finite = Field(0.55, description="nat; taken from the evidence that two pieces are one")
+    boundary_least: Finite = Field(0.55, description="nat; taken from the evidence that two groups are one")
     ratio_weight: Weight = Field(
-        0.3, description="weight of the log multiple of the threshold in the evidence that two pieces are one"
+        0.3, description="weight of the log multiple of the threshold in the evidence that two groups are one"
     )
     epipolar_weight: Weight = Field(
-        1.08, description="evidence needed per log ratio of two pieces' joint epipolar residual to their own"
+        1.08, description="evidence needed per log ratio of two groups' joint epipolar residual to their own"
     )
     epipolar_limits: tuple[Finite, Finite] = Field((-0.2, 2.5), description="nat; limits of that log ratio")
     epipolar_unknown: Finite = Field(

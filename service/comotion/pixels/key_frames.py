@@ -1,10 +1,12 @@
-"""Trajectories of the window in; their positions on key frames, and displacements between these, out."""
+"""The window in; the compared trajectories' positions on key frames, and displacements between these, out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Bools, Floats32, Ints, Slots, Stamps
+from ..config import PixelsConfig
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .kernels.affine import pair_displacements
@@ -49,11 +51,58 @@ class FramePairs:
     seen: Floats32
 
 
-def spread(count: int, wanted: int) -> Ints:
+def evenly_spaced(count: int, wanted: int) -> Ints:
     """Up to `wanted` indices below `count`, evenly spread, both ends included."""
     if count <= wanted:
         return np.arange(count)
     return np.round(np.linspace(0, count - 1, wanted)).astype(np.intp)
+
+
+def compared_trajectories(
+    window: Window, current: Slots, stamps: Sequence[int], p: PixelsConfig
+) -> tuple[Slots, KeyFrames]:
+    """Choose key frames and the trajectories that are compared on them.
+
+    Ended trajectories of the window are compared too: they connect those that came after them.
+
+    Parameters
+    ----------
+    window
+        Store of all trajectories.
+    current
+        Slots intp [n] of the current ones.
+    stamps
+        ns, ascending; instants at which something was observed.
+
+    Returns
+    -------
+    Slots intp [N], by age of the trajectories, and their key frames.
+    """
+    instants = np.array(stamps, np.int64)
+    slots = window.slots()
+    frames = key_frames(window, slots, instants[evenly_spaced(len(instants), p.key_frames)])
+    chosen = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), p)
+    return slots[chosen], frames.of(chosen)
+
+
+def choose(seen: Ints, ended: Bools, p: PixelsConfig) -> Ints:
+    """Indices of the trajectories that are compared, intp, ascending.
+
+    Current ones go first, then those seen longest. The number of ended ones is limited by that of the
+    current ones, and so is the time of an update.
+
+    Parameters
+    ----------
+    seen
+        intp [N]; on how many key frames.
+    ended
+        bool [N]; not among the current ones.
+    """
+    ready = np.flatnonzero(seen >= p.least_seen)
+    current = len(ready) - int(ended[ready].sum())
+    most = min(p.most_tracks, max(p.few_tracks, round((1 + p.ended_share) * current)))
+    rank = np.lexsort((-seen[ready], ended[ready]))
+    return np.sort(ready[rank[:most]])
 
 
 def key_frames(window: Window, slots: Slots, stamps: Stamps) -> KeyFrames:

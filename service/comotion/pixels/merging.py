@@ -173,7 +173,7 @@ class _Merging:
         contrast = self._boundary.between(self._members[a], self._members[b])
         if contrast is None:
             return bool(np.log(ratio) + hysteresis >= 0)
-        evidence = contrast.drop + p.border_distance * np.log1p(contrast.distance) - p.border_least
+        evidence = contrast.drop + p.boundary_distance * np.log1p(contrast.distance) - p.boundary_least
         evidence += p.ratio_weight * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
         evidence += hysteresis
         least, most = p.epipolar_limits

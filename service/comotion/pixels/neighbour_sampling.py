@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..arrays import Floats32, Ints
+from ..config import PixelsConfig
 from .kernels.neighbours import centred_terms, combine_distances, pick_members, within_limits
 from .key_frames import KeyFrames
 
@@ -14,28 +15,15 @@ _NEIGHBOURHOOD_DIVISOR = 4
 _SEEDS_PER_BLOCK = 64
 
 
-def sample_members(
-    frames: KeyFrames,
-    count: int,
-    members: int,
-    reaches: tuple[int, ...],
-    motion_weight: float,
-    rng: np.random.Generator,
-) -> list[Ints]:
-    """Seeds with random picks of their nearest.
+def sample_members(frames: KeyFrames, p: PixelsConfig, rng: np.random.Generator) -> list[Ints]:
+    """Members of local motions: seeds with random picks of their nearest.
 
     Parameters
     ----------
     frames
         N trajectories.
-    count
-        Local motions wanted.
-    members
-        Trajectories per motion, its seed included.
-    reaches
-        Numbers of nearest trajectories to pick from; each serves an even share of the motions.
-    motion_weight
-        See :class:`NeighbourDistance`.
+    p
+        `local_motions`, `members`, `reaches` and `motion_weight` matter here.
     rng
         Source of the picks.
 
@@ -45,14 +33,14 @@ def sample_members(
         One per reach; fewer columns where there are fewer trajectories.
     """
     total = frames.visible.shape[1]
-    share = -(-count // len(reaches))
+    share = -(-p.local_motions // len(p.reaches))
     rounds = -(-share // total)
     # Every reach has the same seeds: the distances are what takes the time.
     seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])[:share]
-    furthest = [min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, members), total - 1) for reach in reaches]
+    furthest = [min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, p.members), total - 1) for reach in p.reaches]
     lots = [rng.random((share, last + 1)) for last in furthest]
-    neighbours = NeighbourDistance(frames, motion_weight)
-    picks = [np.empty((share, min(members, last + 1)), np.intp) for last in furthest]
+    neighbours = NeighbourDistance(frames, p.motion_weight)
+    picks = [np.empty((share, min(p.members, last + 1)), np.intp) for last in furthest]
     for start in range(0, share, _SEEDS_PER_BLOCK):
         block = slice(start, start + _SEEDS_PER_BLOCK)
         distance = neighbours.to_all(seeds[block])

@@ -10,7 +10,7 @@ from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .kernels.affine import group_deviations
 from .kernels.neighbours import newborn_distances, weighted_votes
-from .key_frames import KeyFrames, frame_pairs, spread
+from .key_frames import KeyFrames, evenly_spaced, frame_pairs
 from .neighbour_sampling import NeighbourDistance
 
 # Key frames from the first to the second of a pair. Over pairs 3 apart the labelled recordings get worse,
@@ -181,7 +181,10 @@ def assign_newborns(
 
 def _newborn_distance(window: Window, newborn: Slots, compared: Slots, motion_weight: float) -> Floats:
     """Distances at some instants of the newborn ones, float64 [n, m] px; inf where none is shared."""
-    at = [window.start[s] + spread(int(window.stop[s] - window.start[s]), _NEWBORN_INSTANTS) for s in newborn]
+    at = [
+        window.start[s] + evenly_spaced(int(window.stop[s] - window.start[s]), _NEWBORN_INSTANTS)
+        for s in newborn
+    ]
     owner = np.repeat(np.arange(len(newborn)), [len(each) for each in at])
     index = np.concatenate(at)
     # Features are born together: the states of the compared ones serve several.

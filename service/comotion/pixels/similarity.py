@@ -9,10 +9,9 @@ from scipy.linalg.blas import ssyrk
 
 from ..arrays import Bools, Floats, Floats32, Ints
 from ..config import PixelsConfig
-from .affine import Residuals, explain
+from .affine import Residuals
 from .kernels.similarity import combine_kernels, mean_residuals, tanimoto, weigh_preferences
-from .key_frames import KeyFrames, frame_pairs
-from .neighbour_sampling import sample_members
+from .key_frames import KeyFrames
 
 # Local motions per draw: the width of the preference kernel follows from the least residual in a draw.
 _MOTIONS_PER_DRAW = 300
@@ -52,24 +51,7 @@ class VisibilityPatterns(NamedTuple):
     of: Ints
 
 
-def compare(frames: KeyFrames, parameters: PixelsConfig, rng: np.random.Generator) -> Similarity:
-    """Compare N ≥ 2 trajectories with one another.
-
-    The preference kernel says whether the same local motions explain two trajectories; shape
-    interaction, whether they lie in one motion subspace. Similarity is the geometric mean of both.
-    """
-    p = parameters
-    pairs = frame_pairs(frames, p.steps)
-    groups = sample_members(frames, p.local_motions, p.members, p.reaches, p.motion_weight, rng)
-    residuals = explain(pairs, groups, p.ridge, p.cap)
-    value, evidence, best = preference(residuals, pairs.seen, p)
-    vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)
-    floors = (p.preference_floor, p.interaction_floor, p.rank_floor)
-    combine_kernels(value, vectors, np.array(p.ranks), *(np.float32(f) for f in floors))
-    return Similarity(value, evidence, best)
-
-
-def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> tuple[Floats32, Floats32, Floats32]:
+def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> Similarity:
     """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
 
     A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
@@ -83,10 +65,8 @@ def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> tuple[F
         Of H local motions and N trajectories; the total residuals are used up.
     seen
         float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
-
-    Returns
-    -------
-    Kernel and evidence float32 [N, N], symmetric, and the residuals float32 [N], px², NaN unknown.
+    p
+        Of the method.
     """
     share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
     motion, track = visibility_patterns(residuals.used), visibility_patterns(seen.T)
@@ -108,7 +88,24 @@ def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> tuple[F
     covered = (narrow[some].T * (counts[some] / counts.sum())) @ narrow[some]
     evidence = np.empty_like(both)
     tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(p.evidence_floor))
-    return both, evidence, np.where(known, best, np.float32(np.nan))
+    return Similarity(both, evidence, np.where(known, best, np.float32(np.nan)))
+
+
+def combine(kernel: Similarity, vectors: Floats32, p: PixelsConfig) -> Similarity:
+    """Geometric mean of the preference kernel and shape interaction, in place of the kernel's value.
+
+    Parameters
+    ----------
+    kernel
+        Preference kernel of N trajectories; its value is used up.
+    vectors
+        float32 [D, N]; singular vectors of the trajectories, D the largest of the ranks.
+    p
+        `ranks` and the floors matter here.
+    """
+    floors = (np.float32(f) for f in (p.preference_floor, p.interaction_floor, p.rank_floor))
+    combine_kernels(kernel.value, vectors, np.array(p.ranks), *floors)
+    return kernel
 
 
 def _best_residuals(square: Floats32) -> Floats32:
