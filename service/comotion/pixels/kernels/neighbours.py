@@ -124,7 +124,7 @@ def similarity_to_nearest(
     return alike, far
 
 
-@compiled(fastmath={"contract", "reassoc"})
+@compiled()
 def _image_distances(
     px: Floats32, py: Floats32, own: Floats32, x: Floats32, y: Floats32, m: Floats32
 ) -> Floats32:

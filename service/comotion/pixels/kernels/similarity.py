@@ -36,7 +36,7 @@ def weigh_preferences(preferred: Floats32, coverage: Floats32, pattern: Ints) ->
     return squares
 
 
-@compiled(fastmath=True)
+@compiled()
 def tanimoto(
     both: Floats32, evidence: Floats32, own: Floats32, covered: Floats32, pattern: Ints, floor: np.float32
 ) -> None:

@@ -1,0 +1,240 @@
+"""Readable twins of the compiled code in comotion.pixels.kernels: same arguments, float64, plain NumPy."""
+
+import numpy as np
+
+
+def pair_displacements(positions, visible, first, second):
+    seen = visible[first] & visible[second]
+    start = np.where(seen[..., None], positions[first], 0)
+    displacement = np.where(seen[..., None], positions[second] - positions[first], 0)
+    return start.transpose(0, 2, 1), displacement.transpose(0, 2, 1), seen
+
+
+def fit_affine(x, y, u, v, w, ridge):
+    """One field: its weighted means, centred normal matrix with ridge, and (a, b, c, d, e, f)."""
+    points, moves = np.stack([x, y], 1), np.stack([u, v], 1)
+    centre, mean = np.average(points, 0, w), np.average(moves, 0, w)
+    normal = (points - centre).T @ ((points - centre) * w[:, None]) + ridge * w.sum() * np.eye(2)
+    matrix = np.linalg.solve(normal, (points - centre).T @ ((moves - mean) * w[:, None])).T
+    return centre, normal, np.array([*matrix.ravel(), *(mean - matrix @ centre)])
+
+
+def residual(field, x, y, u, v):
+    a, b, c, d, e, f = field
+    return (u - a * x - b * y - e) ** 2 + (v - c * x - d * y - f) ** 2
+
+
+def fit_local_motions(start, displacement, seen, members, ridge):
+    motions = np.zeros((len(seen), members.shape[1], 6))
+    used = np.zeros(motions.shape[:2])
+    for q, h in np.ndindex(used.shape):
+        inside = members[seen[q, members[:, h]] > 0, h]
+        if len(inside) >= 4:
+            columns = *start[q][:, inside], *displacement[q][:, inside]
+            motions[q, h] = fit_affine(*columns, np.ones(len(inside)), ridge)[2]
+            used[q, h] = 1
+    return motions, used
+
+
+def capped(start, displacement, seen, motions, caps):
+    """Capped squared residuals [Q, H, N]."""
+    return np.array(
+        [
+            [
+                np.minimum(residual(m, *start[q], *displacement[q]) * seen[q], c)
+                for m, c in zip(*row, strict=True)
+            ]
+            for q, row in enumerate(zip(motions, caps, strict=True))
+        ]
+    )
+
+
+def total_residuals(start, displacement, seen, motions, caps):
+    return capped(start, displacement, seen, motions, caps).sum(axis=0)
+
+
+def pair_activity(start, displacement, seen, motions, caps):
+    square = capped(start, displacement, seen, motions[:, ::8], caps[:, ::8])
+    trials = (caps[:, ::8] > 0).sum(axis=1) * seen.sum(axis=1)
+    return (square / (square + 1)).sum(axis=(1, 2)) / np.maximum(trials, 1)
+
+
+def group_deviations(start, displacement, seen, labels, groups, ridge):
+    own = np.full(seen.shape, np.inf)
+    every = np.full((groups, *seen.shape), np.inf)
+    for g, q in np.ndindex(groups, len(seen)):
+        shown = seen[q] > 0
+        members = np.flatnonzero(shown & (labels == g))
+        if len(members) < 8:
+            continue
+        x, y, u, v = *start[q][:, members], *displacement[q][:, members]
+        weight = np.ones(len(members))
+        for _ in range(3):
+            used = weight
+            centre, normal, field = fit_affine(x, y, u, v, weight, ridge)
+            square = residual(field, x, y, u, v)
+            variance = max(np.median(square) / 1.386, 0.3**2)
+            weight = 1 / (1 + square / (4 * variance))
+        deviation = residual(field, *start[q], *displacement[q]) / variance
+        off = start[q].T - centre
+        leverage = 1 / used.sum() + np.einsum("ni,ij,nj->n", off, np.linalg.inv(normal), off)
+        every[g, q, shown] = deviation[shown]
+        own[q, members] = (deviation / (1 + leverage))[members]
+    return own, every
+
+
+def mean_residuals(total, count, pattern):
+    n = count[pattern]
+    return np.where(n > 0, total / np.maximum(n, 1), np.inf)
+
+
+def weigh_preferences(preferred, coverage, pattern):
+    """Weighted preferences and the sums of weighted squares by pattern."""
+    value = np.where(preferred >= 1e-6, preferred, 0)
+    weighted = coverage[pattern] * value
+    return weighted, np.array([(weighted * value)[pattern == p].sum(axis=0) for p in range(len(coverage))])
+
+
+def tanimoto(both, own, covered, pattern, floor):
+    """Kernel and evidence from the upper triangle of Σab."""
+    squares = own[:, pattern]
+    upper = np.triu(both / np.maximum(squares + squares.T - both, 1e-12))
+    return upper + np.triu(upper, 1).T, covered[np.ix_(pattern, pattern)] + floor
+
+
+def combine_kernels(preference, vectors, ranks, preference_floor, interaction_floor, rank_floor):
+    product = np.ones_like(preference)
+    for rank in ranks:
+        unit = vectors[:rank] / np.maximum(np.linalg.norm(vectors[:rank], axis=0), 1e-8)
+        product = product * ((unit.T @ unit) ** 4 + rank_floor)
+    interaction = product ** (1 / len(ranks)) + interaction_floor
+    return np.sqrt((preference + preference_floor) * interaction)
+
+
+def centred_terms(values, seen):
+    mean = (values * seen[..., None]).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    x = (values - mean[:, None]) * seen[..., None]
+    return np.stack([x[..., 0], x[..., 1], seen, (x**2).sum(axis=-1)])
+
+
+def combine_distances(place, both, motion, moving, weight, frames):
+    apart = np.sqrt(np.maximum(place, 0) / np.maximum(both, 1))
+    apart = apart + weight * np.sqrt(np.maximum(motion, 0) / np.maximum(moving, 1))
+    return np.where(both >= 2, apart / np.sqrt(np.maximum(both, 1) / frames), np.inf)
+
+
+def smallest(values, count):
+    return np.argsort(values, kind="stable")[:count]
+
+
+def within_limits(distance, count):
+    """Ascending indices of the `count` smallest of each row."""
+    return np.sort(np.argsort(distance, axis=1, kind="stable")[:, :count], axis=1)
+
+
+def pick_members(distance, near, seeds, lots, members):
+    picks = []
+    for row, candidates, seed, lot in zip(distance, near, seeds, lots, strict=True):
+        among = np.sort(candidates[smallest(row[candidates], len(lot))])
+        picks.append(among[smallest(np.where(among == seed, -1, lot), members)])
+    return np.array(picks)
+
+
+def similarity_to_nearest(positions, seen, similarity, picked, others, nearest):
+    alike, far = np.full(len(picked), np.nan), np.full(len(picked), np.inf)
+    for p, i in enumerate(picked):
+        both = seen[:, [i]] * seen[:, others]
+        square = ((positions[:, :, [i]] - positions[:, :, others]) ** 2).sum(axis=1) * both
+        count = both.sum(axis=0)
+        distance = np.where(count > 0, np.sqrt(square.sum(axis=0) / np.maximum(count, 1)), np.inf)
+        distance[others == i] = np.inf
+        near = [j for j in smallest(distance, nearest) if np.isfinite(distance[j])]
+        if near:
+            alike[p] = np.log(similarity[i, others[near]].mean() + 1e-3)
+            far[p] = distance[near].mean()
+    return alike, far
+
+
+def newborn_distances(positions, valid, own, instant, owner, count, motion_weight):
+    found = np.full((count, valid.shape[1]), np.inf)
+    for n, j in np.ndindex(found.shape):
+        rows = np.flatnonzero(owner == n)
+        off = {k: positions[instant[k], j] - own[k] for k in rows.tolist() if valid[instant[k], j]}
+        steps = [((off[k] - off[k - 1]) ** 2).sum() for k in off if k - 1 in off]
+        if off:
+            moved = np.sqrt(np.mean(steps)) if steps else 0.0
+            found[n, j] = np.mean([np.linalg.norm(x) for x in off.values()]) + motion_weight * moved
+    return found
+
+
+def weighted_votes(distance, labels, previous, voters, previous_votes):
+    found, share = np.full(len(distance), -1), np.zeros(len(distance))
+    for k, row in enumerate(distance):
+        near = [j for j in smallest(row, voters) if np.isfinite(row[j])]
+        if near:
+            weight = 1 / (row[near] + 1)
+            weight *= len(near) / weight.sum()
+            votes = {
+                label: weight[labels[near] == label].sum() for label in sorted(set(labels[near].tolist()))
+            }
+            found[k] = max(votes, key=lambda label: votes[label] + previous_votes * (previous[k] == label))
+            share[k] = votes[found[k]] / len(near)
+    return found, share
+
+
+def sum_over_groups(value, evidence, labels, groups):
+    member = np.arange(groups)[:, None] == labels
+    return member @ (value * evidence), member @ evidence
+
+
+def pair_sums(value, evidence):
+    return np.stack([value * evidence, evidence], axis=-1)
+
+
+def average_linkage(sums, least):
+    """Clusters as sorted lists of items, by greedy linkage."""
+    clusters = [[i] for i in range(len(sums))]
+    while len(clusters) > 1:
+        mean = {}
+        for a in range(len(clusters)):
+            for b in range(a):
+                weighted, evidence = sums[np.ix_(clusters[a], clusters[b])].sum(axis=(0, 1))
+                mean[a, b] = weighted / evidence
+        (a, b), best = max(mean.items(), key=lambda item: item[1])
+        if best < least:
+            break
+        clusters[b] += clusters.pop(a)
+    return sorted(sorted(cluster) for cluster in clusters)
+
+
+def fundamental_residuals(x, y, prior):
+    """Squared Sampson distances under the reweighted, normalised eight-point method (Hartley 1997)."""
+    (p, left), (q, right) = _normalised(x), _normalised(y)
+    rows = np.einsum("ni,nj->nij", q, p).reshape(len(x), 9)
+    weight = prior
+    for _ in range(3):
+        u, s, vt = np.linalg.svd(np.linalg.svd(rows * weight[:, None])[2][-1].reshape(3, 3))
+        matrix = right.T @ (u * [s[0], s[1], 0] @ vt) @ left
+        a, b = np.column_stack([x, np.ones(len(x))]), np.column_stack([y, np.ones(len(y))])
+        error = np.einsum("ni,ij,nj->n", b, matrix, a) ** 2
+        gradient = ((a @ matrix.T)[:, :2] ** 2).sum(1) + ((b @ matrix)[:, :2] ** 2).sum(1)
+        square = error / gradient
+        weight = prior / np.sqrt(1 + square / (4 * max(np.median(square), 0.01)))
+    return square
+
+
+def _normalised(x):
+    scale = np.sqrt(2) / np.linalg.norm(x - x.mean(0), axis=1).mean()
+    matrix = np.array([[scale, 0, -scale * x[:, 0].mean()], [0, scale, -scale * x[:, 1].mean()], [0, 0, 1]])
+    return np.column_stack([x, np.ones(len(x))]) @ matrix.T, matrix
+
+
+def residual_alone(x, y):
+    moved = np.linalg.norm(y - x, axis=1)
+    return np.median(fundamental_residuals(x, y, np.ones(len(x)))), np.median(moved)
+
+
+def residual_joint(xa, ya, xb, yb):
+    prior = np.repeat([len(xa) ** -0.5, len(xb) ** -0.5], [len(xa), len(xb)])
+    square = fundamental_residuals(np.concatenate([xa, xb]), np.concatenate([ya, yb]), prior)
+    return max(np.median(square[: len(xa)]), np.median(square[len(xa) :]))
