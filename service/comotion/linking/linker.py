@@ -1,4 +1,7 @@
-"""Fills `linked` of an update: the hypotheses of calibrated cameras that are bodies of a metric space."""
+"""An update and the state of all spaces in; the update with `linked` filled in out.
+
+Links tie hypotheses of calibrated cameras to bodies of a metric space.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,10 +21,10 @@ from .decision import body_evidence, decide, linked_hypotheses, representatives
 from .image_tracks import sample_tracks
 from .reprojection import log_likelihoods
 
-# What moves has moved for seconds before it can be told: looking more often finds nothing sooner.
+# Motion must last for seconds before it links anything: more frequent decisions find nothing sooner.
 PERIOD_NS = 500_000_000
-# Members per hypothesis that are asked.
-_ASKED = 12
+# Members per hypothesis that are compared with the bodies.
+_REPRESENTATIVES = 12
 
 
 @dataclass(frozen=True)
@@ -94,14 +97,14 @@ class Linker:
 
     def _link(self, space: SpaceView, poses: Poses, camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
-        who = representatives(space.labels, space.window.counts(space.current), _ASKED)
-        tracks = sample_tracks(space.window, space.current[who], poses.stamps, camera)
-        told, labels = log_likelihoods(tracks, poses, camera), space.labels[who]
-        clear = tracks.fittable()
+        chosen = representatives(space.labels, space.window.counts(space.current), _REPRESENTATIVES)
+        tracks = sample_tracks(space.window, space.current[chosen], poses.stamps, camera)
+        likelihoods, labels = log_likelihoods(tracks, poses, camera), space.labels[chosen]
+        fittable = tracks.fittable()
         for image in np.unique(labels).tolist():
-            before = self._links.pop(image, None)
-            column = _column(poses.ids, before)
-            best = decide(body_evidence(told[clear & (labels == image)]), column)
+            previous = self._links.pop(image, None)
+            column = _column(poses.ids, previous)
+            best = decide(body_evidence(likelihoods[fittable & (labels == image)]), column)
             if best is not None and poses.ids[best] >= 0:
                 self._links[image] = int(poses.ids[best])
 
