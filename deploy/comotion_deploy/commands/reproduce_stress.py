@@ -43,7 +43,7 @@ def stress(
     quick: Annotated[bool, typer.Option("--quick", help="One seed, no runs of ten minutes.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", min=1, max=256, help="Processes at once.")] = 2,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where stress.md, stress.json and images/ go.")
+        Path, typer.Option("--out", metavar="DIR", help="Where stress.md and images/stress.png go.")
     ] = Path("stress"),
     json_: options.Json = False,
     _config: options.ConfigFile = None,
@@ -66,15 +66,13 @@ def stress(
         results = study.run_experiment(
             families, chosen, methods=method or study.METHODS, jobs=jobs, progress=note
         )
-    values = json.dumps(report.as_json(results), indent=2)
     (out / "images").mkdir(parents=True, exist_ok=True)
     report.save_picture(out / "images" / "stress.png", results)
     (out / "stress.md").write_text(report.markdown(results, "images/stress.png"))
-    (out / "stress.json").write_text(values + "\n")
     if json_:
-        print(values)
+        print(json.dumps(report.as_json(results), indent=2))
         return
     console = Console(width=max(170, Console().width))
     for drawn in report.tables(results):
         console.print(drawn)
-    print(f"written: {out / 'stress.md'}, stress.json and images/stress.png")
+    print(f"written: {out / 'stress.md'}, {out / 'images' / 'stress.png'}")

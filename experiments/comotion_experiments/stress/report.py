@@ -1,6 +1,7 @@
 """The results as a table, in a terminal and in Markdown, as plain values, and as a picture."""
 
 import math
+import textwrap
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,13 @@ from rich.table import Table
 from comotion_clients.scoring import finite_or_none
 
 from . import image_report
-from .catalogue import FAMILIES
+from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Figures, Results
 from .metrics import mean
 from .motion import Array
 
 _PICTURES_A_ROW = 5
+_WIDTH = 110
 _COLOURS = {DEFAULT: "#0072b2", THESIS: "#d55e00"}
 
 # Field of the figures, title, digits, factor.
@@ -104,12 +106,12 @@ def markdown(results: Results, picture: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-_HEAD = """# Stress
+_OPENING = """Made by `comotion reproduce stress`. Scenes that are not clean: trackers restart,
+features drift, bodies rest. {seeds}{part} All scenes are made up; the parameters of each family are in
+`comotion_experiments.stress`. The thesis method has equal weights and the σ_switch that suits the scene's
+noise. Every cell is a mean over seeds{both}."""
 
-Made by `comotion reproduce stress`. Scenes that are not clean: trackers restart, features drift, bodies rest.
-{seeds} All scenes are made up; the parameters of each family are in `comotion_experiments.stress`. The thesis
-method has equal weights and the σ_switch that suits the scene's noise. Every cell is a mean over seeds{both}.
-
+_TERMS = """\
 - **NMI** (4.1) over every track observed at an update, all updates; bodies count as one until they have moved
   apart by five sigma of the noise (root mean square over their features).
 - **all bodies**: NMI against the true bodies, from 1 s after all of them are apart until the end.
@@ -143,8 +145,13 @@ def _head(results: Results) -> str:
     listed = ", ".join(str(seed) for seed in results.seeds)
     odd = all(seed % 2 for seed in results.seeds)
     role = "even ones are for development" if odd else "not all odd: those that are even are for development"
-    both = ", the default method before the thesis method" if len(results.methods) > 1 else ""
-    return _HEAD.format(seeds=f"Seeds {listed} ({role}).", both=both)
+    ran = {o.family for o in results.outcomes} | {o.family for o in results.images}
+    opening = _OPENING.format(
+        seeds=f"Seed{'s' if len(results.seeds) > 1 else ''} {listed} ({role}).",
+        part="" if ran == set(ALL) else f" Here are {len(ran)} of {len(ALL)} families.",
+        both=", the default method before the thesis method" if len(results.methods) > 1 else "",
+    )
+    return "\n\n".join(["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS])
 
 
 def _group(results: Results, group: str) -> str:
