@@ -27,7 +27,13 @@ from comotion.rigid.kernels.records import (
 from comotion.rigid.kernels.registration import normal_equations
 from comotion.rigid.kernels.resampling import all_finite, correct, mean_square, resample, spread, stop_at
 from comotion.rigid.kernels.residuals import body_costs, own_residuals
-from comotion.rigid.kernels.rotation import quaternion, rotation_matrix, rotation_vectors
+from comotion.rigid.kernels.rotation import (
+    planar_rotation,
+    quaternion,
+    rotation_matrix,
+    rotation_vectors,
+    spatial_rotation,
+)
 
 from ..reference import rigid as plain
 
@@ -75,6 +81,29 @@ def test_rotations_are_converted_as_scipy_does(rng):
     np.testing.assert_allclose(quaternion(R), Rotation.from_matrix(R).as_quat(canonical=True), atol=1e-12)
     wrapped = Rotation.from_matrix(R).as_rotvec()
     np.testing.assert_allclose(rotation_vectors(R[None])[0], wrapped, atol=1e-9)
+
+
+@given(st.integers(0, 10_000), st.integers(3, 8), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_spatial_rotation_is_the_best_one_wherever_it_starts(seed, n, started):
+    rng = np.random.default_rng(seed)
+    b, y = rng.normal(size=(2, n, 3))
+    H = (y - y.mean(0)).T @ (b - b.mean(0))
+    found, room = np.zeros((3, 3)), np.zeros((2, 4, 4))
+    near = Rotation.random(random_state=seed).as_matrix()
+    spatial_rotation(H, near, started, found, room)
+    expected, _ = Rotation.align_vectors(y - y.mean(0), b - b.mean(0))
+    assert np.trace(found.T @ H) == pytest.approx(np.trace(expected.as_matrix().T @ H), rel=1e-9, abs=1e-9)
+    assert np.linalg.det(found) == pytest.approx(1.0)
+
+
+def test_planar_rotation_never_mirrors():
+    rng = np.random.default_rng(1)
+    b = np.pad(rng.normal(size=(6, 2)), ((0, 0), (0, 1)))
+    mirrored = b * [-1, 1, 1]
+    found = np.zeros((3, 3))
+    planar_rotation(mirrored.T @ b, found)
+    assert np.linalg.det(found[:2, :2]) == pytest.approx(1.0)
 
 
 @few

@@ -10,10 +10,7 @@ from comotion import Fusion, FusionConfig
 from comotion.matching import continued, largest_total
 from comotion.rigid.costs import Costs
 from comotion.rigid.kernels.differences import difference_noise
-from comotion.rigid.kernels.distances import distance_deviation
-from comotion.rigid.kernels.records import Limits, Observations
-from comotion.rigid.kernels.resampling import resample
-from comotion.rigid.kernels.rotation import planar_rotation, spatial_rotation
+from comotion.rigid.kernels.records import Observations
 from comotion.rigid.noise import NOISE_OBSERVATIONS, Differences, noise_variance
 from comotion.rigid.procrustes import align, fit_body
 from comotion.rigid.resampling import Frames
@@ -74,49 +71,6 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
     )
 
 
-@given(st.integers(0, 10_000), st.integers(3, 8), st.booleans())
-@settings(max_examples=40, deadline=None)
-def test_spatial_rotation_is_the_best_one_wherever_it_starts(seed, n, started):
-    rng = np.random.default_rng(seed)
-    b, y = rng.normal(size=(2, n, 3))
-    H = (y - y.mean(0)).T @ (b - b.mean(0))
-    found, room = np.zeros((3, 3)), np.zeros((2, 4, 4))
-    near = Rotation.random(random_state=seed).as_matrix()
-    spatial_rotation(H, near, started, found, room)
-    expected, _ = Rotation.align_vectors(y - y.mean(0), b - b.mean(0))
-    assert np.trace(found.T @ H) == pytest.approx(np.trace(expected.as_matrix().T @ H), rel=1e-9, abs=1e-9)
-    assert np.linalg.det(found) == pytest.approx(1.0)
-
-
-def test_planar_rotation_never_mirrors():
-    rng = np.random.default_rng(1)
-    b = np.pad(rng.normal(size=(6, 2)), ((0, 0), (0, 1)))
-    mirrored = b * [-1, 1, 1]
-    found = np.zeros((3, 3))
-    planar_rotation(mirrored.T @ b, found)
-    assert np.linalg.det(found[:2, :2]) == pytest.approx(1.0)
-
-
-@given(st.integers(0, 10_000))
-@settings(max_examples=30, deadline=None)
-def test_resampling_is_linear_and_stops_at_gaps(seed):
-    rng = np.random.default_rng(seed)
-    times = np.cumsum(rng.integers(20, 900, 30)) * 1_000_000
-    positions = rng.normal(size=(30, 3))
-    stamps = np.sort(rng.integers(times[0], times[-1], 50))
-    y, w = np.zeros((1, 50, 3)), np.zeros((1, 50))
-    gap = np.array([500_000_000])
-    none = np.array([0])
-    resample(Observations(times, positions, none, np.array([30])), stamps, Limits(gap, none, none), y, w)
-    for f, t in enumerate(stamps):
-        left = np.searchsorted(times, t, side="right") - 1
-        broken = times[left] != t and times[left + 1] - times[left] > gap[0]
-        assert (w[0, f] == 0) == broken or times[left] == t
-        if w[0, f] > 0:
-            expected = [np.interp(t, times, positions[:, c]) for c in range(3)]
-            np.testing.assert_allclose(y[0, f], expected, atol=1e-9)
-
-
 def test_noise_ignores_motion_and_uneven_sampling():
     rng = np.random.default_rng(0)
     times = np.cumsum(rng.integers(5, 60, 2000)) * 1_000_000
@@ -126,21 +80,6 @@ def test_noise_ignores_motion_and_uneven_sampling():
     squared, count = difference_noise(noisy, np.array([NS]), 10_000)
     assert count[0] == 1997
     assert np.sqrt(squared[0] / 2.366) == pytest.approx(0.004, rel=0.08)
-
-
-def test_distance_deviation_is_that_of_the_definition():
-    rng = np.random.default_rng(2)
-    y, w = rng.normal(size=(5, 40, 3)), (rng.uniform(size=(5, 40)) < 0.6).astype(float)
-    w[4, 1:] = 0
-    found = distance_deviation(y, w)
-    for i in range(5):
-        for j in range(i + 1, 5):
-            both = (w[i] > 0) & (w[j] > 0)
-            distance = np.linalg.norm(y[i] - y[j], axis=1)[both]
-            if both.sum() < 2:
-                assert np.isnan(found[i, j])
-            else:
-                assert found[i, j] == pytest.approx(distance.std(ddof=1))
 
 
 @pytest.mark.parametrize("dim", [2, 3])

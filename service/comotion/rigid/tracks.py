@@ -82,16 +82,9 @@ class Tracks:
 
 
 def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
-    """Read every trajectory that has an observation in the window up to a time.
+    """Read every trajectory that has an observation in the window up to the watermark `stamp_ns`.
 
-    Parameters
-    ----------
-    window
-        The window of one space.
-    current
-        intp [n], slots of the trajectories that go on.
-    stamp_ns
-        The watermark.
+    `current` intp [n] are the slots of the trajectories that go on.
     """
     slots = window.slots()
     rows = window.times.shape[1]

@@ -53,11 +53,8 @@ def body_costs(
     first_posed = np.ascontiguousarray(posed[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
-        first, stop, reach = 0, count, np.inf
-        while first < stop and w[i, first] <= 0:
-            first += 1
-        while stop > first and w[i, stop - 1] <= 0:
-            stop -= 1
+        first, stop = _observed_span(w[i])
+        reach = np.inf
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen = _copy_row(y[i], w[i], stride, row)
             for k in range(bodies):
@@ -122,6 +119,17 @@ def own_residuals(
             _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
         covered[k] = held / max(seen, 1)
+
+
+@compiled()
+def _observed_span(w: Floats) -> tuple[int, int]:
+    """First frame in which a row is observed, and one past the last."""
+    first, stop = 0, len(w)
+    while first < stop and w[first] <= 0:
+        first += 1
+    while stop > first and w[stop - 1] <= 0:
+        stop -= 1
+    return first, stop
 
 
 @compiled()
