@@ -18,6 +18,8 @@ from numba.core.dispatcher import Dispatcher
 import comotion
 from comotion import compiled, kernel_cache
 
+EVERY_KERNEL = Path(__file__).parents[1] / "reference" / "digests_of_updates.py"
+
 INNER = """
 from ..compiled import compiled
 
@@ -106,6 +108,27 @@ def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_
     package.home.touch()
     assert package.run() == (7, 0, 1)
     assert package.run() == (7, 0, 1)
+
+
+def updates(threads: int, folder: Path | None) -> list[str]:
+    """Digests of the updates of some scenes in a process of its own, and how many kernels it loaded."""
+    env = {**os.environ, "NUMBA_NUM_THREADS": str(threads)}
+    if folder:
+        env["NUMBA_CACHE_DIR"] = str(folder)
+    command = [sys.executable, str(EVERY_KERNEL)]
+    return subprocess.run(command, check=True, env=env, stdout=subprocess.PIPE, text=True).stdout.split()
+
+
+@pytest.mark.timeout(900)  # compiles
+def test_processes_that_compile_and_that_load_give_the_same_updates_with_any_number_of_threads(
+    digests_when_compiled: list[str] | None, tmp_path: Path
+) -> None:
+    folder = None if digests_when_compiled else tmp_path
+    expected = digests_when_compiled or updates(2, folder)[:-1]
+    for threads in (1, 2):
+        *found, loaded = updates(threads, folder)
+        assert int(loaded) > 50
+        assert found == expected
 
 
 def modules() -> Iterator[ModuleType]:
