@@ -13,6 +13,8 @@ from comotion_schemas import Keys
 from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields, new_session_id
 from comotion_schemas.transport import SessionSettings, open_session
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
@@ -70,16 +72,16 @@ def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> No
     def run() -> None:
         with component(free_port_endpoint):
             opened.set()
-            close.wait(60)
+            close.wait(DEADLINE)
 
     thread = threading.Thread(target=run)
     thread.start()
     assert not opened.wait(1.0)
     with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
-        assert opened.wait(30)
+        assert opened.wait(DEADLINE)
         assert listen(router, KEYS.stream("status", "cam"), "status").next().component == "cam"
         close.set()
-        thread.join(30)
+        thread.join(DEADLINE)
         assert not thread.is_alive()
 
 
@@ -135,7 +137,7 @@ def test_a_signal_stops_it_cleanly(endpoint, number) -> None:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(number)
         assert process.stdout.read() == "stopping\nclosed\n"
-        assert process.wait(30) == 0
+        assert process.wait(DEADLINE) == 0
 
 
 def test_a_second_signal_ends_one_that_hangs(endpoint) -> None:
@@ -147,7 +149,7 @@ def test_a_second_signal_ends_one_that_hangs(endpoint) -> None:
         process.send_signal(signal.SIGTERM)
         assert process.stdout.readline() == "stopping\n"
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == -signal.SIGTERM
+        assert process.wait(DEADLINE) == -signal.SIGTERM
 
 
 def test_session_ids_are_new_every_time() -> None:

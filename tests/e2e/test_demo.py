@@ -11,7 +11,7 @@ pytestmark = pytest.mark.e2e
 
 def test_the_demo_ends_with_a_summary_and_a_plot_on_ctrl_c(start, tmp_path: Path) -> None:
     demo = start("demo", "--out", tmp_path / "out", ready=False)
-    demo.wait_line(lambda line: "all processes are ready" in line, deadline=90)
+    demo.wait_line(lambda line: "all processes are ready" in line)
     demo.wait_line(lambda line: re.search(r"watch \| .* 44 tracks [2-9] hypotheses", line) is not None)
     demo.interrupt()
     assert demo.wait() == 0

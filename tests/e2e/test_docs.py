@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 BLOCK = re.compile(r"^(?:<!-- (\w+)(?:: (\S+))? -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-RUN_S = 60
+RUN_S = 120
 
 
 class Block(NamedTuple):
@@ -119,7 +119,7 @@ def quietly(words: Sequence[str | Path], **how: Any) -> subprocess.CompletedProc
 @contextmanager
 def box_and_floor_are_told_apart(endpoint: str) -> Iterator[None]:
     """Wait for the features of a source that is not there yet; else the time limit of the test strikes."""
-    with subscribe("default", endpoint, timeout=30) as updates:
+    with subscribe("default", endpoint, timeout=RUN_S) as updates:
         before = {source.session for source in next(updates).sources}
         yield
         for update in updates:

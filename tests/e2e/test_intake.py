@@ -13,6 +13,8 @@ from comotion.runtime.intake import IDLE_NS, Intake
 from comotion_schemas import Keys, ObservationBatch, encode
 from comotion_schemas.transport import SessionSettings, open_session, stream_publisher
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
@@ -51,7 +53,7 @@ class Reader:
         self.got += [(batch.source, batch.seq) for batch in self.intake.receive(now_ns)]
 
     def until(self, fulfilled: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + DEADLINE
         while not fulfilled():
             assert time.monotonic() < deadline, f"{self.got[-5:]} {self.stats.rejected}"
             meanwhile()

@@ -13,6 +13,8 @@ import pytest
 
 from comotion_schemas import HypothesisUpdate, Keys
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
@@ -87,7 +89,7 @@ def await_end() -> Iterator[Callable[[int], None]]:
         except ProcessLookupError:
             return
         try:
-            assert select.select([handle], [], [], 20)[0], f"process {pid} lives on"
+            assert select.select([handle], [], [], DEADLINE)[0], f"process {pid} lives on"
         finally:
             os.close(handle)
 

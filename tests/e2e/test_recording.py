@@ -21,6 +21,8 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 ROOT = Path(__file__).parents[2]
@@ -62,9 +64,11 @@ def recorded(
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     start("serve", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
-    assert start("source", "simulator", "3d_async", "--duration", "3", "--connect", endpoint).wait() == 0
+    source = start("source", "simulator", "3d_async", "--connect", endpoint)
     heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 300 and s.rejected)
+    source.interrupt()
+    assert source.wait() == 0
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
     assert told.rates["hypotheses"] > 0
@@ -185,7 +189,7 @@ def test_rotation_and_a_full_disk(
 
 
 def scrape(line: str) -> str:
-    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=10) as reply:
+    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
         return reply.read().decode()
 
 

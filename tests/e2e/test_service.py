@@ -18,6 +18,8 @@ from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, d
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 SESSION = "00000000000000aa"
@@ -104,7 +106,7 @@ def busy(busy_endpoint, connect, listen, track) -> SimpleNamespace:
 
 
 def ask(session: zenoh.Session, selector: str) -> zenoh.Reply:
-    replies = list(session.get(f"{KEYS.prefix}/query/{selector}", timeout=10))
+    replies = list(session.get(f"{KEYS.prefix}/query/{selector}", timeout=DEADLINE))
     assert len(replies) == 1
     return replies[0]
 
@@ -239,7 +241,7 @@ def test_updates_come_from_the_start_and_are_numbered(serve) -> None:
 
 def test_a_late_joiner_gets_the_last_update_at_once(serve) -> None:
     # The next update is a minute away: whatever arrives before is the cached one.
-    assert serve("--set", "period=60").updates.next(deadline=20).seq == 0
+    assert serve("--set", "period=60").updates.next(deadline=40).seq == 0
 
 
 def test_recordings_from_the_past_are_fused_under_the_event_clock(serve) -> None:

@@ -14,6 +14,8 @@ from comotion_clients.subscribe import Subscription, subscribe
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, encode
 from comotion_schemas.transport import SessionSettings, declare_publisher, open_session
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 SESSION = "0123456789abcdef"
 
@@ -78,7 +80,7 @@ def test_the_last_update_comes_at_once_and_then_the_next(
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     for seq in range(3):
         publisher.put(encode(update(scene, seq)))
-    with subscribe(scene, endpoint, timeout=20) as updates:
+    with subscribe(scene, endpoint, timeout=DEADLINE) as updates:
         assert next(updates).seq == 2
         publisher.put(encode(update(scene, 3)))
         assert next(updates).seq == 3
@@ -88,8 +90,8 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(
     session: zenoh.Session, endpoint: str, scene: str
 ) -> None:
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    other = Subscription(session, HypothesisUpdate, scene, timeout=20)
-    with other, Subscription(session, HypothesisUpdate, scene, capacity=2, timeout=20) as slow:
+    other = Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE)
+    with other, Subscription(session, HypothesisUpdate, scene, capacity=2, timeout=DEADLINE) as slow:
         for seq in range(10):
             publisher.put(encode(update(scene, seq)))
         assert [next(other).seq for _ in range(10)] == list(range(10))
@@ -103,7 +105,7 @@ def test_invalid_payloads_are_counted_by_reason_and_skipped(
     session: zenoh.Session, endpoint: str, scene: str
 ) -> None:
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, scene, timeout=20) as updates:
+    with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
         publisher.put(b"\xc1 not msgpack")
         publisher.put(encode(batch("a", 0)))
         publisher.put(encode(update("elsewhere", 0)))
@@ -114,7 +116,7 @@ def test_invalid_payloads_are_counted_by_reason_and_skipped(
 
 def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene: str) -> None:
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, scene, timeout=20) as updates:
+    with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
         for seq in (5, 8, 8, 7):
             publisher.put(encode(update(scene, seq)))
         publisher.put(encode(update(scene, 0, session="f" * 16)))
@@ -126,17 +128,17 @@ def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, sc
     truths = declare_publisher(session, Keys(scene).stream("truth", "cam"), "truth")
     for feature in range(1500):
         truths.put(encode(TruthBatch(source="cam", session=SESSION, ids=[feature], objects=[1], names={})))
-    with subscribe(scene, endpoint, message=TruthBatch, timeout=20) as truth:
+    with subscribe(scene, endpoint, message=TruthBatch, timeout=DEADLINE) as truth:
         assert [int(next(truth).ids[0]) for _ in range(1500)] == list(range(1500))
     observations = declare_publisher(session, Keys(scene).stream("obs", "cam"), "obs")
-    with Subscription(session, ObservationBatch, scene, timeout=20) as batches:
+    with Subscription(session, ObservationBatch, scene, timeout=DEADLINE) as batches:
         observations.put(encode(batch("spoof", 0)))
         observations.put(encode(batch("cam", 0)))
         assert next(batches).source == "cam"
         assert batches.counters.invalid == {"source-mismatch": 1}
     status = declare_publisher(session, Keys(scene).stream("status", "cam"), "status")
     status.put(encode(_status("cam")))
-    with subscribe(scene, endpoint, message=Status, timeout=20) as statuses:
+    with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
         assert next(statuses).component == "cam"
 
 
@@ -161,7 +163,7 @@ def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:
 
     async def read() -> list[int]:
         found = []
-        async with subscribe(scene, endpoint, timeout=20) as updates:
+        async with subscribe(scene, endpoint, timeout=DEADLINE) as updates:
             async for message in updates:
                 found.append(message.seq)
                 if len(found) == 3:

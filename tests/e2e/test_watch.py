@@ -20,6 +20,8 @@ import zenoh
 from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, ObservationBatch, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
 
+from .conftest import DEADLINE
+
 pytestmark = pytest.mark.e2e
 SESSION = "0123456789abcdef"
 KEYS = Keys("default")
@@ -83,7 +85,7 @@ def update(seq: int) -> HypothesisUpdate:
 
 
 def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
-    process = start("watch", "--once", "--json", "--connect", endpoint, ready=False)
+    process = start("watch", "--once", "--json", "--timeout", DEADLINE, "--connect", endpoint, ready=False)
     assert process.wait() == 0
     found = json.loads(process.output)
     (source,) = found["sources"]
@@ -132,7 +134,7 @@ class Terminal:
 
     def until(self, wanted: str) -> None:
         """Read the screen until it says so."""
-        alarm = threading.Timer(30, self.popen.send_signal, (signal.SIGKILL,))
+        alarm = threading.Timer(DEADLINE, self.popen.send_signal, (signal.SIGKILL,))
         alarm.start()
         seen = ""
         while wanted not in seen:
@@ -145,7 +147,7 @@ class Terminal:
 
     def close(self) -> int:
         try:
-            return self.popen.wait(30)
+            return self.popen.wait(DEADLINE)
         finally:
             self.popen.kill()
             os.close(self._main)
