@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 BLOCK = re.compile(r"^(?:<!-- (\w+)(?:: (\S+))? -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-RUN_S = 120
+RUN_S = 300
 
 
 class Block(NamedTuple):
