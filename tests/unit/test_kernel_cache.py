@@ -18,7 +18,7 @@ from numba.core.dispatcher import Dispatcher
 import comotion
 from comotion import compiled, kernel_cache
 
-EVERY_KERNEL = Path(__file__).parents[1] / "reference" / "digests_of_updates.py"
+EVERY_KERNEL = Path(__file__).parents[1] / "reference" / "every_kernel.py"
 
 INNER = """
 from ..compiled import compiled
