@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.kernels.assignment import carry, closing_losses
+from comotion.rigid.kernels.correlation import distance_series
 from comotion.rigid.kernels.differences import difference_noise, last_differences
 from comotion.rigid.kernels.distances import (
     deviation_from,
@@ -24,9 +25,9 @@ from comotion.rigid.kernels.records import (
     PoseStack,
     RowArrays,
 )
-from comotion.rigid.kernels.registration import normal_equations
+from comotion.rigid.kernels.registration import move_rows, normal_equations, pose_information
 from comotion.rigid.kernels.resampling import all_finite, correct, mean_square, resample, spread, stop_at
-from comotion.rigid.kernels.residuals import body_costs, own_residuals
+from comotion.rigid.kernels.residuals import body_costs, own_residuals, rest_costs
 from comotion.rigid.kernels.rotation import (
     planar_rotation,
     quaternion,
@@ -152,13 +153,13 @@ def test_poses_are_those_of_plain_procrustes(rng, count):
 def test_costs_are_those_of_the_definition(rng, bodies):
     y, w, tolerance = rows_of(rng, 6, 20)
     moves = [poses_of(rng, 20) for _ in range(bodies)]
-    rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(0, 5, bodies)
+    rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(3, 50)
     cost, squared = np.zeros((2, 3, bodies))
     body_costs(RowArrays(y, w, tolerance), rows, stacked(moves), wider, unposed, 3, 16.0, 1, cost, squared)
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):
             v = tolerance[i] + wider[k]
-            expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed[k])
+            expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed)
             assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)
 
 
@@ -168,14 +169,40 @@ def test_own_residuals_are_those_of_the_definition(rng):
     y, w, tolerance = rows_of(rng, 6, 20)
     moves = [poses_of(rng, 20) for _ in range(2)]
     rows, first = np.array([3, 1, 5, 0, 2]), np.array([0, 2, 5])
-    excess, covered = np.zeros((2, 2))
-    own_residuals(RowArrays(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess, covered)
+    excess = np.zeros(2)
+    own_residuals(RowArrays(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess)
     for k, poses in enumerate(moves):
         own = rows[first[k] : first[k + 1]]
         each = [plain.row_cost(y[i], w[i], tolerance[i], poses, 1.0, 0.0)[1] / tolerance[i] / 3 for i in own]
         assert excess[k] == pytest.approx(np.minimum(each, 9.0).mean())
-        seen = w[own] > 0
-        assert covered[k] == pytest.approx((seen & poses[2]).sum() / max(seen.sum(), 1))
+
+
+@few
+@given(seeds)
+def test_costs_at_rest_are_those_of_a_body_that_never_moves(rng):
+    y, w, tolerance = rows_of(rng, 4, 20)
+    wider = np.array([0.0, 0.3, 4.0]) * TOLERANCE
+    at_rest, cost, squared = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
+    rest_costs(RowArrays(y, w, tolerance), np.arange(4), wider, 3, 16.0, at_rest)
+    still = PoseArrays(np.tile(np.eye(3), (20, 1, 1)), np.zeros((20, 3)), np.ones(20, bool))
+    body_costs(
+        RowArrays(y, w, tolerance), np.arange(4), stacked([still] * 3), wider, 9.0, 3, 16.0, 1, cost, squared
+    )
+    # The robust mean is that of the row's own tolerance, so that only the first column is exact.
+    np.testing.assert_allclose(at_rest[:, 0], cost[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(at_rest, cost, rtol=0.05)
+
+
+@few
+@given(seeds, st.floats(0.0, 0.98))
+def test_the_correlation_time_of_distances_is_that_of_the_definition(rng, memory):
+    noise = rng.normal(0, 2e-3, (2, 60, 3))
+    for f in range(1, 60):
+        noise[:, f] += memory * noise[:, f - 1]
+    y, w = rng.normal(size=(2, 1, 3)) + noise, (rng.random((2, 60)) < 0.9).astype(float)
+    found = distance_series(y, w, np.array([0]), np.array([1]), 8)[0]
+    expected = plain.distance_series(y[0], y[1], w[0], w[1])
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 @few
@@ -187,13 +214,29 @@ def test_normal_equations_are_those_of_the_definition(rng):
     left, right = np.zeros((7, 7)), np.zeros(7)
     rows = np.array([2, 0])
     arrays = RowArrays(y, w, tolerance)
-    squared, count = normal_equations(arrays, seconds, rows, poses, pivot, 3, left, right)
+    information = np.zeros((20, 6, 6))
+    pose_information(arrays, np.array([1, 2]), rng.normal(size=(2, 3)), 3, information)
+    information += 1e3 * np.eye(6)
+    args = poses, information, pivot
+    squared, _ = normal_equations(arrays, seconds, rows, *args, 3, 3, left, right)
     used = [i for i in rows if ((w[i] > 0) & poses[2]).sum() >= 3]
-    parts = [plain.normal_equations(y[i], w[i], seconds, tolerance[i], poses, pivot) for i in used]
-    expected = [sum(one) for one in zip(*parts, strict=True)] if parts else [left * 0, right * 0, 0.0]
+    expected = plain.normal_equations(y[used], w[used], seconds, tolerance[used], *args)
     for one, other in zip((left, right, squared), expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max(initial=1))
-    assert count == sum(((w[i] > 0) & poses[2]).sum() for i in used)
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5 * np.abs(other).max(initial=1))
+
+
+@few
+@given(seeds)
+def test_rows_move_along_their_velocity_and_by_a_transform(rng):
+    y, w, tolerance = rows_of(rng, 3, 20, seen=0.7)
+    R, t = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix(), rng.normal(size=3)
+    seconds, out = np.cumsum(rng.uniform(0.03, 0.1, 20)), y.copy()
+    move_rows(RowArrays(y, w, tolerance), seconds, np.array([2, 0]), R, t, 0.01, out)
+    for i in (0, 2):
+        seen = w[i] > 0
+        expected = (y[i, seen] + 0.01 * np.gradient(y[i, seen], seconds[seen], axis=0)) @ R.T + t
+        np.testing.assert_allclose(out[i, seen], expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(out[1], y[1])
 
 
 @few

@@ -56,7 +56,8 @@ def row_cost(y, w, v, poses, cap, unposed):
     """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses
     seen, used = w > 0, (w > 0) & posed
-    missing = 0.5 * unposed * (seen & ~posed).sum()
+    charge = 3 if used.sum() >= 0.6 * seen.sum() else unposed
+    missing = 0.5 * charge * (seen & ~posed).sum()
     if not used.any():
         return missing, 0.0
     x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
@@ -66,19 +67,48 @@ def row_cost(y, w, v, poses, cap, unposed):
     return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
 
 
-def normal_equations(y, w, seconds, v, poses, pivot):
-    """(left [7, 7], right [7], squared residual) of one row that should be constant in a body's frame."""
+def distance_series(a, b, wa, wb):
+    """(variance, correlation time, frames) of the distance of two rows [F, 3] over their common frames."""
+    d = np.linalg.norm(a - b, axis=1)[(wa > 0) & (wb > 0)]
+    m, r = len(d), d - d.mean()
+    variance = d.var(ddof=1)
+    rho = [r[: m - lag] @ r[lag:] / ((m - 1) * variance) for lag in range(1, m // 2, max(1, m // 40))]
+    excess = sum(max(1, m // 40) * (one**2 - 1 / m) for one in rho)
+    return variance, 1 + 2 * max(excess, 0.0), m
+
+
+def normal_equations(y, w, seconds, v, poses, information, pivot):
+    """(left [7, 7], right [7], squared residual) of rows that should be constant in a body's frame.
+
+    The errors of the poses, six for each frame, are unknowns with an information of their own.
+    """
     R, t, posed = poses
-    used = (w > 0) & posed
-    R, t, y, seconds = R[used], t[used], y[used], seconds[used]
-    velocity = np.gradient(y, seconds, axis=0)
-    design = np.empty((len(y), 3, 7))
-    for f in range(len(y)):
-        turned = [np.cross(axis, y[f] - pivot) for axis in np.eye(3)]
-        design[f] = R[f].T @ np.column_stack([*turned, np.eye(3), velocity[f]])
-    z = np.einsum("fji,fj->fi", R, y - t)
-    J, r = (design - design.mean(0)).reshape(-1, 7), (z - z.mean(0)).ravel()
-    return J.T @ J / v, -J.T @ r / v, r @ r / v
+    count = len(seconds)
+    left, right, squared = np.zeros((7 + 6 * count,) * 2), np.zeros(7 + 6 * count), 0.0
+    for f in range(count):
+        own = slice(7 + 6 * f, 13 + 6 * f)
+        left[own, own] = information[f]
+    for i in range(len(y)):
+        used = np.flatnonzero((w[i] > 0) & posed)
+        velocity = np.gradient(y[i, used], seconds[used], axis=0)
+        design, z = np.zeros((len(used), 3, 7)), np.einsum("fji,fj->fi", R[used], y[i, used] - t[used])
+        for k, f in enumerate(used):
+            turned = [np.cross(axis, y[i, f] - pivot) for axis in np.eye(3)]
+            design[k] = R[f].T @ np.column_stack([*turned, np.eye(3), velocity[k]])
+        whole = np.zeros((len(used), 3, 7 + 6 * count))
+        whole[:, :, :7] = design - design.mean(0)
+        for k, f in enumerate(used):
+            turned = [np.cross(axis, z.mean(0)) for axis in np.eye(3)]
+            whole[k, :, 7 + 6 * f : 13 + 6 * f] = np.column_stack([*turned, np.eye(3)])
+        J, r = whole.reshape(-1, 7 + 6 * count), (z - z.mean(0)).ravel()
+        left, right, squared = left + J.T @ J / v[i], right - J.T @ r / v[i], squared + r @ r / v[i]
+    inverse = np.linalg.pinv(left[7:, 7:])
+    across = left[:7, 7:] @ inverse
+    return (
+        left[:7, :7] - across @ left[7:, :7],
+        right[:7] - across @ right[7:],
+        squared - right[7:] @ inverse @ right[7:],
+    )
 
 
 def resample(times, positions, stamps, gap, hold, delay):

@@ -66,6 +66,7 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         weight=np.ones(n),
         noise=variance,
         tolerance=variance,
+        independent=np.ones(n),
         life=(w > 0).sum(1),
         current=np.ones(n, bool),
     )

@@ -33,6 +33,11 @@ class RigidConfig(BaseModel):
         0.6, description="half nats that a degree of freedom of a pose must gain beyond the noise it fits"
     )
     birth_price: Positive = Field(15.0, description="nat; price of a hypothesis beside its poses")
+    membership_price: Annotated[float, Field(ge=0, le=100)] = Field(
+        1.5,
+        description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
+        "which trajectories they are",
+    )
     stay: Annotated[float, Field(ge=0, le=100)] = Field(
         2.0, description="nat; preference of a trajectory for its hypothesis"
     )

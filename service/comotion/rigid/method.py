@@ -37,7 +37,8 @@ from .assignment import (
     same_body,
 )
 from .candidates import candidate_rows
-from .costs import Costs, costs, excess_costs, moving_bodies
+from .costs import Costs, costs, excess_costs, moving_bodies, pose_costs
+from .memory import CLEARLY, Separation
 from .motions import describe_bodies
 from .noise import Differences
 from .poses import Poses, poses_of
@@ -57,6 +58,10 @@ _ESTIMATE_STRIDE = 5
 # Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
 # trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
 _ENDED_WEIGHT = 0.5
+# The past pays a little more than what the body and its memberships cost.
+_PAST_FACTOR = 1.2
+# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
+_PURE = 0.8
 
 
 class RigidMethod:
@@ -80,6 +85,7 @@ class RigidMethod:
         self._excess: Floats = np.zeros(0)
         self._registration = Registration()
         self._differences = Differences()
+        self._separation = Separation()
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
 
@@ -128,13 +134,14 @@ class RigidMethod:
 
     def state(self) -> dict[str, Any]:
         """The registration of the sources."""
-        return {"offsets": self._registration.state()}
+        return {"offsets": self._registration.state(), "separate": self._separation.state()}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; all else is read from the window."""
         del window
         if state:
             self._registration.load(state["offsets"])
+            self._separation.load(state["separate"])
 
     def _nothing(self) -> Partition:
         self._keys, self._excess = np.zeros(0, np.int64), np.zeros(0)
@@ -150,7 +157,12 @@ class RigidMethod:
             known = self._keys[at] == tracks.key
             excess[known] = self._excess[at[known]]
         judged = frames.life >= self._config.min_samples
-        return Scene(frames, tracks.newest, judged, previous.labels[tracks.slot], static, excess)
+        before = previous.labels[tracks.slot]
+        if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
+            self._separation.learn(self._last[2], previous.ids, int(self._last[1].stamps[-1]))
+        self._separation.keep(before)
+        separate = self._separation.known(before)
+        return Scene(frames, tracks.newest, judged, before, static, excess, separate)
 
 
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
@@ -181,7 +193,7 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
     candidates = candidate_rows(part, few, subset.unexplained)  # 5
     bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
     found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
-    chosen = select(_weighted(part, found))  # 8
+    chosen = select(_weighted(part, bodies, found, config))  # 8
     return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
 
 
@@ -205,7 +217,7 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
     if not exact:
         moving = moving_bodies(frames, bodies, found, config)
         bodies, found = [bodies[k] for k in moving], found.of(moving)
-    chosen = select(_weighted(scene, found))  # 8
+    chosen = select(_weighted(scene, bodies, found, config))  # 8
     bodies, evidence = [bodies[k] for k in chosen], found.of(chosen)
     rough = cheapest(evidence.body, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
@@ -214,11 +226,50 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
     return SearchResult(bodies, assignment, evidence, excess_costs(evidence, assignment.labels, config))
 
 
-def _weighted(scene: Scene, found: Costs) -> Costs:
-    """Costs of the trajectories that count in the selection, by their weights."""
-    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[scene.judged]
+def _weighted(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
+    """Costs of the trajectories that count in the selection, by their weights.
+
+    A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
+    some always move alike by chance. A trajectory of a hypothesis that is known to be separate pays for
+    leaving it.
+    """
     judged: Bools = scene.judged
-    return Costs(found.body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
+    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
+    body = found.body + _past_evidence(scene, bodies, found, config)
+    body[:, 1:] += config.membership_price * _membership(scene, bodies[1:])
+    return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
+
+
+def _membership(scene: Scene, bodies: list[Body]) -> Floats:
+    """Nats that it takes to say which trajectories belong to each body, per member, [K]: 1 + log(N / m)."""
+    members = [len(np.unique(scene.frames.owner[body.rows])) for body in bodies]
+    return 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(members, 1), 1.0))
+
+
+def _past_evidence(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfig) -> Floats:
+    """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
+
+    The members of a hypothesis that is known to be separate have together what a body costs. They pay it
+    for the static body and for others that do not clearly move, but not for those that continue it.
+    """
+    before, current = scene.before, scene.judged & scene.frames.current
+    evidence = np.zeros((len(before), len(bodies)))
+    if not scene.separate.any():
+        return evidence
+    price = pose_costs(6, len(scene.frames.stamps), config) + config.birth_price
+    owners = [np.unique(scene.frames.owner[body.rows]) for body in bodies]
+    gain = np.array([(found.body[own, 0] - found.body[own, k]).sum() for k, own in enumerate(owners)])
+    rests = np.flatnonzero(gain <= CLEARLY * found.opening)
+    for one in np.unique(before[scene.separate]).tolist():
+        members = before == one
+        others = [k for k in rests if _share(before[owners[k]], one) < _PURE]
+        sharing = max(int((members & current).sum()), 1)
+        evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
+    return evidence
+
+
+def _share(labels: Labels, one: int) -> float:
+    return float((labels == one).mean()) if len(labels) else 0.0
 
 
 def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:

@@ -12,6 +12,7 @@ from .kernels.differences import difference_noise
 from .kernels.records import Limits, Observations, RowArrays
 from .kernels.resampling import all_finite, correct, resample, spread
 from .noise import NOISE_OBSERVATIONS, Differences, noise_variance
+from .slow_noise import slow_noise
 from .tracks import Tracks, ranges
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
@@ -42,9 +43,13 @@ class Frames:
     w
         float64 [P, F], inverse variance relative to that of one observation; 0 where unobserved.
     owner, weight
-        intp [P], trajectory of a row; float64 [P], weight of the row in the cost of its trajectory.
+        intp [P], trajectory of a row; float64 [P], weight of a frame of the row in the cost of
+        its trajectory.
     noise, tolerance
-        float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation.
+        float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
+        and slow noise.
+    independent
+        float64 [P], share of the frames that are independent samples of the noise.
     life
         intp [N], number of frames in which a trajectory is observed.
     current
@@ -59,6 +64,7 @@ class Frames:
     weight: Floats
     noise: Floats
     tolerance: Floats
+    independent: Floats
     life: NDArray[np.intp]
     current: Bools
 
@@ -84,6 +90,7 @@ class Frames:
             weight=self.weight[rows],
             noise=self.noise[rows],
             tolerance=self.tolerance[rows],
+            independent=self.independent[rows],
             life=self.life[tracks],
             current=self.current[tracks],
         )
@@ -150,7 +157,25 @@ def make_frames(
     np.maximum.at(life, owner, seen)
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
     tolerance = noise + _deformation(squared, tracks.extent(), config)
-    return Frames(tracks.dim, stamps, y, w, owner, weight, noise, tolerance, life, tracks.current)
+    tolerance, independent = _with_slow_noise(tracks, y, w, owner, tolerance)
+    weight *= independent
+    return Frames(
+        tracks.dim, stamps, y, w, owner, weight, noise, tolerance, independent, life, tracks.current
+    )
+
+
+def _with_slow_noise(
+    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats
+) -> tuple[Floats, Floats]:
+    """Tolerance with the slow noise of each source, and the share of independent frames, [P] each."""
+    wider, independent = tolerance.copy(), np.ones(len(owner))
+    source = tracks.source[owner]
+    for one in np.unique(source).tolist():
+        mine = source == one
+        found = slow_noise(y, w, tolerance, np.flatnonzero(mine & tracks.current[owner]))
+        wider[mine] *= found.factor
+        independent[mine] = 1 / found.correlation
+    return wider, independent
 
 
 def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) -> Stamps:

@@ -64,6 +64,8 @@ class Scene:
         Hypothesis that was the static one.
     excess
         float64 [N], :func:`~comotion.rigid.costs.excess_costs`.
+    separate
+        bool [N], whether the hypothesis is known to be a body of its own.
     """
 
     frames: Frames
@@ -72,6 +74,7 @@ class Scene:
     before: Labels
     static: int | None
     excess: Floats
+    separate: Bools
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
@@ -82,6 +85,7 @@ class Scene:
             judged=self.judged[tracks],
             before=self.before[tracks],
             excess=self.excess[tracks],
+            separate=self.separate[tracks],
         )
 
 

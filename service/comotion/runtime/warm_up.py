@@ -22,6 +22,8 @@ _RATE_HZ = 15
 _FRAMES = 36
 _FRAMES_PER_UPDATE = 6
 _PIXELS_PER_METRE = 400.0
+# m; error of a second source's extrinsics, so that it is registered.
+_DISPLACED = 0.03
 _START_NS = 1_000_000_000_000
 
 
@@ -42,7 +44,8 @@ def warm_up(config: FusionConfig) -> Iterator[None]:
         for frame in range(_FRAMES):
             positions = _moved(bodies, frame) + rng.normal(0, 0.002, bodies.shape)
             for source in range(sources):
-                batch = _batch(positions[:, source::sources], frame, unit, source)
+                seen = positions[:, source::sources] + source * _DISPLACED
+                batch = _batch(seen, frame, unit, source)
                 fusion.ingest(batch)
             if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1:
                 fusion.update(batch.stamp_ns)

@@ -8,6 +8,9 @@ from .records import PoseArrays, RowArrays
 
 COLUMNS = 7
 """Unknowns: rotation vector, shift and delay."""
+# Unknowns of the error of a pose, and what is added to the mean of their information where it is singular.
+_POSE = 6
+_RIDGE = 1e-9
 
 
 @compiled()
@@ -16,15 +19,18 @@ def normal_equations(
     seconds: Floats,
     rows: Ints,
     poses: PoseArrays,
+    information: Floats,
     pivot: Floats,
+    dim: int,
     least: int,
     left: Floats,
     right: Floats,
-) -> tuple[float, int]:
+) -> tuple[float, float]:
     """Add the normal equations of rows that should be constant in the frame of one body.
 
     z = R^T (y - t) has the derivative R^T [omega x (y - pivot) + shift + velocity delay]. The place of a row
-    in the body is unknown, so only departures from its mean count.
+    in the body is unknown, so only departures from its mean count. The errors of the poses are common to the
+    rows: they are unknowns of each frame, and eliminated (Schur complement).
 
     Parameters
     ----------
@@ -32,22 +38,26 @@ def normal_equations(
         float64 [F], times of the frames.
     rows
         intp [n], rows to take.
+    information
+        float64 [F, 6, 6], of :func:`pose_information`.
     pivot
         float64 [3], centre of the rotation.
-    least
-        Rows with fewer frames are left out.
+    dim, least
+        2 or 3; rows with fewer frames are left out.
     left, right
         In and out: float64 [7, 7] and [7], to which the equations are added.
 
     Returns
     -------
-    The squared residual before the step, in units of the rows' variances, and the number of frames.
+    The squared residual before the step, in units of the rows' variances, and the coordinates it is the sum
+    of, less those that the poses take up.
     """
     y, w, tolerance = arrays
     R, t, posed = poses
-    squared, frames = 0.0, 0
+    squared, coordinates = 0.0, 0.0
     seen = np.empty(len(seconds), np.intp)
     design, z = np.empty((len(seconds), 3, COLUMNS)), np.empty((len(seconds), 3))
+    pose, cross = information.copy(), np.zeros((len(seconds), _POSE, COLUMNS + 1))
     for n in range(len(rows)):
         i, count = rows[n], 0
         for f in range(len(seconds)):
@@ -59,13 +69,92 @@ def normal_equations(
         for j in range(count):
             f = seen[j]
             _columns(y[i], seconds, seen[:count], j, R[f], pivot, design[j])
-            for c in range(3):
-                z[j, c] = 0.0
-                for d in range(3):
-                    z[j, c] += R[f, d, c] * (y[i, f, d] - t[f, d])
-        squared += _add(design[:count], z[:count], 1.0 / tolerance[i], left, right)
-        frames += count
-    return squared, frames
+            _place(y[i, f], R[f], t[f], z[j])
+        middle = _add(design[:count], z[:count], 1.0 / tolerance[i], left, right)
+        squared += middle[3]
+        J = _pose_columns(middle, dim)
+        for j in range(count):
+            _add_pose(design[j], z[j], J, 1.0 / tolerance[i], pose[seen[j]], cross[seen[j]])
+        coordinates += dim * count
+    for f in range(len(seconds)):
+        if cross[f].any():
+            taken, fewer = _eliminate(information[f], pose[f], cross[f], left, right)
+            squared -= taken
+            coordinates -= fewer
+    return squared, coordinates
+
+
+@compiled()
+def pose_information(arrays: RowArrays, rows: Ints, template: Floats, dim: int, information: Floats) -> None:
+    """Add the inverse covariance of the errors of a body's poses, in the frame of the body.
+
+    Parameters
+    ----------
+    rows, template
+        intp [m] and float64 [m, 3], the rows that the body was fitted to, and where they are in it.
+    dim
+        2 or 3.
+    information
+        In and out: float64 [F, 6, 6], rotation vector and shift.
+    """
+    _, w, tolerance = arrays
+    for m in range(len(rows)):
+        J = _pose_columns(template[m], dim)
+        once = J.T @ J / tolerance[rows[m]]
+        for f in range(w.shape[1]):
+            if w[rows[m], f] > 0:
+                information[f] += once
+
+
+@compiled()
+def _pose_columns(b: Floats, dim: int) -> Floats:
+    """Derivative of a point b [3] by a small rotation and shift, [3, 6]; zero in coordinates that are not."""
+    J = np.zeros((3, _POSE))
+    J[0, 1], J[0, 2], J[1, 0], J[1, 2], J[2, 0], J[2, 1] = b[2], -b[1], -b[2], b[0], b[1], -b[0]
+    for c in range(3):
+        J[c, 3 + c] = 1.0
+    J[dim:] = 0.0
+    return J
+
+
+@compiled()
+def _add_pose(A: Floats, r: Floats, J: Floats, inverse: float, pose: Floats, cross: Floats) -> None:
+    """Add a centred row at one frame: J^T J to `pose` [6, 6], J^T [A r] to `cross` [6, 8]."""
+    for p in range(_POSE):
+        for c in range(3):
+            a = J[c, p] * inverse
+            if a == 0.0:
+                continue
+            for q in range(_POSE):
+                pose[p, q] += a * J[c, q]
+            for q in range(COLUMNS):
+                cross[p, q] += a * A[c, q]
+            cross[p, COLUMNS] += a * r[c]
+
+
+@compiled()
+def _eliminate(
+    before: Floats, pose: Floats, cross: Floats, left: Floats, right: Floats
+) -> tuple[float, float]:
+    """Take the pose of a frame out of the equations; return the squared residual and coordinates it takes."""
+    both = np.empty((_POSE, COLUMNS + 1 + _POSE))
+    both[:, : COLUMNS + 1] = cross
+    both[:, COLUMNS + 1 :] = pose - before
+    regular = pose + _RIDGE * np.trace(pose) / _POSE * np.eye(_POSE)
+    solved = np.linalg.solve(regular, both)
+    taken = cross.T @ np.ascontiguousarray(solved[:, : COLUMNS + 1])
+    left -= taken[:COLUMNS, :COLUMNS]
+    right += taken[:COLUMNS, COLUMNS]
+    return taken[COLUMNS, COLUMNS], np.trace(solved[:, COLUMNS + 1 :])
+
+
+@compiled()
+def _place(y: Floats, R: Floats, t: Floats, z: Floats) -> None:
+    """R^T (y - t), into z [3]."""
+    for c in range(3):
+        z[c] = 0.0
+        for d in range(3):
+            z[c] += R[d, c] * (y[d] - t[d])
 
 
 @compiled()
@@ -95,11 +184,14 @@ def _slope(y: Floats, seconds: Floats, seen: Ints, j: int, c: int) -> float:
 
 
 @compiled()
-def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats) -> float:
-    """Add the centred normal equations of a row, in units of its variance; return its squared residual."""
+def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats) -> Floats:
+    """Centre a row and add its normal equations, in units of its variance.
+
+    `design` [n, 3, 7] and `z` [n, 3] are less their means then. Returns the mean of z and the squared
+    residual, float64 [4].
+    """
     count = len(z)
-    squared = 0.0
-    mean, middle = np.zeros((3, COLUMNS)), np.zeros(3)
+    mean, middle = np.zeros((3, COLUMNS)), np.zeros(4)
     for k in range(count):
         for c in range(3):
             middle[c] += z[k, c] / count
@@ -107,11 +199,49 @@ def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats)
                 mean[c, p] += design[k, c, p] / count
     for k in range(count):
         for c in range(3):
-            r = z[k, c] - middle[c]
-            squared += r * r
+            z[k, c] -= middle[c]
+            r = z[k, c]
+            middle[3] += r * r * inverse
             for p in range(COLUMNS):
-                a = (design[k, c, p] - mean[c, p]) * inverse
+                design[k, c, p] -= mean[c, p]
+            for p in range(COLUMNS):
+                a = design[k, c, p] * inverse
                 right[p] -= a * r
                 for q in range(COLUMNS):
-                    left[p, q] += a * (design[k, c, q] - mean[c, q])
-    return squared * inverse
+                    left[p, q] += a * design[k, c, q]
+    return middle
+
+
+@compiled()
+def move_rows(
+    arrays: RowArrays, seconds: Floats, rows: Ints, R: Floats, t: Floats, ahead: float, out: Floats
+) -> None:
+    """Where rows would be under another rigid transform and delay: R (y + velocity ahead) + t.
+
+    Parameters
+    ----------
+    seconds
+        float64 [F], times of the frames.
+    rows
+        intp [n], rows to move.
+    R, t, ahead
+        float64 [3, 3], [3] and s.
+    out
+        Out: float64 [P, F, 3], of which the seen frames of `rows` are written.
+    """
+    y, w, _ = arrays
+    seen, moved = np.empty(len(seconds), np.intp), np.empty(3)
+    for i in rows:
+        count = 0
+        for f in range(len(seconds)):
+            if w[i, f] > 0:
+                seen[count] = f
+                count += 1
+        for j in range(count):
+            f = seen[j]
+            for c in range(3):
+                moved[c] = y[i, f, c]
+                if count > 1:
+                    moved[c] += ahead * _slope(y[i], seconds, seen[:count], j, c)
+            for c in range(3):
+                out[i, f, c] = R[c, 0] * moved[0] + R[c, 1] * moved[1] + R[c, 2] * moved[2] + t[c]

@@ -7,6 +7,8 @@ from ...compiled import compiled
 from .procrustes import SOFT
 from .records import PoseStack, RowArrays
 
+LEAST_COVERED = 0.6
+"""Share of a row's frames in which a body must be posed to be charged the expected residual elsewhere."""
 # A cost is first estimated on every stride-th frame if a row has at least so many of those. It is then
 # computed on all frames for bodies whose estimate is below so many times the least plus so many nats.
 # All three were chosen on the scenes of docs/research/accuracy.md.
@@ -20,7 +22,7 @@ def body_costs(
     rows: Slots,
     poses: PoseStack,
     wider: Floats,
-    unposed: Floats,
+    unposed: float,
     dim: int,
     cap: float,
     stride: int,
@@ -38,7 +40,8 @@ def body_costs(
     wider
         float64 [K], by how much the tolerance of a body exceeds that of a row: v = tolerance + wider.
     unposed
-        float64 [K], twice the cost of a frame without a pose.
+        Twice the cost of a frame without a pose where a body covers little of a row. Where it covers most
+        frames of the row, the others cost the expected residual.
     stride
         Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
         estimate is near the least. The others keep their estimate.
@@ -68,7 +71,7 @@ def body_costs(
                     1.0 / (tolerance[i] + wider[k]),
                     dim,
                     cap,
-                    unposed[k],
+                    unposed,
                     x,
                 )
             cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
@@ -79,7 +82,7 @@ def body_costs(
             if reach == np.inf or cost[n, k] < reach:
                 v = tolerance[i] + wider[k]
                 cost[n, k], squared[n, k] = _body_cost(
-                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed[k], x
+                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed, x
                 )
 
 
@@ -92,7 +95,6 @@ def own_residuals(
     dim: int,
     most: float,
     excess: Floats,
-    covered: Floats,
 ) -> None:
     """How well each body fits the rows that it was fitted to, in place.
 
@@ -100,25 +102,20 @@ def own_residuals(
     ----------
     rows, first
         intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of body k.
-    excess, covered
-        Out: float64 [K] each: mean squared residual in tolerances and dimensions, that of each row at
-        most `most`; and the share of the rows' frames that have a pose.
+    excess
+        Out: float64 [K], mean squared residual in tolerances and dimensions, that of each row at most `most`.
     """
     y, w, tolerance = arrays
     R, t, posed = poses
     count = w.shape[1]
     row, x = np.empty((4, count)), np.empty((4, count))
     for k in range(len(R)):
-        seen, held = 0, 0
         for n in range(first[k], first[k + 1]):
             i = rows[n]
-            seen += _copy_row(y[i], w[i], 1, row)
-            for f in range(count):
-                held += w[i, f] > 0 and posed[k, f] > 0
+            _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
             _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
-        covered[k] = held / max(seen, 1)
 
 
 @compiled()
@@ -130,6 +127,58 @@ def _observed_span(w: Floats) -> tuple[int, int]:
     while stop > first and w[stop - 1] <= 0:
         stop -= 1
     return first, stop
+
+
+@compiled()
+def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: float, cost: Floats) -> None:
+    """Cost of rows under the static body at wider tolerances, in place; as :func:`body_costs`.
+
+    Parameters
+    ----------
+    rows
+        intp [n], rows to take.
+    wider
+        float64 [K], by how much each tolerance exceeds that of a row.
+    cost
+        Out: float64 [n, K], nat.
+    """
+    y, w, tolerance = arrays
+    squared = np.empty(w.shape[1])
+    for n in range(len(rows)):
+        i = rows[n]
+        count = _squares_at_rest(y[i], w[i], 1.0 / (SOFT * dim * tolerance[i]), squared)
+        for k in range(len(wider)):
+            inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
+            for f in range(count):
+                paid += min(squared[f] * inverse, cap * dim)
+            cost[n, k] = 0.5 * paid
+
+
+@compiled()
+def _squares_at_rest(y: Floats, w: Floats, soft: float, squared: Floats) -> int:
+    """Weighted squared distances of a row from its robust mean, to [F]; in how many frames it is observed."""
+    total, count = 0.0, 0
+    mean, centre = np.zeros(3), np.zeros(3)
+    for f in range(len(w)):
+        total += w[f]
+        for c in range(3):
+            mean[c] += w[f] * y[f, c]
+    mean /= max(total, 1e-300)
+    total = 0.0
+    for f in range(len(w)):
+        if w[f] > 0:
+            d2 = (y[f, 0] - mean[0]) ** 2 + (y[f, 1] - mean[1]) ** 2 + (y[f, 2] - mean[2]) ** 2
+            g = w[f] / (1.0 + soft * w[f] * d2)
+            total += g
+            for c in range(3):
+                centre[c] += g * y[f, c]
+    centre /= max(total, 1e-300)
+    for f in range(len(w)):
+        if w[f] > 0:
+            d2 = (y[f, 0] - centre[0]) ** 2 + (y[f, 1] - centre[1]) ** 2 + (y[f, 2] - centre[2]) ** 2
+            squared[count] = w[f] * d2
+            count += 1
+    return count
 
 
 @compiled()
@@ -181,7 +230,7 @@ def _body_cost(
         m0 += a[f] * x0[f]
         m1 += a[f] * x1[f]
         m2 += a[f] * x2[f]
-    missing = 0.5 * unposed * (seen - held)
+    missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
     m0, m1, m2 = m0 / total, m1 / total, m2 / total

@@ -1,0 +1,241 @@
+"""In groups of a source and bodies of the reference, out the offset that explains both best (step 2).
+
+There are up to three explanations: the offset so far, fitted anew; no offset, fitted; and none at all.
+The groups of the source are matched with the bodies under each. The negative log evidence decides: what
+the matched groups gain, the prior of the whole offset, and the share of the prior that its fit uses up.
+Since nothing is carried over but a start, a wrong offset lasts only until the window shows motion that
+contradicts it.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..arrays import Floats, Ints
+from .kernels.records import RowArrays
+from .kernels.registration import COLUMNS, move_rows, normal_equations, pose_information
+from .procrustes import Body
+from .resampling import Frames
+
+# Prior standard deviations, what a careful calibration leaves: rad, share of the scene's extent, s.
+_ROTATION = float(np.radians(2.0))
+_SHIFT = 0.03
+_DELAY = 0.02
+# Squared distance of an offset from none, in prior standard deviations, beyond which a group and a body are
+# not taken for one, and mean squared residual, in tolerances, beyond which they do not move alike. Chosen
+# on the scenes of docs/research/accuracy.md.
+_MOST_OFFSET = 30.0
+_MOST_RESIDUAL = 3.0
+LEAST_FRAMES = 8
+"""A trajectory takes part if it is observed in so many frames."""
+# Unknowns of (rotation, shift, delay) that exist in 2-D.
+_PLANAR = np.array([2, 3, 4, 6])
+# Residuals of successive frames are correlated: so many count as one, as in the assignment.
+_TEMPERATURE = 2.0
+# nat; by so much the evidence must speak against what is in force before it is replaced, by the scale of
+# Kass and Raftery (1995), "Bayes factors": very strong.
+_MARGIN = 5.0
+# Fits of an offset; groups that contradict the first are left out of the next.
+_FITS = 2
+
+Groups = dict[int, Ints]
+"""Rows of one source by the label of their body."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """x' = R (x - pivot) + pivot + shift at t' = t + delay brings a source to the reference.
+
+    `rotation` (vector, rad), `shift` and `pivot` are float64 [3], `delay` is in s.
+    """
+
+    rotation: Floats
+    shift: Floats
+    pivot: Floats
+    delay: float
+
+    @classmethod
+    def none(cls, pivot: Floats) -> "Offset":
+        """No offset."""
+        return cls(np.zeros(3), np.zeros(3), pivot, 0.0)
+
+    @property
+    def vector(self) -> Floats:
+        """Float64 [7], rotation, shift and minus the delay: what the steps of :meth:`after` add up to."""
+        return np.concatenate([self.rotation, self.shift, [-self.delay]])
+
+    def transform(self) -> tuple[Floats, Floats]:
+        """R float64 [3, 3] and t [3] of x' = R x + t."""
+        R = np.asarray(Rotation.from_rotvec(self.rotation).as_matrix(), np.float64)
+        return R, self.pivot + self.shift - R @ self.pivot
+
+    def after(self, step: Floats) -> "Offset":
+        """The offset after a step, float64 [7], of the equations."""
+        turn = Rotation.from_rotvec(step[:3])
+        return replace(
+            self,
+            rotation=(turn * Rotation.from_rotvec(self.rotation)).as_rotvec(),
+            shift=turn.apply(self.shift) + step[3:6],
+            # y(t + delay) ~ y + ydot delay: what the fit adds to y, the times lose.
+            delay=self.delay - float(step[6]),
+        )
+
+
+@dataclass(frozen=True)
+class View:
+    """What one source and the reference see.
+
+    `groups` are rows of the source; `bodies` are fitted to the reference, by label; `extent` is the scale of
+    the scene, in its unit.
+    """
+
+    frames: Frames
+    groups: Groups
+    bodies: dict[int, Body]
+    extent: float
+
+    @cached_property
+    def unknowns(self) -> Ints:
+        """Indices of the unknowns that exist."""
+        return np.arange(COLUMNS) if self.frames.dim == 3 else _PLANAR
+
+    @cached_property
+    def prior(self) -> Floats:
+        """Inverse covariance of an offset, float64 [7, 7], or [4, 4] in 2-D."""
+        spread = np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [_DELAY])
+        return np.diag(1 / spread[self.unknowns] ** 2)
+
+    @cached_property
+    def information(self) -> dict[int, Floats]:
+        """Inverse covariance of the poses of each body, float64 [F, 6, 6]."""
+        found = {k: np.zeros((len(self.frames.stamps), 6, 6)) for k in self.bodies}
+        for k, body in self.bodies.items():
+            pose_information(self.frames.arrays, body.rows, body.template, self.frames.dim, found[k])
+        return found
+
+
+class _Equations(NamedTuple):
+    """Normal equations left x = right of a step x, the squared residual before it, and the coordinates.
+
+    All are in numbers of independent residuals.
+    """
+
+    left: Floats
+    right: Floats
+    squared: float
+    coordinates: float
+
+    def gain(self, step: Floats) -> float:
+        """Nats that a step gains over a group that moves like no body."""
+        after = float(self.squared - 2 * step @ self.right + step @ self.left @ step)
+        return max(_MOST_RESIDUAL * self.coordinates - after, 0.0) / 2
+
+
+@dataclass(frozen=True)
+class _Start:
+    """An offset to fit from, and the equations at it of the groups that match a body."""
+
+    offset: Offset
+    at: Floats
+    matched: list[_Equations]
+
+
+def explained(view: View, before: Offset) -> Offset:
+    """The best explanation of what a source sees.
+
+    Parameters
+    ----------
+    before
+        The offset by which the frames of `view` are corrected.
+    """
+    none = Offset.none(before.pivot)
+    starts, margin = [_start(view, before, before)], _MARGIN
+    if before.vector.any():
+        starts, margin = [*starts, _start(view, none, before)], -_MARGIN
+    offset, cost = min((_fit(view, start) for start in starts), key=lambda fit: fit[1])
+    still = np.zeros(len(view.prior))
+    without = -sum(one.gain(still) for one in starts[-1].matched)
+    return offset if cost + margin < without else none
+
+
+def _start(view: View, offset: Offset, before: Offset) -> _Start:
+    """Match groups and bodies under an offset; the frames are corrected by `before`."""
+    frames = view.frames
+    arrays = frames.arrays if offset is before else _moved(view, offset, before)
+    at = offset.vector[view.unknowns]
+    found = [_match(view, arrays, one, at, offset.pivot) for one in sorted(view.groups)]
+    return _Start(offset, at, [one for one in found if one is not None])
+
+
+def _moved(view: View, offset: Offset, before: Offset) -> RowArrays:
+    """The rows as they would be under another offset."""
+    frames = view.frames
+    (R, t), (R_before, t_before) = offset.transform(), before.transform()
+    turn = R @ R_before.T
+    y = frames.y.copy()
+    rows = np.concatenate(list(view.groups.values()))
+    ahead = before.delay - offset.delay
+    move_rows(frames.arrays, _seconds(frames), rows, turn, t - turn @ t_before, ahead, y)
+    return frames.arrays._replace(y=y)
+
+
+def _fit(view: View, start: _Start) -> tuple[Offset, float]:
+    """The most probable offset from a start, and its cost: minus the log evidence, by Laplace.
+
+    Where the window says nothing, the offset stays at its start.
+    """
+    P, used = view.prior, start.matched
+    step, left = np.zeros(len(P)), np.zeros(P.shape)
+    for _ in range(_FITS):
+        left = sum((one.left for one in used), np.zeros(P.shape))
+        right = sum((one.right for one in used), np.zeros(len(P)))
+        step = np.asarray(np.linalg.solve(left + P, right - P @ start.at), np.float64)
+        used = [one for one in used if one.gain(step) > 0]
+    total = start.at + step
+    cost = 0.5 * (total @ P @ total) - sum(one.gain(step) for one in start.matched)
+    cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
+    full = np.zeros(COLUMNS)
+    full[view.unknowns] = np.linalg.solve(left + P, left @ step)
+    return start.offset.after(full), float(cost)
+
+
+def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -> _Equations | None:
+    """Equations of a group and the body that it moves with: that of its own label, else the best other."""
+    rows, bodies = view.groups[own], view.bodies
+    if own in bodies:
+        first = _best([_equations(view, arrays, rows, own, pivot)], at, view.prior)
+        if first is not None:
+            return first
+    others = [k for k in bodies if k != own]
+    return _best([_equations(view, arrays, rows, k, pivot) for k in others], at, view.prior)
+
+
+def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> _Equations:
+    """Equations of rows and one body."""
+    left, right = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
+    frames = view.frames
+    poses = view.bodies[k].poses, view.information[k]
+    terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, LEAST_FRAMES
+    squared, coordinates = normal_equations(*terms, left, right)
+    some, share = view.unknowns, float(frames.independent[rows].mean()) / _TEMPERATURE
+    left, right = left[np.ix_(some, some)], right[some]
+    return _Equations(share * left, share * right, share * squared, share * coordinates)
+
+
+def _seconds(frames: Frames) -> Floats:
+    return np.asarray((frames.stamps - frames.stamps[0]) * 1e-9, np.float64)
+
+
+def _best(candidates: list[_Equations], at: Floats, prior: Floats) -> _Equations | None:
+    """The equations that gain most after their own step; None where none fits well enough."""
+    chosen, most = None, 0.0
+    for one in candidates:
+        step = np.asarray(np.linalg.solve(one.left + prior, one.right - prior @ at), np.float64)
+        penalty = float((at + step) @ prior @ (at + step))
+        gain = one.gain(step) - penalty / 2
+        if gain > most and penalty < _MOST_OFFSET:
+            chosen, most = one, gain
+    return chosen

@@ -1,0 +1,95 @@
+"""In the evidence of updates, out which hypotheses are known to be bodies of their own, also at rest.
+
+The costs know no motion that has left the window: a body that rests longer would become a part of the
+static one. So this keeps whether a hypothesis has once clearly moved, and whether anything since contradicts
+that it is a body of its own.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Bools, Labels
+from ..partition import NO_HYPOTHESIS
+from .assignment import SearchResult
+from .costs import Costs
+
+# s of motion that explains the members better than rest does by more than its price, until a hypothesis is
+# known to be separate; and s of evidence to the contrary, until it no longer is.
+_SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
+CLEARLY = 4.0
+"""Gain of a body over rest, in prices of the body, from which on it clearly moves.
+
+Noise that is correlated over time gains once or twice the price by chance.
+"""
+# nat; by so much rest must explain the members better than the body does to speak against it.
+_CONTRARY = 10.0
+
+
+class Separation:
+    """Hypotheses that have moved on their own, and for how long, in s of event time."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[int, float] = {}
+        self._contrary: dict[int, float] = {}
+        self._stamp_ns: int | None = None
+
+    def learn(self, result: SearchResult, ids: Labels, stamp_ns: int) -> None:
+        """Take in the result of an update.
+
+        Parameters
+        ----------
+        result
+            Its bodies and costs.
+        ids
+            int64 [K], the hypotheses of the bodies.
+        stamp_ns
+            Its event time.
+        """
+        step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
+        self._stamp_ns = stamp_ns
+        evidence, labels = result.evidence, result.assignment.labels
+        clear = [_gain(evidence, labels == k, k) > CLEARLY * evidence.opening[k] for k in range(len(ids))]
+        for k, one in enumerate(ids.tolist()):
+            members = labels == k
+            if one == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
+                continue
+            if clear[k]:
+                self._seconds[one] = self._seconds.get(one, 0.0) + step
+            against = _contradicted(evidence, members, k, clear)
+            self._contrary[one] = self._contrary.get(one, 0.0) + step if against else 0.0
+            if self._contrary[one] > _FORGET_AFTER:
+                self._seconds.pop(one, None)
+
+    def known(self, before: Labels) -> Bools:
+        """Whether the hypothesis of each trajectory, int64 [N], is known to be separate, bool [N]."""
+        separate = [one for one, seconds in self._seconds.items() if seconds >= _SEPARATE_AFTER]
+        return np.isin(before, separate)
+
+    def keep(self, present: Labels) -> None:
+        """Forget all hypotheses but those that are present, int64 [n]."""
+        kept = set(present.tolist())
+        self._seconds = {one: s for one, s in self._seconds.items() if one in kept}
+        self._contrary = {one: s for one, s in self._contrary.items() if one in kept}
+
+    def state(self) -> list[list[Any]]:
+        """As plain values."""
+        return [[one, seconds] for one, seconds in self._seconds.items()]
+
+    def load(self, state: list[list[Any]]) -> None:
+        """Take up :meth:`state`."""
+        self._seconds = {int(one): float(seconds) for one, seconds in state}
+
+
+def _gain(evidence: Costs, members: Bools, k: int) -> float:
+    """By how much members bool [N] are cheaper under a body than at rest, nat."""
+    return float((evidence.body[members, 0] - evidence.body[members, k]).sum())
+
+
+def _contradicted(evidence: Costs, members: Bools, k: int, clear: list[bool]) -> bool:
+    """Whether rest explains the members better, or another body that clearly moves nearly as well."""
+    if _gain(evidence, members, k) < -_CONTRARY:
+        return True
+    others = [j for j, moves in enumerate(clear) if moves and j not in (0, k)]
+    lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
+    return bool(min(lost, default=np.inf) < evidence.opening[k])
