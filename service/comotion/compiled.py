@@ -31,9 +31,9 @@ numba_range = numba.prange
 def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Kernel]:
     """Compile a function of arrays to machine code, kept on disk where that is possible.
 
-    `options` are Numba's. With ``fastmath`` the order of a sum follows from what the compiler sees around
-    it, and that differs between the process that compiles and those that load: use it where no update
-    hangs on the last bit.
+    `options` are Numba's. Of ``fastmath`` only ``{"contract"}`` is allowed, where products and sums stand in
+    one function. The other flags let the compiler order sums by what it sees around them, which differs
+    between the process that compiles and those that load: updates would differ in their last bits.
     """
     if parallel:
         options["parallel"] = _OWN_LOOPS
