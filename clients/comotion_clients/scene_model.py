@@ -235,6 +235,8 @@ class SceneModel:
                     confidence=float(members.mean()) if len(members) else float("nan"),
                     speed=None if h.twist is None else float(np.linalg.norm(h.twist.linear)),
                     linked=list(h.linked or ()),
+                    confirmed=h.confirmed,
+                    absent=bool(h.absent),
                 )
             )
         return rows

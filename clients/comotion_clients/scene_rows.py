@@ -30,7 +30,7 @@ class SourceRow:
 class HypothesisRow:
     """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None.
 
-    `linked`: hypotheses in other spaces that are the same body.
+    `linked`: hypotheses in other spaces that are the same body. `absent`: it has no current track.
     """
 
     id: int
@@ -42,6 +42,8 @@ class HypothesisRow:
     confidence: float
     speed: float | None
     linked: list[int]
+    confirmed: bool = True
+    absent: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,3 +85,8 @@ class Snapshot:
     sources: list[SourceRow]
     hypotheses: list[HypothesisRow]
     events: list[EventRow]
+
+    @property
+    def current(self) -> int:
+        """Number of hypotheses with current tracks."""
+        return sum(not row.absent for row in self.hypotheses)

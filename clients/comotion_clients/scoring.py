@@ -151,7 +151,7 @@ class Tally:
         """Score an update against the truth so far, over the tracks observed at its stamp."""
         score = score_update(update, self.truth, observed.at(update.stamp_ns))
         self.scores.append(score)
-        self._listed.append(len(update.hypotheses))
+        self._listed.append(sum(not h.absent for h in update.hypotheses))
         if self._last is not None:
             self.switches += label_switches(self._last, update)
         self._last = update

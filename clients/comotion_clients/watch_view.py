@@ -25,7 +25,10 @@ _STATE_STYLES = {
     "moving": "bold",
     "static": "",
 }
-_EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
+_EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"} | {
+    "absent": "yellow",
+    "returned": "green",
+}
 _MAX_EVENT_ROWS = 4
 _COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")
 
@@ -110,7 +113,9 @@ def _head(snapshot: Snapshot) -> list[Text]:
         " lost",
     )
     undetermined = f", {snapshot.undetermined} undetermined" if snapshot.undetermined else ""
-    second = Text(f"{snapshot.tracks} tracks in {len(snapshot.hypotheses)} hypotheses{undetermined}   ")
+    count = len(snapshot.hypotheses) - snapshot.current
+    absent = f", {count} absent" if count else ""
+    second = Text(f"{snapshot.tracks} tracks in {snapshot.current} hypotheses{absent}{undetermined}   ")
     second.append_text(_problems(service))
     return [first, second]
 
@@ -169,8 +174,16 @@ def _swatch(row: HypothesisRow) -> Text:
     return Text("●", style=hex_colour(row.id))
 
 
-def _state(row: SourceRow | HypothesisRow) -> Text:
+def _state(row: SourceRow) -> Text:
     return Text(row.state, style=_STATE_STYLES.get(row.state, "dim"))
+
+
+def _motion(row: HypothesisRow) -> Text:
+    """State of a hypothesis; a question mark follows while it is not confirmed."""
+    if row.absent:
+        return Text("absent", style="dim")
+    style = _STATE_STYLES.get(row.state, "dim") if row.confirmed else "dim"
+    return Text(row.state if row.confirmed else f"{row.state[:11]}?", style=style)
 
 
 def _speed(row: HypothesisRow) -> str:
@@ -190,7 +203,7 @@ SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
 HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
     _Column(" ", 1, _swatch),
     _Column("hypothesis", 10, lambda r: str(r.id)),
-    _Column("state", 12, _state, left=True),
+    _Column("state", 12, _motion, left=True),
     _Column("size", 5, lambda r: str(r.size)),
     _Column("age", 7, lambda r: duration(r.age)),
     _Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
@@ -226,9 +239,7 @@ def plain_line(snapshot: Snapshot) -> str:
     head = f"{snapshot.scene} service {service.state}"
     if snapshot.service.seq >= 0:
         head += f" {number(service.rate, 1)} Hz age {duration(service.age)} lost {service.lost}"
-    body = (
-        f"{snapshot.tracks} tracks {len(snapshot.hypotheses)} hypotheses {snapshot.undetermined} undetermined"
-    )
+    body = f"{snapshot.tracks} tracks {snapshot.current} hypotheses {snapshot.undetermined} undetermined"
     problem = [_problems(service).plain] if service.state != "ok" and service.message else []
     return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem])
 

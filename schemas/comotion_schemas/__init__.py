@@ -4,7 +4,7 @@ Importing this package does not import zenoh; :mod:`comotion_schemas.transport` 
 """
 
 from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, encode
-from .hypotheses import Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
+from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
 from .keys import DEFAULT_SCENE, Keys
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .qos import QOS, QoS
@@ -16,6 +16,7 @@ __all__ = [
     "MESSAGE_TYPES",
     "QOS",
     "UNDETERMINED",
+    "Box",
     "DecodeError",
     "Event",
     "Hypothesis",

@@ -28,7 +28,7 @@ from .types import (
 )
 
 HypothesisState = Literal["static", "moving", "undetermined"]
-EventKind = Literal["born", "split", "merged", "ended"]
+EventKind = Literal["born", "split", "merged", "ended", "absent", "returned", "joined", "released"]
 Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
 Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 AngularVector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
@@ -69,11 +69,33 @@ class Twist(Record):
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Box(Record):
+    """Extent in the axes of the space: half lengths along its own axes, which `rotation` turns.
+
+    `rotation` is a quaternion (x, y, z, w) in 3-D and an angle in rad in 2-D.
+    """
+
+    center: Vector
+    half: Annotated[list[Annotated[Finite, Field(ge=0)]], Field(min_length=2, max_length=3)]
+    rotation: Quaternion | Finite
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.center) != len(self.half):
+            raise reject("length", "center and half differ in length")
+        if isinstance(self.rotation, list) and abs(math.hypot(*self.rotation) - 1) > UNIT_NORM_TOLERANCE:
+            raise reject("range", "rotation is not of unit norm")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
 class Hypothesis(Record):
     """A set of features that move as one rigid body.
 
     `size` counts its tracks in this update, `centroid` is their mean position [dim], `noise` the
     one-sigma residual in the space's unit, `linked` ids in other spaces that are the same body.
+    An unconfirmed one may vanish without an event. One that is `absent` has no current track and is
+    remembered: its centroid and twist are the last ones.
     """
 
     id: HypothesisId
@@ -86,6 +108,9 @@ class Hypothesis(Record):
     twist: Twist | None = None
     noise: Annotated[Finite, Field(ge=0)] | None = None
     linked: list[HypothesisId] | None = None
+    confirmed: bool = True
+    absent: bool | None = None
+    box: Box | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -93,6 +118,10 @@ class Hypothesis(Record):
             self._check("pose", self.pose.translation, self.pose.rotation)
         if self.twist is not None:
             self._check("twist", self.twist.linear, self.twist.angular)
+        if self.box is not None:
+            self._check("box", self.box.center, self.box.rotation)
+        if self.absent and self.size:
+            raise reject("range", "an absent hypothesis has tracks")
         return self
 
     def _check(self, what: str, shift: list[float], turn: list[float] | float) -> None:
@@ -102,15 +131,27 @@ class Hypothesis(Record):
             raise reject("length", f"{what} does not go with {dim} dimensions")
 
 
-_OTHERS = {"born": (0, 0), "ended": (0, 0), "split": (1, 1), "merged": (1, None)}
+# Least and most `others` of an event.
+_OTHERS: dict[EventKind, tuple[int, int | None]] = {
+    "born": (0, 0),
+    "split": (1, 1),
+    "merged": (1, None),
+    "ended": (0, 0),
+    "absent": (0, 0),
+    "returned": (0, 0),
+    "joined": (1, None),
+    "released": (1, None),
+}
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
 class Event(Record):
-    """A change of the set of hypotheses.
+    """A change of the set of confirmed hypotheses.
 
     ``born``: new, from nothing. ``split``: `hypothesis` is the new one, `others` the one it left.
-    ``merged``: `hypothesis` survives, `others` are gone. ``ended``: no members left.
+    ``merged``: `hypothesis` survives, `others` are gone. ``absent``: no current member left, but
+    remembered. ``returned``: it was absent and has members again. ``ended``: gone for good.
+    ``joined``, ``released``: a joint with `others` begins, ends.
     """
 
     stamp_ns: Int64
@@ -134,6 +175,10 @@ class HypothesisUpdate:
     ----------
     stamp_ns, published_ns, period_ns
         The watermark this update is fused up to, the clock at publication, the fixed period.
+    live
+        False while no source is live; `stamp_ns` stands still then.
+    epoch
+        Fencing number of the service that publishes, 0 without a standby.
     sources
         (name, session) pairs; `track_source` indexes them.
     track_source, track_id
@@ -155,6 +200,8 @@ class HypothesisUpdate:
     stamp_ns: Int64
     published_ns: Int64
     period_ns: Annotated[Int64, Field(gt=0)]
+    live: bool = True
+    epoch: Count = 0
     sources: list[SourceRef]
     track_source: U2Column
     track_id: IdColumn

@@ -10,7 +10,7 @@ ROOT = "comotion/@v1"
 DEFAULT_SCENE = "default"
 
 StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
-QueryName = Literal["snapshot", "status", "config", "affinity", "schema"]
+QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget"]
 
 _STREAMS = get_args(StreamKind)
 

@@ -19,6 +19,7 @@ class Header(NamedTuple):
     stamp_ns: int
     published_ns: int
     period_ns: int
+    live: bool
 
 
 def assemble(

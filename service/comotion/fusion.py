@@ -128,7 +128,8 @@ class Fusion:
         self._remember(stamp, [event for one in updates for event in one.events])
         in_use = set().union(*(space.sessions_in_use() for space in self._spaces.values()))
         self._timeline.forget_idle(in_use)
-        header = Header(self.scene, self.session, self._seq, stamp, now_ns, to_ns(self.config.period))
+        period_ns, live = to_ns(self.config.period), self._timeline.live(now_ns)
+        header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
         self._seq += 1
         self.stats.updates += 1
         update = assemble(header, updates, self._timeline.sessions, self._events)
@@ -146,6 +147,18 @@ class Fusion:
         owners = [self._timeline.sessions[number] for number in sessions.tolist()]
         tracks = [(*owner, track) for owner, track in zip(owners, ids.tolist(), strict=True)]
         return AffinitySnapshot(tracks, matrix)
+
+    def forget(self, hypothesis: int | None = None) -> list[int]:
+        """Forget a hypothesis, or all when None: what it was, where it was, and its id.
+
+        Its features are grouped as new ones at the next update, which lists it as ended.
+
+        Returns
+        -------
+        list[int]
+            The ids of the forgotten hypotheses, ascending.
+        """
+        return sorted(one for space in self._spaces.values() for one in space.forget(hypothesis))
 
     def sources(self, now_ns: int) -> list[SourceHealth]:
         """Health of every source: its session, age and whether the watermark waits for it."""

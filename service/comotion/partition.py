@@ -96,6 +96,8 @@ class Group:
     ----------
     state
         Whether it moves.
+    static
+        Whether it is the method's static body, of which there is at most one.
     twist
         Velocities at the watermark, None where unknown.
     noise
@@ -105,6 +107,7 @@ class Group:
     """
 
     state: HypothesisState = "undetermined"
+    static: bool = False
     twist: Twist | None = None
     noise: float | None = None
     pose_since: Callable[[PoseReference], Pose | None] | None = None

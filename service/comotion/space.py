@@ -14,8 +14,8 @@ from .arrays import Bools, Floats, Labels, Slots
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instant
 from .event_time.stats import Stats
-from .hypotheses.description import describe
-from .hypotheses.identity import IdAllocator, LabelMemory
+from .hypotheses.identity import IdAllocator
+from .hypotheses.registry import Registry
 from .linking.linker import SpaceView
 from .partition import Method, Rows, SpaceSpec
 from .rigid.method import RigidMethod
@@ -44,7 +44,7 @@ class SpaceUpdate:
     confidence
         float64 [n] in 0..1.
     hypotheses
-        The hypotheses with current members.
+        The hypotheses with current members, and the absent ones.
     events
         Those of this update only.
     view
@@ -88,7 +88,7 @@ class Space:
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         self._index = TrackIndex(self._window)
         self._method = method
-        self._memory = LabelMemory(ids)
+        self._hypotheses = Registry(spec.name, ids, config.hypotheses)
         self._current: Slots = np.zeros(0, np.intp)
         self._opened = 0
 
@@ -181,10 +181,11 @@ class Space:
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         self._opened = 0
-        partition = self._method.partition(window, current, stamp_ns, self._memory.previous(window))
-        labels = self._memory.name(window, partition, current, self._method.matching)
-        events = self._memory.note(window, stamp_ns)
-        hypotheses = describe(self.spec.name, partition, self._memory.ids, labels, self._memory.references)
+        partition = self._method.partition(window, current, stamp_ns, self._hypotheses.previous(window))
+        labels, hypotheses, events = self._hypotheses.update(
+            window, partition, current, stamp_ns, self._method.matching
+        )
+        present = [one for one in hypotheses if not one.absent]
         return SpaceUpdate(
             sessions=window.source[current],
             ids=self._index.ids[current],
@@ -193,7 +194,7 @@ class Space:
             confidence=partition.confidence,
             hypotheses=hypotheses,
             events=events,
-            view=SpaceView(self.spec, window, current, labels, hypotheses, self._poses()),
+            view=SpaceView(self.spec, window, current, labels, present, self._poses()),
         )
 
     def _evict(self, stamp_ns: int) -> None:
@@ -219,14 +220,18 @@ class Space:
             return
         gone = gone[np.argsort(window.key[gone])]
         self._method.forgetting(window, gone)
-        self._memory.forget(window, gone)
+        self._hypotheses.labels.forget(window, gone)
         self._index.close(gone)
 
     def _poses(self) -> Callable[[], Poses | None] | None:
         """Where the poses of its hypotheses come from; None where the method has none."""
         if isinstance(self._method, RigidMethod):
-            return partial(self._method.poses, self._memory.ids)
+            return partial(self._method.poses, self._hypotheses.labels.ids)
         return None
+
+    def forget(self, hypothesis: int | None) -> list[int]:
+        """Forget a hypothesis, or all; returns those forgotten."""
+        return self._hypotheses.forget(hypothesis)
 
     def affinity(self) -> tuple[Slots, Ids, NDArray[np.float32]]:
         """Session numbers intp [n], ids uint64 [n] and affinities float32 [n, n] of the last update."""
@@ -246,7 +251,7 @@ class Space:
             "ids": self._index.ids[self._window.slots()],
             "window": self._window.state(),
             "method": self._method.state(),
-            "memory": self._memory.state(self._window),
+            "hypotheses": self._hypotheses.state(self._window),
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
@@ -254,7 +259,7 @@ class Space:
         slots = self._window.load(state["window"])
         self._index.load(state["ids"], slots)
         self._method.load(state["method"] if keep_method else {}, self._window)
-        self._memory.load(state["memory"] if keep_method else {}, self._window)
+        self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
 
 
 def _take(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:

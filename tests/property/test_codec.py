@@ -8,6 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from comotion_schemas import (
     UNDETERMINED,
+    Box,
     DecodeError,
     Event,
     Hypothesis,
@@ -139,14 +140,15 @@ statuses = st.builds(
 
 @st.composite
 def hypotheses(draw, identity):
-    dim = draw(st.sampled_from([2, 3]))
+    dim, absent = draw(st.sampled_from([2, 3])), draw(st.none() | st.booleans())
     vector = st.lists(finite, min_size=dim, max_size=dim)
+    half = st.lists(st.floats(0, 1e9), min_size=dim, max_size=dim)
     turn = finite if dim == 2 else st.lists(finite, min_size=3, max_size=3)
     rotation = finite if dim == 2 else st.sampled_from([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, -0.8]])
     return Hypothesis(
         id=identity,
         space=draw(st.text(min_size=1, max_size=20)),
-        size=draw(uint64),
+        size=draw(uint64) if not absent else 0,
         born_ns=draw(int64),
         state=draw(st.sampled_from(["static", "moving", "undetermined"])),
         centroid=draw(vector),
@@ -154,13 +156,17 @@ def hypotheses(draw, identity):
         twist=draw(st.none() | st.builds(Twist, linear=vector, angular=turn)),
         noise=draw(st.none() | st.floats(0, 1e9)),
         linked=draw(st.none() | st.lists(hypothesis_ids, max_size=3)),
+        confirmed=draw(st.booleans()),
+        absent=absent,
+        box=draw(st.none() | st.builds(Box, center=vector, half=half, rotation=rotation)),
     )
 
 
 @st.composite
 def events(draw):
-    kind = draw(st.sampled_from(["born", "split", "merged", "ended"]))
-    least, most = {"born": (0, 0), "ended": (0, 0), "split": (1, 1), "merged": (1, 3)}[kind]
+    several = {"split": (1, 1), "merged": (1, 3), "joined": (1, 3), "released": (1, 3)}
+    kind = draw(st.sampled_from(["born", "ended", "absent", "returned", *several]))
+    least, most = several.get(kind, (0, 0))
     others = draw(st.lists(hypothesis_ids, min_size=least, max_size=most))
     return Event(stamp_ns=draw(int64), kind=kind, hypothesis=draw(hypothesis_ids), others=others)
 
@@ -182,6 +188,8 @@ def hypothesis_updates(draw):
         stamp_ns=draw(int64),
         published_ns=draw(int64),
         period_ns=draw(st.integers(1, 2**63 - 1)),
+        live=draw(st.booleans()),
+        epoch=draw(uint64),
         sources=[SourceRef(name=name, session=session) for name, session in sources],
         track_source=draw(hnp.arrays(np.uint16, rows, elements=owners)),
         track_id=draw(unique_ids(rows)),

@@ -102,6 +102,8 @@ HYPOTHESIS = {
     "twist": {"linear": [0.0, 0.0, 0.0], "angular": [0.0, 0.0, 0.0]},
     "noise": 0.0,
     "linked": [5],
+    "confirmed": True,
+    "box": {"center": [0.0, 0.0, 0.0], "half": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]},
 }
 UPDATE = {
     "schema": "comotion.HypothesisUpdate/1",
@@ -111,6 +113,8 @@ UPDATE = {
     "stamp_ns": 0,
     "published_ns": 0,
     "period_ns": 1,
+    "live": True,
+    "epoch": 0,
     "sources": [{"name": "cam", "session": SESSION}],
     "track_source": np.array([0, 0], "<u2").tobytes(),
     "track_id": u8(1, 2),
@@ -215,6 +219,13 @@ REJECTED = {
     "an end with others": (event("ended", [1]), "length"),
     "a split from two": (event("split", [1, 2]), "length"),
     "a merger of none": (event("merged", []), "length"),
+    "an absence with others": (event("absent", [1]), "length"),
+    "a return with others": (event("returned", [1]), "length"),
+    "an absent hypothesis with tracks": (hypothesis(absent=True), "range"),
+    "a box of another dimension": (
+        hypothesis(box={"center": [0.0, 0.0], "half": [0.0, 0.0], "rotation": 0.0}),
+        "length",
+    ),
     # non-finite
     "a position that is NaN": (changed(OBS, positions=f4(0, 1, 2, 3, 4, NAN)), "non-finite"),
     "a position that is infinite": (changed(OBS, positions=f4(0, 1, 2, 3, 4, INF)), "non-finite"),

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import follow, name_groups
+from comotion.hypotheses.identity import IdAllocator, LabelMemory, follow, name_groups
 from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS
 
@@ -102,3 +102,12 @@ def test_the_hidden_few_follow_the_many_in_sight():
 
 def test_nobody_hidden():
     assert follow(np.array([5]), np.array([5]), np.zeros(0, np.int64)).tolist() == []
+
+
+def test_renaming_is_simultaneous_and_one_id_stands_for_one_group():
+    memory = LabelMemory(IdAllocator())
+    memory.labels = np.array([1, 2, 2, 3, -1])
+    memory.ids = np.array([2, 3])
+    memory.rename({2: 3, 3: 1})
+    assert memory.labels.tolist() == [-1, 3, 3, 1, -1]
+    assert memory.ids.tolist() == [3, 1]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
+from comotion.config import HypothesesConfig
 from comotion_schemas import UNDETERMINED, ObservationBatch
 
 from ..reference import thesis as literal
@@ -76,7 +77,9 @@ def test_a_body_that_starts_to_move_splits_off():
     assert scene.told() == [("born", *one, []), ("split", *other, list(one))]
     born = {h.id: h.born_ns for h in scene.update.hypotheses}
     assert born[one.pop()] == T0
-    assert born[other.pop()] == scene.events[-1].stamp_ns
+    # Both are confirmed half a second after they have appeared.
+    assert scene.events[0].stamp_ns == T0 + 500 * MS
+    assert scene.events[1].stamp_ns == born[other.pop()] + 500 * MS
 
 
 def test_state_and_centroid():
@@ -114,31 +117,48 @@ def test_confidence_is_the_mean_affinity_to_the_other_members():
 def test_a_body_that_is_hidden_and_comes_back_within_the_window_keeps_its_id():
     scene = Scene()
     scene.run(40, both)
-    before = scene.labels
+    before, gone = scene.labels, scene.labels[10]
     scene.run(60, REST)
     assert set(scene.labels) == set(REST)
-    assert scene.told()[2:] == []
+    assert scene.told()[2:] == [("absent", gone, [])]
+    (listed,) = (h for h in scene.update.hypotheses if h.id == gone)
+    assert (listed.absent, listed.size, listed.confirmed) == (True, 0, True)
     scene.run(30, both)
     assert scene.labels == before
-    assert [kind for kind, _, _ in scene.told()] == ["born", "split"]
+    assert [kind for kind, _, _ in scene.told()] == ["born", "split", "absent", "returned"]
 
 
-def test_a_body_that_stays_away_for_longer_than_the_window_has_ended():
-    scene = Scene(CONFIG.model_copy(update={"window": 2.0}))
+def test_a_body_that_stays_away_for_longer_than_the_memory_has_ended():
+    hypotheses = HypothesesConfig(memory=1.0)
+    scene = Scene(CONFIG.model_copy(update={"window": 2.0, "hypotheses": hypotheses}))
     scene.run(40, both)
     gone = scene.labels[10]
     scene.run(60, REST)
-    assert scene.told()[-1] == ("ended", gone, [])
+    assert scene.told()[-2:] == [("absent", gone, []), ("ended", gone, [])]
     scene.run(40, lambda frame: REST | passing(frame - 60))
     assert gone not in scene.labels.values()
 
 
-def test_a_body_whose_source_gives_it_up_ends_at_once():
+def test_a_body_whose_source_gives_it_up_is_absent():
     scene = Scene()
     scene.run(40, both)
     gone = scene.labels[10]
     scene.step(REST, ended=(10, 11, 12))
-    assert scene.told()[-1] == ("ended", gone, [])
+    assert [h.id for h in scene.update.hypotheses if h.absent] == [gone]
+    scene.run(20, REST)
+    assert scene.told()[2:] == [("absent", gone, [])]
+
+
+def test_a_forgotten_hypothesis_ends_and_its_features_are_grouped_as_new_ones():
+    scene = Scene()
+    scene.run(40, both)
+    rest, moving = scene.labels[0], scene.labels[10]
+    assert scene.fusion.forget(moving) == [moving]
+    assert scene.fusion.forget(moving) == []
+    scene.run(20, both)
+    assert scene.labels[0] == rest
+    assert moving not in {h.id for h in scene.update.hypotheses}
+    assert scene.told()[2:] == [("ended", moving, []), ("born", scene.labels[10], [])]
 
 
 def test_bodies_that_stay_together_for_longer_than_the_window_merge():

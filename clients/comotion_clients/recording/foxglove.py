@@ -70,12 +70,17 @@ def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], sc
     }
 
 
+def current(update: HypothesisUpdate) -> list[Hypothesis]:
+    """Hypotheses with current tracks."""
+    return [h for h in update.hypotheses if not h.absent]
+
+
 def poses(update: HypothesisUpdate, space: str, scale: float) -> Json:
     """Centroid and rotation since birth of the hypotheses of one space; `scale` in metres per unit."""
     return {
         "timestamp": time_of(update.stamp_ns),
         "frame_id": space,
-        "poses": [_pose(_position(h, scale), _orientation(h)) for h in update.hypotheses if h.space == space],
+        "poses": [_pose(_position(h, scale), _orientation(h)) for h in current(update) if h.space == space],
     }
 
 
@@ -90,7 +95,7 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> Json:
                 "translation": _xyz(_position(h, scales[h.space])),
                 "rotation": _orientation(h),
             }
-            for h in update.hypotheses
+            for h in current(update)
             if h.pose is not None
         ]
     }
@@ -146,8 +151,8 @@ def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: floa
     confidence = update.track_confidence
     return {
         "timestamp": time_of(update.stamp_ns),
-        "hypotheses": len(update.hypotheses),
-        "moving": sum(h.state == "moving" for h in update.hypotheses),
+        "hypotheses": len(current(update)),
+        "moving": sum(h.state == "moving" for h in current(update)),
         "tracks": len(update.track_id),
         "undetermined": int((update.track_hypothesis == UNDETERMINED).sum()),
         "mean_confidence": float(confidence.mean()) if len(confidence) else None,
@@ -205,6 +210,12 @@ def _colour(hypothesis: int) -> Json:
     return {"r": red / 255, "g": green / 255, "b": blue / 255, "a": 1.0}
 
 
+def _word(hypothesis: Hypothesis) -> str:
+    if hypothesis.absent:
+        return "absent"
+    return hypothesis.state if hypothesis.confirmed else f"{hypothesis.state}, unconfirmed"
+
+
 def _label(hypothesis: Hypothesis, scale: float) -> Json:
     return {
         "pose": _pose(_position(hypothesis, scale), _IDENTITY),
@@ -212,13 +223,13 @@ def _label(hypothesis: Hypothesis, scale: float) -> Json:
         "font_size": 14.0,
         "scale_invariant": True,
         "color": _colour(hypothesis.id),
-        "text": f"{hypothesis.id}: {hypothesis.state}, {hypothesis.size}",
+        "text": f"{hypothesis.id}: {_word(hypothesis)}, {hypothesis.size}",
     }
 
 
 def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
     """Arrow along the velocity; its length is the distance moved in 0.5 s."""
-    if hypothesis.twist is None:
+    if hypothesis.twist is None or hypothesis.absent:
         return []
     x, y, z = (*(value * scale for value in hypothesis.twist.linear), 0.0)[:3]
     length = float(np.sqrt(x * x + y * y + z * z)) / 2

@@ -44,14 +44,17 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
 
     The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
     velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
-    distance that the tip of the x axis moves in 1 s.
+    distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn.
     """
     ids = np.array([h.id for h in hypotheses], np.uint32)
     dim = len(hypotheses[0].centroid) if hypotheses else 3
     centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
     shades = colours(ids)
+    words = labels(f"{path}/hypotheses", ids, centroids, tuple(label(h) for h in hypotheses))
+    rows = [k for k, h in enumerate(hypotheses) if not h.absent]
+    hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
     return [
-        labels(f"{path}/hypotheses", ids, centroids, tuple(label(h) for h in hypotheses)),
+        words,
         _frames(path, hypotheses, centroids, axis),
         _velocities(path, hypotheses, centroids, shades, axis),
         _angular_velocities(path, hypotheses, centroids, shades, axis),
@@ -78,8 +81,10 @@ def labels(path: str, ids: NDArray[np.uint32], positions: Positions, words: tupl
 
 def label(hypothesis: Hypothesis) -> str:
     """Text of a hypothesis: its id, and its state if known."""
+    if hypothesis.absent:
+        return f"{hypothesis.id} absent"
     state = "" if hypothesis.state == "undetermined" else f" {hypothesis.state}"
-    return f"{hypothesis.id}{state}"
+    return f"{hypothesis.id}{state}" if hypothesis.confirmed else f"{hypothesis.id}{state}?"
 
 
 def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, axis: float) -> Arrows:

@@ -2,6 +2,7 @@
 
 from .flat_names import nested, present_name
 from .fusion import FusionConfig, Method, to_ns
+from .hypotheses import HypothesesConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -11,6 +12,7 @@ __all__ = [
     "Camera",
     "Clustering",
     "FusionConfig",
+    "HypothesesConfig",
     "LinkingConfig",
     "Method",
     "PixelsConfig",

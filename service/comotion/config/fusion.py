@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from .flat_names import GROUPS, MEMBERS, nested
+from .hypotheses import HypothesesConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -52,6 +53,9 @@ class FusionConfig(BaseModel):
     )
     pixels: PixelsConfig = Field(
         default_factory=PixelsConfig, description="the default method in spaces of unit px"
+    )
+    hypotheses: HypothesesConfig = Field(
+        default_factory=HypothesesConfig, description="confirmation and memory, for all methods"
     )
     linking: LinkingConfig = Field(
         default_factory=LinkingConfig, description="links between spaces in pixels and metric spaces"

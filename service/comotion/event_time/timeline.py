@@ -147,6 +147,10 @@ class Timeline:
         source, _ = self.sessions[session]
         return max(self._track_timeout_ns, _PERIODS * self._sources[source].period_ns)
 
+    def live(self, now_ns: int) -> bool:
+        """Whether any source is live."""
+        return any(s.is_live(now_ns, self._source_timeout_ns) for s in self._sources.values())
+
     def health(self, now_ns: int) -> list[SourceHealth]:
         """Health of every source seen so far, by name."""
         return [

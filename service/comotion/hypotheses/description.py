@@ -1,6 +1,7 @@
 """Named groups in, hypotheses as they are published out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,12 @@ from ..partition import NO_HYPOTHESIS, Partition, PoseReference
 
 
 def describe(
-    space: str, partition: Partition, ids: Labels, labels: Labels, references: Mapping[int, PoseReference]
+    space: str,
+    partition: Partition,
+    ids: Labels,
+    labels: Labels,
+    references: Mapping[int, PoseReference],
+    confirmed: Callable[[int], bool],
 ) -> list[Hypothesis]:
     """Hypotheses that have a current member, by id.
 
@@ -27,6 +33,8 @@ def describe(
         int64 [n], hypotheses of the current trajectories.
     references
         Of every hypothesis in `ids`; brought up to date.
+    confirmed
+        Whether a hypothesis is confirmed.
     """
     found = []
     for group, one in zip(partition.described, ids.tolist(), strict=True):
@@ -49,6 +57,12 @@ def describe(
                 pose=pose,
                 twist=group.twist,
                 noise=group.noise,
+                confirmed=confirmed(one),
             )
         )
     return sorted(found, key=lambda h: h.id)
+
+
+def absent(last: Hypothesis) -> Hypothesis:
+    """A hypothesis without current members, as it was described last."""
+    return replace(last, size=0, absent=True, confirmed=True)

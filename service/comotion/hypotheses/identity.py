@@ -1,17 +1,16 @@
-"""Partitions in, hypothesis ids over time out: one memory of labels for all methods."""
+"""Partitions in, hypothesis ids by slot out: one memory of labels for all methods."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event
+from comotion_schemas import UNDETERMINED
 
 from ..arrays import Ints, Labels, Slots
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
-from .events import Membership, changes
 
 
 class IdAllocator:
@@ -57,7 +56,6 @@ class LabelMemory:
         self.labels: Labels = np.zeros(0, np.int64)
         self.ids: Labels = np.zeros(0, np.int64)
         self.references: dict[int, PoseReference] = {}
-        self._before = Membership.empty()
 
     def previous(self, window: Window) -> Previous:
         """What a method is told of the last update."""
@@ -81,18 +79,31 @@ class LabelMemory:
         self._lead_outdated(window, slots, before, now)
         return now
 
-    def note(self, window: Window, stamp_ns: int) -> list[Event]:
-        """Take down the memberships; returns the events since the last time."""
-        after = self._membership(window)
-        events = changes(stamp_ns, self._before, after)
-        self._before = after
+    def rename(self, names: dict[int, int]) -> None:
+        """Give the members of some hypotheses other ids, {present: other}, all at once.
+
+        Trajectories of the other ids that the method has kept apart from them have no hypothesis any more:
+        one id would stand for two groups.
+        """
+        for array in (self.labels, self.ids):
+            before = array.copy()
+            array[np.isin(before, list(names.values()))] = NO_HYPOTHESIS
+            for present, other in names.items():
+                array[before == present] = other
+
+    def drop(self, hypothesis: int) -> None:
+        """Leave the members of a hypothesis without any."""
+        self.labels[self.labels == hypothesis] = NO_HYPOTHESIS
+        self.ids[self.ids == hypothesis] = NO_HYPOTHESIS
+
+    def refer(self, window: Window, stamp_ns: int) -> None:
+        """Keep the references of the hypotheses that have a trajectory in the window, and no other."""
         present = np.unique(self.labels[window.used])
         self.references = {
             h: self.references.get(h) or PoseReference.new(stamp_ns)
             for h in present.tolist()
             if h != NO_HYPOTHESIS
         }
-        return events
 
     def state(self, window: Window) -> dict[str, Any]:
         """As plain values and arrays: labels by trajectory, births by hypothesis."""
@@ -115,7 +126,6 @@ class LabelMemory:
         self.labels[slots] = [label_of.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
         self.ids = state["ids"]
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
-        self._before = self._membership(window)
 
     def _fit(self, window: Window) -> None:
         """Make room for every slot of the window."""
@@ -129,11 +139,6 @@ class LabelMemory:
         outdated[named] = False
         slots = np.flatnonzero(outdated)
         self.labels[slots] = follow(before, now, self.labels[slots])
-
-    def _membership(self, window: Window) -> Membership:
-        """Of all trajectories that are current or may come back."""
-        slots = np.flatnonzero(window.used & ~window.ended & (self.labels != NO_HYPOTHESIS))
-        return Membership(window.key[slots], self.labels[slots])
 
 
 def name_groups(

@@ -49,9 +49,10 @@ def _describe(
     if not body.static:
         since = partial(_pose_since, frames, body, names[body.rows], point, now)
     if not len(members):
-        return Group(pose_since=since)
+        return Group(static=body.static, pose_since=since)
     return Group(
         state=_state(frames, found, k, config),
+        static=body.static,
         twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
         noise=_noise(frames, body, rows, config),
         pose_since=since,

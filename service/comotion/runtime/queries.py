@@ -1,4 +1,4 @@
-"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema``.
+"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema | forget``.
 
 | name | parameters | reply | encoding |
 |---|---|---|---|
@@ -7,6 +7,7 @@
 | config | | map of the fusion parameters | JSON |
 | schema | ``message=NAME`` (optional) | JSON Schema of that message, or map name -> schema | JSON |
 | affinity | ``space=NAME`` (optional with one space) | affinities of the last update | msgpack |
+| forget | ``id=N``, or ``id=all`` | map ``forgotten`` -> ids of the forgotten hypotheses | JSON |
 
 Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``stamp_ns``,
 ``sources`` (list of ``{name, session}``), ``track_source`` bin<u2>[N], ``track_id`` bin<u8>[N],
@@ -105,6 +106,7 @@ def handlers(
             _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
             _AFFINITY_ENCODING,
         ),
+        "forget": lambda parameters: (_forget(fusion, parameters.get("id")), _JSON),
     }
     assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
     return answers
@@ -117,6 +119,15 @@ def _schema(message: str | None) -> bytes:
     if message not in schemas:
         raise QueryError(f"no message {message!r}; one of {', '.join(schemas)}")
     return json.dumps(schemas[message]).encode()
+
+
+def _forget(fusion: Fusion, which: str | None) -> bytes:
+    if which is None or not (which == "all" or which.isdecimal()):
+        raise QueryError("id is required: the id of a hypothesis, or all")
+    forgotten = fusion.forget(None if which == "all" else int(which))
+    if which != "all" and not forgotten:
+        raise QueryError(f"no hypothesis {which}")
+    return json.dumps({"forgotten": forgotten}).encode()
 
 
 def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:

@@ -1,0 +1,222 @@
+"""Hypotheses as last seen in; which of them a new group is, by its features, place and extent, out."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from comotion_schemas import Hypothesis
+
+from ..arrays import Floats, Ints, Labels, Stamps
+from ..partition import NO_HYPOTHESIS, PoseReference
+
+# s; lost features count among the last members of their hypothesis for so long.
+_RECENT = 2.0
+# s; a body is expected to keep its velocity for so long; it may turn back later.
+_CARRY = 0.5
+# Share of a body's extent by which the centroid of other features of it errs.
+_CENTROID_ERROR = 0.5
+# Share of the way at the last speed by which a prediction errs.
+_WAY_ERROR = 0.7
+# Error of the logarithm of an extent that is estimated from few features.
+_EXTENT_ERROR = 0.5
+# Squared distance, in standard deviations, up to which a group may be the one that is absent: 3.5 of them.
+_GATE = 12.0
+
+
+@dataclass
+class Trace:
+    """A hypothesis as it was last seen.
+
+    Attributes
+    ----------
+    keys, stamps, positions
+        int64 [m], int64 [m] and float64 [m, dim]: its last members, and when and where each was seen last.
+    description
+        As it was published last.
+    static
+        Whether it was the static body.
+    reference
+        Of its pose.
+    """
+
+    keys: Stamps
+    stamps: Stamps
+    positions: Floats
+    description: Hypothesis
+    static: bool
+    reference: PoseReference
+
+    @property
+    def stamp_ns(self) -> int:
+        """When it was last seen."""
+        return int(self.stamps.max())
+
+    @property
+    def velocity(self) -> Floats:
+        """Of the centroid, float64 [dim]; zero where unknown."""
+        twist = self.description.twist
+        return np.zeros(self.positions.shape[1]) if twist is None else np.array(twist.linear)
+
+    def predicted(self, stamp_ns: int) -> Floats:
+        """Where its members are expected at a time, float64 [m, dim]."""
+        seconds = (self.stamp_ns - self.stamps) * 1e-9 + min((stamp_ns - self.stamp_ns) * 1e-9, _CARRY)
+        return np.asarray(self.positions + self.velocity * seconds[:, None])
+
+
+@dataclass(frozen=True)
+class Newcomer:
+    """A group: keys int64 [n] and positions float64 [n, dim] of its current members.
+
+    `static` tells whether it is the method's static body.
+    """
+
+    keys: Stamps
+    positions: Floats
+    static: bool
+
+
+class ObjectMemory:
+    """The traces of all confirmed hypotheses of a space, by id."""
+
+    def __init__(self) -> None:
+        self.traces: dict[int, Trace] = {}
+
+    def see(
+        self,
+        stamp_ns: int,
+        group: Newcomer,
+        current: Stamps,
+        description: Hypothesis,
+        reference: PoseReference,
+    ) -> None:
+        """Note a hypothesis with current members; `current` int64 [n], ascending, are all current keys."""
+        keys, stamps = group.keys, np.full(len(group.keys), stamp_ns)
+        positions, before = group.positions, self.traces.get(description.id)
+        if before is not None:
+            lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_RECENT * 1e9))
+            keys = np.concatenate([keys, before.keys[lost]])
+            stamps = np.concatenate([stamps, before.stamps[lost]])
+            positions = np.vstack([positions, before.positions[lost]])
+        self.traces[description.id] = Trace(keys, stamps, positions, description, group.static, reference)
+
+    def heir(self, one: int, keys: Stamps, labels: Labels) -> int | None:
+        """Hypothesis that most of the last members belong to now; None if more of them are lost.
+
+        Parameters
+        ----------
+        one
+            A remembered hypothesis.
+        keys, labels
+            int64 [n], the current trajectories, ascending, and their hypotheses.
+        """
+        at = find(self.traces[one].keys, keys)
+        now = labels[at[at >= 0]]
+        found, counts = np.unique(now[now != NO_HYPOTHESIS], return_counts=True)
+        if not len(found) or 2 * counts.sum() <= len(self.traces[one].keys):
+            return None
+        return int(found[counts.argmax()])
+
+    def recognised(
+        self, stamp_ns: int, absent: list[int], newcomers: Mapping[int, Newcomer], margin: float
+    ) -> dict[int, int]:
+        """Absent hypothesis that each new group is, {new: absent}, by place and extent.
+
+        Parameters
+        ----------
+        absent
+            Remembered hypotheses without a current member.
+        newcomers
+            New groups by id.
+        margin
+            By how much, in nat, a pair must be better than every assignment without it.
+        """
+        found = {}
+        static = [one for one in absent if self.traces[one].static]
+        for new in (new for new, group in newcomers.items() if group.static):
+            if static:
+                # The static body is one, wherever it is seen: the last one known goes on.
+                found[new] = max(static, key=lambda one: self.traces[one].stamp_ns)
+        rows = [one for one in absent if one not in static]
+        columns = [new for new, group in newcomers.items() if not group.static]
+        if rows and columns:
+            costs = self._costs(stamp_ns, rows, [newcomers[new].positions for new in columns])
+            found |= {columns[c]: rows[r] for r, c in clear_pairs(costs, margin)}
+        return found
+
+    def _costs(self, stamp_ns: int, absent: list[int], groups: list[Floats]) -> Floats:
+        """Negative log likelihood of each pair, float64 [absent, groups]; infinite where it cannot be."""
+        traces = [self.traces[one] for one in absent]
+        speeds = [float(np.linalg.norm(trace.velocity)) for trace in traces]
+        usual = float(np.median(speeds))
+        costs = np.full((len(absent), len(groups)), np.inf)
+        for r, (trace, speed) in enumerate(zip(traces, speeds, strict=True)):
+            centroid, extent = _place(trace.predicted(stamp_ns))
+            way = max(speed, usual) * (stamp_ns - trace.stamp_ns) * 1e-9
+            error = np.hypot(_CENTROID_ERROR * extent, _WAY_ERROR * way)
+            for c, positions in enumerate(groups):
+                where, size = _place(positions)
+                off = float(((where - centroid) ** 2).sum() / error**2)
+                off += float((np.log(size / extent) / _EXTENT_ERROR) ** 2)
+                if off <= _GATE:
+                    costs[r, c] = off / 2 + len(centroid) * np.log(error)
+        return costs
+
+    def state(self) -> list[Any]:
+        """As plain values and arrays."""
+        return [
+            [one, t.keys, t.stamps, t.positions, asdict(t.description), t.static, dict(vars(t.reference))]
+            for one, t in self.traces.items()
+        ]
+
+    def load(self, state: list[Any]) -> None:
+        """Take up :meth:`state`."""
+        self.traces = {
+            int(one): Trace(keys, stamps, positions, Hypothesis(**values), bool(static), PoseReference(**ref))
+            for one, keys, stamps, positions, values, static, ref in state
+        }
+
+
+def find(wanted: Stamps, keys: Stamps) -> Ints:
+    """Where each wanted key, int64 [m], is among keys, int64 [n] ascending: intp [m], -1 where it is not."""
+    if not len(keys):
+        return np.full(len(wanted), -1, np.intp)
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[at] == wanted, at, -1)
+
+
+def clear_pairs(costs: Floats, margin: float) -> list[tuple[int, int]]:
+    """Pairs of the best assignment that every assignment without them is worse than by a margin.
+
+    Parameters
+    ----------
+    costs
+        float64 [n, m]; infinite for pairs that cannot be.
+    margin
+        In the unit of the costs.
+    """
+    possible = np.isfinite(costs)
+    if not possible.any():
+        return []
+    # As many pairs as can be are matched; what cannot be costs more than any difference among the others.
+    worst = float(np.ptp(costs[possible])) * min(costs.shape) + 1e3
+    filled = np.where(possible, costs - costs[possible].min(), worst)
+    rows, columns = linear_sum_assignment(filled)
+    best = filled[rows, columns].sum()
+    found = []
+    for r, c in zip(rows.tolist(), columns.tolist(), strict=True):
+        if not possible[r, c]:
+            continue
+        without = filled.copy()
+        without[r, c] = worst
+        if without[linear_sum_assignment(without)].sum() - best >= margin:
+            found.append((r, c))
+    return found
+
+
+def _place(positions: Floats) -> tuple[Floats, float]:
+    """Centroid float64 [dim], and root mean square distance from it."""
+    centroid = positions.mean(0)
+    return centroid, float(np.sqrt(((positions - centroid) ** 2).sum(1).mean())) + 1e-9

@@ -1,0 +1,253 @@
+"""Partitions in; labels, hypotheses and events out: identity, confirmation and memory of one space.
+
+The steps of an update:
+
+1. Name the groups: those that share members with a hypothesis continue it (:mod:`.identity`).
+2. Recall: a new group that is a remembered hypothesis takes its id (:mod:`.memory`).
+3. Confirm hypotheses and find the events (:mod:`.events`).
+4. Describe those with current members, and list the absent ones (:mod:`.description`).
+5. Remember where each was seen (:mod:`.memory`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from comotion_schemas import Event, Hypothesis
+
+from ..arrays import Floats, Labels, Slots, Stamps
+from ..config import HypothesesConfig
+from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
+from ..trajectories.window import Window
+from .description import absent, describe
+from .events import Count, Lifecycle
+from .identity import IdAllocator, LabelMemory
+from .memory import Newcomer, ObjectMemory, Trace
+
+# nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
+# before it is confirmed under its own: then the best assignment of all groups decides. With true
+# groups of four bodies that turn back after some seconds, nine in ten are right after 3 s out of sight.
+_CLEAR, _LIKELY = 2.0, 0.0
+# Smallest space in which hypotheses of two members are not confirmed, in members that confirm one.
+_BODIES = 2
+
+
+@dataclass(frozen=True)
+class _Current:
+    """The current trajectories by key, ascending: int64 [n] keys and labels, float64 [n, dim] positions."""
+
+    keys: Stamps
+    labels: Labels
+    positions: Floats
+
+    def sizes(self) -> dict[int, int]:
+        """Current members of each hypothesis that has any."""
+        found, counts = np.unique(self.labels[self.labels != NO_HYPOTHESIS], return_counts=True)
+        return dict(zip(found.tolist(), counts.tolist(), strict=True))
+
+
+class Registry:
+    """Hypotheses of one space over time.
+
+    Parameters
+    ----------
+    space
+        Its name.
+    ids
+        Where new hypotheses get their ids.
+    config
+        Of confirmation and memory.
+
+    Attributes
+    ----------
+    labels
+        Hypotheses by slot and by group.
+    """
+
+    def __init__(self, space: str, ids: IdAllocator, config: HypothesesConfig) -> None:
+        self._space = space
+        self._config = config
+        self._lifecycle = Lifecycle(config)
+        self._memory = ObjectMemory()
+        # Recalled by their place, and not yet confirmed to have returned.
+        self._recalled: list[int] = []
+        self.labels = LabelMemory(ids)
+
+    def previous(self, window: Window) -> Previous:
+        """What a method is told of the last update."""
+        return self.labels.previous(window)
+
+    def update(
+        self, window: Window, partition: Partition, current: Slots, stamp_ns: int, matching: Matching
+    ) -> tuple[Labels, list[Hypothesis], list[Event]]:
+        """Follow the hypotheses into a new partition.
+
+        Parameters
+        ----------
+        window, partition
+            The trajectories, and their groups.
+        current
+            intp [n], the current slots, by age.
+        stamp_ns
+            The watermark.
+        matching
+            Which old hypothesis continues in which group.
+
+        Returns
+        -------
+        tuple
+            Hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by id;
+            the events of this update.
+        """
+        before = self.labels.labels[current]
+        labels = self.labels.name(window, partition, current, matching)  # 1
+        found = _Current(window.key[current], labels, partition.position)
+        self.labels.refer(window, stamp_ns)
+        if self._recall(stamp_ns, partition, found):  # 2
+            found = replace(found, labels=self.labels.labels[current])
+            self.labels.refer(window, stamp_ns)
+        events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
+        listed = describe(
+            self._space,
+            partition,
+            self.labels.ids,
+            found.labels,
+            self.labels.references,
+            self._lifecycle.confirmed,
+        )  # 4
+        self._remember(stamp_ns, partition, found, listed)  # 5
+        return found.labels, self._with_absent(listed, found), events
+
+    def forget(self, hypothesis: int | None) -> list[int]:
+        """Forget a hypothesis, or all: its members are grouped as new ones. Returns those forgotten."""
+        known = sorted(self._lifecycle.lives)
+        gone = known if hypothesis is None else [one for one in known if one == hypothesis]
+        for one in gone:
+            self._lifecycle.forget(one)
+            self._memory.traces.pop(one, None)
+            self.labels.drop(one)
+        return gone
+
+    def state(self, window: Window) -> dict[str, Any]:
+        """As plain values and arrays."""
+        return {
+            "labels": self.labels.state(window),
+            "lives": self._lifecycle.state(),
+            "traces": self._memory.state(),
+        }
+
+    def load(self, state: dict[str, Any], window: Window) -> None:
+        """Take up :meth:`state`; an empty one says nothing."""
+        self.labels.load(state.get("labels", {}), window)
+        if state:
+            self._lifecycle.load(state["lives"])
+            self._memory.load(state["traces"])
+
+    def _least(self, found: _Current) -> int:
+        """Current members that confirm a hypothesis."""
+        return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
+
+    def _recall(self, stamp_ns: int, partition: Partition, found: _Current) -> bool:
+        """Rename the new groups that are remembered hypotheses; returns whether there is any.
+
+        Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
+        as a group that comes later may be the one that it was taken for.
+        """
+        sizes, least = found.sizes(), self._least(found)
+        missing = [one for one in self._memory.traces if one not in sizes]
+        self._recalled = [one for one in self._recalled if one in sizes and self._lifecycle.absent(one)]
+        young = [
+            one
+            for one in sizes
+            if (missing or self._recalled) and sizes[one] >= least and not self._lifecycle.confirmed(one)
+        ]
+        if not young and not self._recalled:
+            return False
+        groups = self._newcomers(partition, found, [*young, *self._recalled])
+        heirs = {one: self._memory.heir(one, found.keys, found.labels) for one in missing}
+        names = {heir: one for one, heir in heirs.items() if heir in young and not groups[heir].static}
+        lost = [one for one in missing if heirs[one] is None] + self._recalled
+        due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
+        for some, margin in ((young, _CLEAR), (due, _LIKELY)):
+            left = {new: group for new, group in groups.items() if new not in names}
+            free = [one for one in lost if one not in names.values()]
+            wanted = self._memory.recognised(stamp_ns, free, left, margin)
+            wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
+            names |= self._free(wanted, names)
+        names = {new: old for new, old in names.items() if new != old}
+        self._rename(stamp_ns, names, groups)
+        self._recalled += [old for old in names.values() if old in lost and old not in self._recalled]
+        return bool(names)
+
+    def _free(self, wanted: dict[int, int], names: dict[int, int]) -> dict[int, int]:
+        """Those renamings whose ids no other group keeps."""
+        while True:
+            kept = [one for one in self._recalled if one not in wanted and one not in names]
+            taken = {new: old for new, old in wanted.items() if old not in kept}
+            if len(taken) == len(wanted):
+                return taken
+            wanted = taken
+
+    def _rename(self, stamp_ns: int, names: dict[int, int], groups: dict[int, Newcomer]) -> None:
+        self.labels.rename(names)
+        for new, old in names.items():
+            self.labels.references[old] = _carried(self._memory.traces[old], groups[new], stamp_ns)
+
+    def _newcomers(self, partition: Partition, found: _Current, ids: list[int]) -> dict[int, Newcomer]:
+        group_of = {one: k for k, one in enumerate(self.labels.ids.tolist())}
+        groups = {}
+        for one in ids:
+            mine = found.labels == one
+            static = partition.described[group_of[one]].static
+            groups[one] = Newcomer(found.keys[mine], found.positions[mine], static)
+        return groups
+
+    def _count(self, before: Labels, found: _Current) -> Count:
+        sizes = found.sizes()
+        known = self._lifecycle.lives
+        origins = {one: _origin(before[found.labels == one]) for one in sizes if one not in known}
+        heirs: dict[int, int] = {}
+        for one in self._memory.traces:
+            if one not in sizes and (heir := self._memory.heir(one, found.keys, found.labels)) is not None:
+                heirs[one] = heir
+        return Count(sizes, self._least(found), origins, heirs)
+
+    def _remember(
+        self, stamp_ns: int, partition: Partition, found: _Current, listed: list[Hypothesis]
+    ) -> None:
+        """Take down the present hypotheses. One that has just returned may yet turn out to be another."""
+        present = [one for one in listed if self._lifecycle.present(one.id)]
+        groups = self._newcomers(partition, found, [one.id for one in present])
+        for one in present:
+            reference = self.labels.references[one.id]
+            self._memory.see(stamp_ns, groups[one.id], found.keys, one, reference)
+        kept = self._lifecycle.lives
+        self._memory.traces = {one: trace for one, trace in self._memory.traces.items() if one in kept}
+
+    def _with_absent(self, listed: list[Hypothesis], found: _Current) -> list[Hypothesis]:
+        """All hypotheses, by id: those with current members, and those that are remembered without."""
+        shown = {one.id for one in listed}
+        gone = [
+            absent(trace.description)
+            for one, trace in self._memory.traces.items()
+            if one not in shown and self._memory.heir(one, found.keys, found.labels) is None
+        ]
+        return sorted([*listed, *gone], key=lambda h: h.id)
+
+
+def _origin(before: Labels) -> int | None:
+    """The hypothesis that most members were of; None where more were of none."""
+    found, counts = np.unique(before[before != NO_HYPOTHESIS], return_counts=True)
+    if not len(found) or 2 * counts.sum() < len(before):
+        return None
+    return int(found[counts.argmax()])
+
+
+def _carried(trace: Trace, group: Newcomer, stamp_ns: int) -> PoseReference:
+    """Pose reference of a hypothesis that returns: how it has turned meanwhile is not known."""
+    last = trace.reference
+    moved = np.zeros(3)
+    if not group.static:
+        moved[: group.positions.shape[1]] = group.positions.mean(0) - trace.positions.mean(0)
+    return replace(PoseReference.new(last.born_ns), R=last.R.copy(), t=last.t + moved, stamp_ns=stamp_ns)

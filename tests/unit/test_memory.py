@@ -1,0 +1,108 @@
+"""New groups take the id of a remembered hypothesis where they must be it."""
+
+import numpy as np
+import pytest
+
+from comotion.hypotheses.memory import Newcomer, ObjectMemory, clear_pairs
+from comotion.partition import PoseReference
+from comotion_schemas import Hypothesis, Twist
+
+S = 1_000_000_000
+CORNERS = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+
+
+def described(one, velocity=(0.0, 0.0, 0.0), state="moving"):
+    twist = Twist(linear=list(velocity), angular=[0.0, 0.0, 0.0])
+    centroid = [0.0, 0.0, 0.0]
+    return Hypothesis(id=one, space="world", size=8, born_ns=0, state=state, centroid=centroid, twist=twist)
+
+
+def group(first, centre, scale=1.0, static=False):
+    return Newcomer(np.arange(first, first + 8), CORNERS * scale + centre, static)
+
+
+def memory(*seen):
+    """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
+    found, current = ObjectMemory(), np.arange(1000)
+    for one, centre, velocity, static in seen:
+        members = group(100 * one, centre, static=static)
+        found.see(0, members, current, described(one, velocity), PoseReference.new(0))
+    return found
+
+
+def test_a_group_at_the_place_is_the_one_that_was_there():
+    found = memory((1, (0, 0, 0), (0, 0, 0), False), (2, (1, 0, 0), (0, 0, 0), False))
+    new = {7: group(700, (1.02, 0, 0)), 8: group(800, (0, 0.03, 0))}
+    assert found.recognised(S, [1, 2], new, 2.0) == {7: 2, 8: 1}
+
+
+def test_a_group_elsewhere_is_new():
+    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    assert found.recognised(S, [1], {7: group(700, (1, 0, 0))}, 2.0) == {}
+
+
+def test_a_group_of_another_extent_is_new():
+    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    assert found.recognised(S, [1], {7: group(700, (0, 0, 0), scale=10)}, 2.0) == {}
+
+
+def test_a_body_is_expected_where_its_motion_leads():
+    found = memory((1, (0, 0, 0), (1.0, 0, 0), False), (2, (0.5, 0, 0), (-1.0, 0, 0), False))
+    new = {7: group(700, (0, 0, 0)), 8: group(800, (0.5, 0, 0))}
+    assert found.recognised(S // 2, [1, 2], new, 1.0) == {7: 2, 8: 1}
+
+
+def test_the_tolerance_grows_with_the_time_of_absence():
+    found = memory((1, (0, 0, 0), (0.3, 0, 0), False))
+    new = {7: group(700, (-0.8, 0, 0))}
+    assert found.recognised(S // 10, [1], new, 2.0) == {}
+    assert found.recognised(3 * S, [1], new, 2.0) == {7: 1}
+
+
+def test_one_of_two_equal_places_is_ambiguous():
+    found = memory((1, (0, 0, 0.1), (0, 0, 0), False), (2, (0, 0, -0.1), (0, 0, 0), False))
+    assert found.recognised(S, [1, 2], {7: group(700, (0, 0, 0))}, 2.0) == {}
+
+
+def test_the_static_body_is_one_wherever_it_is_seen():
+    found = memory((1, (0, 0, 0), (0, 0, 0), True), (2, (5, 0, 0), (0, 0, 0), False))
+    assert found.recognised(S, [1, 2], {7: group(700, (5, 0, 0), static=True)}, 2.0) == {7: 1}
+
+
+def test_the_heir_has_most_of_the_last_members():
+    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    keys = np.arange(100, 108)
+    assert found.heir(1, keys, np.array([5, 5, 5, 5, 5, 6, 6, -1])) == 5
+    assert found.heir(1, keys[:4], np.array([5, 5, 5, 5])) is None
+
+
+def test_lost_features_are_remembered_for_a_while():
+    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    few = Newcomer(np.arange(100, 103), CORNERS[:3], static=False)
+    found.see(S, few, few.keys, described(1), PoseReference.new(0))
+    assert len(found.traces[1].keys) == 8
+    found.see(4 * S, few, few.keys, described(1), PoseReference.new(0))
+    assert len(found.traces[1].keys) == 3
+
+
+def test_state_survives():
+    found = memory((1, (0, 0, 0), (0.5, 0, 0), False))
+    twin = ObjectMemory()
+    twin.load(found.state())
+    assert twin.traces[1].description == found.traces[1].description
+    np.testing.assert_array_equal(twin.traces[1].predicted(S), found.traces[1].predicted(S))
+
+
+@pytest.mark.parametrize(
+    ("costs", "pairs"),
+    [
+        ([[0.0, 5.0], [5.0, 0.0]], [(0, 0), (1, 1)]),
+        ([[0.0, 0.5], [0.5, 0.0]], []),
+        ([[0.0], [1.0]], []),
+        ([[0.0], [9.0]], [(0, 0)]),
+        ([[np.inf, 3.0]], [(0, 1)]),
+        ([[np.inf]], []),
+    ],
+)
+def test_only_clear_pairs_are_matched(costs, pairs):
+    assert clear_pairs(np.array(costs), 2.0) == pairs
