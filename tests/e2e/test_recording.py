@@ -66,7 +66,7 @@ def recorded(
     recorder = start("record", path, "--connect", endpoint)
     source = start("source", "simulator", "3d_async", "--connect", endpoint)
     heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
-    told: Status = statuses.until(lambda s: s.counters["messages"] > 300 and s.rejected)
+    told: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
     source.interrupt()
     assert source.wait() == 0
     assert told.role == "recorder"

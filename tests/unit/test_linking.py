@@ -137,7 +137,7 @@ def moved() -> Fusion:
 
 def test_every_body_is_linked_to_itself_and_both_ways(moved: Fusion) -> None:
     update = Fusion.restore(moved.config, moved.snapshot()).update(1004_000_000_000)
-    assert linked_bodies(update) == {"room": {"room"}}
+    assert linked_bodies(update) == {name: {name} for name in BODIES}
     of = {h.id: h for h in update.hypotheses}
     for h in update.hypotheses:
         for other in h.linked or ():
@@ -196,7 +196,7 @@ def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
 def test_distortion_is_undone() -> None:
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
     update = run(fused(view), messages(view))
-    assert linked_bodies(update) == {"room": {"room"}}
+    assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
 def test_without_calibration_or_poses_there_are_no_links() -> None:
