@@ -19,6 +19,9 @@ from comotion.runtime.ticker import HeadStart, Ticker
 from comotion.runtime.warm_up import warm_up
 from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
+from comotion_sources import simulator
+
+from ..reference.every_kernel import kernels
 
 SECOND = 10**9
 SESSION = "00000000000000aa"
@@ -307,3 +310,20 @@ class TestStateWriter:
             write_atomically(tmp_path / "state", b"new")
         assert (tmp_path / "state").read_bytes() == b"old"
         assert stat.S_ISREG((tmp_path / "state").stat().st_mode)
+
+
+def test_after_the_warm_up_nothing_is_compiled() -> None:
+    """Also when observations leave the window, and births with them."""
+    for _ in warm_up(FusionConfig()):
+        pass
+    before = {kernel: set(kernel.signatures) for kernel in kernels()}
+    fusion = Fusion(FusionConfig(window=1.5))
+    spec = simulator.load_scene("3d_async")
+    for k, batch in enumerate(simulator.batches(simulator.simulate(spec, seed=0))):
+        if isinstance(batch, ObservationBatch):
+            fusion.ingest(batch)
+            if k % 60 == 0:
+                fusion.update(batch.stamp_ns)
+    assert {kernel: set(kernel.signatures) - before.get(kernel, set()) for kernel in kernels()} == {
+        kernel: set() for kernel in kernels()
+    }

@@ -117,7 +117,7 @@ def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: Rigi
 
 def mean_squared_residuals(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> Floats:
     """Mean squared residual of rows intp [n] under a body, float64 [n], squared units of the space."""
-    return _residuals(frames, [body], rows, np.zeros(1), config)[1][:, 0]
+    return _residuals(frames, [body], np.ascontiguousarray(rows), np.zeros(1), config)[1][:, 0]
 
 
 def _gain_at_rest(frames: Frames, wider: Floats, config: RigidConfig) -> Floats:
@@ -173,8 +173,9 @@ def _residuals(
 
 def _stacked(bodies: list[Body]) -> PoseStack:
     count = len(bodies[0].t)
-    R = np.stack([body.R.reshape(count, 9).T for body in bodies])
-    t = np.stack([body.t.T for body in bodies])
+    # Always in one layout: a kernel is compiled anew for each.
+    R = np.ascontiguousarray([body.R.reshape(count, 9).T for body in bodies])
+    t = np.ascontiguousarray([body.t.T for body in bodies])
     return PoseStack(R, t, np.array([body.posed for body in bodies], np.float64))
 
 

@@ -19,7 +19,10 @@ from ..fusion import Fusion
 _SCENES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 10, 1))
 _ORIENTED = 3
 _RATE_HZ = 15
-_FRAMES = 36
+# More than the first columns of a window hold, and longer than the window here: what is done when
+# observations leave it must be compiled too.
+_FRAMES = 66
+_WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
@@ -38,7 +41,7 @@ def warm_up(config: FusionConfig) -> Iterator[None]:
         Parameters of the fusion that is about to start.
     """
     for unit, dim, features, sources in _SCENES:
-        fusion = Fusion(config)
+        fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
         rng = np.random.default_rng(1)
         bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
         for frame in range(_FRAMES):
