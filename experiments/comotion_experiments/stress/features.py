@@ -1,5 +1,7 @@
 """Families in which features are not what one would wish: short-lived, drifting, sliding, noisy, hidden."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .lives import dropouts, renewed
@@ -13,28 +15,23 @@ def short_lives(
     seed: int, *, rate: float = 15.0, shortest: float = 0.3, longest: float = 1.0, duration: float = 15.0
 ) -> list[Scene]:
     """Let every feature live for a fraction of a second."""
-    bodies = room(seed, features=10)
-    rng = rng_of(seed, "lives")
-    spans = renewed(_slots(bodies), duration, rng, lambda r: float(r.uniform(shortest, longest)))
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives_of(bodies, seed, spans),
-            sources=[Source("simulator", rate)],
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    return _renewed_scene(seed, rate, duration, lambda rng: float(rng.uniform(shortest, longest)))
 
 
 def renewal(
     seed: int, *, rate: float = 15.0, share: float = 0.3, shortest: float = 0.3, duration: float = 15.0
 ) -> list[Scene]:
     """Replace a share of the features every second, each at a time of its own."""
-    bodies = room(seed, features=10)
-    rng = rng_of(seed, "lives")
     mean = 1.0 / share - shortest
-    spans = renewed(_slots(bodies), duration, rng, lambda r: shortest + float(r.exponential(mean)))
+    return _renewed_scene(seed, rate, duration, lambda rng: shortest + float(rng.exponential(mean)))
+
+
+def _renewed_scene(
+    seed: int, rate: float, duration: float, life: Callable[[np.random.Generator], float]
+) -> list[Scene]:
+    """Bodies that move, and features that live for as long as `life` draws, s."""
+    bodies = room(seed, features=10)
+    spans = renewed(_slots(bodies), duration, rng_of(seed, "lives"), life)
     return [
         Scene(
             bodies=bodies,

@@ -235,29 +235,30 @@ def _weighted(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfi
     """
     judged: Bools = scene.judged
     weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
-    body = found.body + _past_evidence(scene, bodies, found, config)
-    body[:, 1:] += config.membership_price * _membership(scene, bodies[1:])
+    members = [np.unique(scene.frames.owner[body.rows]) for body in bodies]
+    body = found.body + _past_evidence(scene, members, found, config)
+    body[:, 1:] += config.membership_price * _membership(scene, members[1:])
     return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
 
 
-def _membership(scene: Scene, bodies: list[Body]) -> Floats:
+def _membership(scene: Scene, members: list[Ints]) -> Floats:
     """Nats that it takes to say which trajectories belong to each body, per member, [K]: 1 + log(N / m)."""
-    members = [len(np.unique(scene.frames.owner[body.rows])) for body in bodies]
-    return 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(members, 1), 1.0))
+    counts = np.array([len(own) for own in members], np.intp)
+    return 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
 
 
-def _past_evidence(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfig) -> Floats:
+def _past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
     """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
 
     The members of a hypothesis that is known to be separate have together what a body costs. They pay it
-    for the static body and for others that do not clearly move, but not for those that continue it.
+    for the static body and for others that do not clearly move, but not for those that continue it. `owners`
+    are the trajectories that each of the K bodies was fitted to.
     """
     before, current = scene.before, scene.judged & scene.frames.current
-    evidence = np.zeros((len(before), len(bodies)))
+    evidence = np.zeros((len(before), len(owners)))
     if not scene.separate.any():
         return evidence
     price = pose_costs(6, len(scene.frames.stamps), config) + config.birth_price
-    owners = [np.unique(scene.frames.owner[body.rows]) for body in bodies]
     gain = np.array([(found.body[own, 0] - found.body[own, k]).sum() for k, own in enumerate(owners)])
     rests = np.flatnonzero(gain <= CLEARLY * found.opening)
     for one in np.unique(before[scene.separate]).tolist():
