@@ -4,7 +4,7 @@ Importing this package does not import zenoh; :mod:`comotion_schemas.transport` 
 """
 
 from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, encode
-from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
+from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
 from .keys import DEFAULT_SCENE, Keys
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .qos import QOS, QoS
@@ -21,6 +21,7 @@ __all__ = [
     "Event",
     "Hypothesis",
     "HypothesisUpdate",
+    "Joint",
     "JointStates",
     "Keys",
     "Message",

@@ -174,4 +174,6 @@ def _to_wire(value: Any) -> Any:
         return {name: _to_wire(item) for name, item in pairs if item is not None}
     if isinstance(value, list):
         return [_to_wire(item) for item in value]
+    if isinstance(value, dict):
+        return {name: _to_wire(item) for name, item in value.items()}
     return value

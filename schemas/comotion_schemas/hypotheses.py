@@ -33,6 +33,8 @@ Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
 Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 AngularVector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 HypothesisId = Annotated[UInt32, Field(lt=UNDETERMINED)]
+JointKind = Literal["fixed", "prismatic", "revolute", "free", "undetermined"]
+Sigma = Annotated[Finite, Field(ge=0)]
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -45,9 +47,11 @@ class SourceRef(Record):
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
 class Pose(Record):
-    """Motion since birth in the axes of the space: x(stamp) = R·x(born) + translation.
+    """A rigid motion, x' = R·x + translation.
 
-    `rotation` is a quaternion (x, y, z, w) in 3-D and an angle in rad in 2-D.
+    Of a hypothesis since its birth, x(stamp) = R·x(born) + translation in the axes of its space; of a
+    frame that moves, x(world) = R·x(frame) + translation. `rotation` is a quaternion (x, y, z, w) in 3-D
+    and an angle in rad in 2-D.
     """
 
     translation: Vector
@@ -55,6 +59,8 @@ class Pose(Record):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        if isinstance(self.rotation, list) != (len(self.translation) == 3):
+            raise reject("length", "translation and rotation differ in dimension")
         if isinstance(self.rotation, list) and abs(math.hypot(*self.rotation) - 1) > UNIT_NORM_TOLERANCE:
             raise reject("range", "rotation is not of unit norm")
         return self
@@ -167,6 +173,45 @@ class Event(Record):
         return self
 
 
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Joint(Record):
+    """How one hypothesis can move against another of the same space.
+
+    `axis` [dim] has unit length; it and `point` [dim], a point on it, are in the axes of the space at
+    the stamp of the update. `position`, its `rate`, and the range seen (`lower`, `upper`) are in rad
+    for a revolute joint and in the unit of the space for a prismatic one; they grow when the child moves
+    along or turns about `axis` against the parent, and `position` is 0 where the pair was first seen.
+    In 2-D a revolute joint has no axis: it turns from x to y. `confidence` in 0..1 is the probability
+    of the kind. `sigma_axis` is in rad, `sigma_point` in the unit of the space, across the axis.
+    """
+
+    parent: HypothesisId
+    child: HypothesisId
+    space: SpaceName
+    kind: JointKind
+    confidence: Annotated[Finite, Field(ge=0, le=1)]
+    axis: Vector | None = None
+    point: Vector | None = None
+    position: Finite | None = None
+    rate: Finite | None = None
+    lower: Finite | None = None
+    upper: Finite | None = None
+    sigma_axis: Sigma | None = None
+    sigma_point: Sigma | None = None
+    sigma_position: Sigma | None = None
+    sigma_rate: Sigma | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.parent == self.child:
+            raise reject("range", "a joint connects a hypothesis to itself")
+        if self.axis is not None and abs(math.hypot(*self.axis) - 1) > UNIT_NORM_TOLERANCE:
+            raise reject("range", "axis is not of unit length")
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            raise reject("range", "lower exceeds upper")
+        return self
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
 class HypothesisUpdate:
     """Every current trajectory and its hypothesis, whole in itself.
@@ -191,6 +236,10 @@ class HypothesisUpdate:
         float32 [N, 3], newest fused state, NaN in the third column in 2-D.
     hypotheses, events
         The hypotheses with their motion; the changes of the last 2 s.
+    joints
+        Between listed hypotheses of one space; each pair at most once.
+    frames
+        For a space whose frame moves: where it is, in the world of the first update.
     """
 
     schema: Literal["comotion.HypothesisUpdate/1"] = "comotion.HypothesisUpdate/1"
@@ -210,6 +259,8 @@ class HypothesisUpdate:
     track_position: PointColumn
     hypotheses: list[Hypothesis]
     events: list[Event]
+    joints: list[Joint] = Field(default_factory=list)
+    frames: dict[SpaceName, Pose] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -226,7 +277,23 @@ class HypothesisUpdate:
         listed = np.array([*sorted(ids), UNDETERMINED], np.uint32)
         if (listed[np.searchsorted(listed, self.track_hypothesis)] != self.track_hypothesis).any():
             raise reject("range", "a track names a hypothesis that is not listed")
+        self._check_joints()
         return self
+
+    def _check_joints(self) -> None:
+        if not self.joints:
+            return
+        found = {h.id: (h.space, len(h.centroid)) for h in self.hypotheses}
+        for joint in self.joints:
+            parent, child = found.get(joint.parent), found.get(joint.child)
+            if parent is None or child is None:
+                raise reject("range", "a joint names a hypothesis that is not listed")
+            if not parent[0] == child[0] == joint.space:
+                raise reject("space-mismatch", "a joint connects hypotheses of different spaces")
+            if {len(v) for v in (joint.axis, joint.point) if v is not None} - {parent[1]}:
+                raise reject("length", f"a joint does not go with {parent[1]} dimensions")
+        if len({frozenset((j.parent, j.child)) for j in self.joints}) != len(self.joints):
+            raise reject("duplicate-id", "a pair of hypotheses has two joints")
 
     def _check_tracks(self, count: int) -> None:
         if not count:

@@ -123,6 +123,19 @@ UPDATE = {
     "track_position": f4(1, 2, NAN, 4, 5, 6),
     "hypotheses": [HYPOTHESIS],
     "events": [{"stamp_ns": 0, "kind": "merged", "hypothesis": 4, "others": [1, 2]}],
+    "joints": [],
+    "frames": {"world": {"translation": [0.0, 0.0, 1.0], "rotation": [0.0, 0.0, 0.0, 1.0]}},
+}
+JOINT = {
+    "parent": 4,
+    "child": 5,
+    "space": "world",
+    "kind": "revolute",
+    "confidence": 1.0,
+    "axis": [0.0, 0.0, 1.0],
+    "point": [0.0, 0.0, 0.0],
+    "lower": 0.0,
+    "upper": 0.5,
 }
 VALID = {
     ObservationBatch: OBS,
@@ -142,8 +155,19 @@ def hypothesis(**changes):
     return changed(UPDATE, hypotheses=[changed(HYPOTHESIS, **changes)])
 
 
+def joints(*changes):
+    other = changed(HYPOTHESIS, id=5, linked=ABSENT)
+    found = [changed(JOINT, **one) for one in changes]
+    return changed(UPDATE, hypotheses=[HYPOTHESIS, other], joints=found)
+
+
 def event(kind, others):
     return changed(UPDATE, events=[{"stamp_ns": 0, "kind": kind, "hypothesis": 4, "others": others}])
+
+
+def test_a_joint_between_listed_hypotheses_is_accepted():
+    (joint,) = decode(msgpack.packb(joints({}))).joints
+    assert (joint.parent, joint.child, joint.kind) == (4, 5, "revolute")
 
 
 @pytest.mark.parametrize("kind", list(VALID), ids=lambda kind: kind.__name__)
@@ -226,6 +250,11 @@ REJECTED = {
         hypothesis(box={"center": [0.0, 0.0], "half": [0.0, 0.0], "rotation": 0.0}),
         "length",
     ),
+    "an axis of another dimension": (joints({"axis": [1.0, 0.0]}), "length"),
+    "a frame in two dimensions at once": (
+        changed(UPDATE, frames={"cam": {"translation": [0.0, 0.0, 0.0], "rotation": 0.0}}),
+        "length",
+    ),
     # non-finite
     "a position that is NaN": (changed(OBS, positions=f4(0, 1, 2, 3, 4, NAN)), "non-finite"),
     "a position that is infinite": (changed(OBS, positions=f4(0, 1, 2, 3, 4, INF)), "non-finite"),
@@ -259,6 +288,12 @@ REJECTED = {
     "a track twice": (changed(UPDATE, track_id=u8(1, 1)), "duplicate-id"),
     "a hypothesis twice": (changed(UPDATE, hypotheses=[HYPOTHESIS, HYPOTHESIS]), "duplicate-id"),
     "a source twice": (changed(UPDATE, sources=UPDATE["sources"] * 2), "duplicate-id"),
+    "two joints of a pair": (joints({}, {"parent": 5, "child": 4}), "duplicate-id"),
+    "a joint with a stranger": (joints({"child": 6}), "range"),
+    "a joint with itself": (joints({"child": 4}), "range"),
+    "a joint with a long axis": (joints({"axis": [0.0, 0.0, 2.0]}), "range"),
+    "a joint whose range is empty": (joints({"upper": -0.5}), "range"),
+    "a joint in another space": (joints({"space": "other"}), "space-mismatch"),
     # range
     "a dimension of 4": (changed(OBS, dim=4), "range"),
     "a negative number": (changed(OBS, seq=-1), "range"),
