@@ -24,17 +24,15 @@ from .event_time.instants import Instant, SessionEnded
 from .event_time.sources import SourceHealth
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
-from .hypotheses.identity import IdAllocator
+from .following import PublishedIds
+from .hypotheses.events import EVENT_MEMORY_NS
+from .hypotheses.identity import ID_GAP, IdAllocator
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
 from .space import MAX_COORDINATE, Space
 
-# "Those of the last 2 s" of docs/protocol.md.
-EVENT_MEMORY_NS = 2_000_000_000
 MAX_SPACES = 256
-# A crash may come after ids were given out that no snapshot has seen; ids are never reused.
-_ID_GAP = 1000
 
 TrackKey = tuple[str, str, int]
 
@@ -87,6 +85,8 @@ class Fusion:
         self._ids = IdAllocator()
         self._linker = Linker(self.config.linking.cameras)
         self._events: deque[Event] = deque()
+        self._published: PublishedIds | None = None
+        self._latest: HypothesisUpdate | None = None
         self._seq = 0
 
     @property
@@ -133,7 +133,23 @@ class Fusion:
         self._seq += 1
         self.stats.updates += 1
         update = assemble(header, updates, self._timeline.sessions, self._events)
-        return self._linker.linked(update, [one.view for one in updates])
+        self._latest = self._linker.linked(update, [one.view for one in updates])
+        return self._latest if self._published is None else self._published.apply(self._latest)
+
+    def follow(self, published: HypothesisUpdate) -> None:
+        """Take over the ids and births of what another service of the scene publishes.
+
+        A standby does so with each update of the active service: when it takes over, its own updates go on
+        under the same ids.
+
+        Parameters
+        ----------
+        published
+            An update of the active service, with about the watermark of the last own update.
+        """
+        if self._latest is not None:
+            self._published = self._published or PublishedIds()
+            self._published.follow(self._latest, published)
 
     def affinity(self, space: str) -> AffinitySnapshot:
         """Affinities of a space as of the last update.
@@ -158,7 +174,12 @@ class Fusion:
         list[int]
             The ids of the forgotten hypotheses, ascending.
         """
-        return sorted(one for space in self._spaces.values() for one in space.forget(hypothesis))
+        if hypothesis is not None and self._published is not None:
+            hypothesis = self._published.own(hypothesis)
+            if hypothesis is None:
+                return []
+        gone = (one for space in self._spaces.values() for one in space.forget(hypothesis))
+        return sorted(gone if self._published is None else map(self._published.name, gone))
 
     def sources(self, now_ns: int) -> list[SourceHealth]:
         """Health of every source: its session, age and whether the watermark waits for it."""
@@ -175,13 +196,14 @@ class Fusion:
                 "method": self.config.method,
                 "scene": self.scene,
                 "session": self.session,
-                "next_id": self._ids.following + (0 if clean else _ID_GAP),
+                "next_id": self._ids.following + (0 if clean else ID_GAP),
                 "timeline": self._timeline.state(),
                 "events": [
                     {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
                     for e in self._events
                 ],
                 "links": self._linker.state(),
+                "published": None if self._published is None else self._published.state(),
                 "spaces": [space.state() for space in self._spaces.values()],
             }
         )
@@ -204,6 +226,8 @@ class Fusion:
         fusion._timeline.load(state["timeline"])
         fusion._events.extend(Event(**event) for event in state["events"])
         fusion._linker.load(state["links"])
+        if state.get("published") is not None:
+            fusion._published = PublishedIds.load(state["published"])
         for part in state["spaces"]:
             space = fusion._open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

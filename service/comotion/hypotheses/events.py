@@ -20,6 +20,8 @@ from comotion_schemas.hypotheses import EventKind
 
 from ..config import HypothesesConfig, to_ns
 
+# "Those of the last 2 s" of docs/protocol.md.
+EVENT_MEMORY_NS = 2_000_000_000
 _ORDER: list[EventKind] = ["born", "split", "returned", "merged", "absent", "ended"]
 
 

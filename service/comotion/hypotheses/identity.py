@@ -12,6 +12,9 @@ from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
 
+# A crash may come after ids were given out that nobody else has seen; ids are never reused.
+ID_GAP = 1000
+
 
 class IdAllocator:
     """Hands out hypothesis ids, never the same twice within a scene."""

@@ -1,0 +1,192 @@
+"""Updates of the service that speaks for a scene in; updates of a standby under the same ids out.
+
+A standby fuses the same observations as the active service, but both give ids in the order in which they
+find bodies. So the standby compares its own updates with the published ones: hypotheses that share most
+trajectories are the same body. When it takes over, it publishes under the ids that clients know.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
+
+from .arrays import Labels
+from .hypotheses.events import EVENT_MEMORY_NS
+from .hypotheses.identity import ID_GAP, IdAllocator
+from .matching import largest_total, shared_counts
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """The birth that clients know: x(birth here) = turn x(birth there) + shift; None where unknown."""
+
+    born_ns: int
+    turn: list[float] | float | None = None
+    shift: list[float] | None = None
+
+
+class PublishedIds:
+    """The ids and births under which the hypotheses of this service are published."""
+
+    def __init__(self) -> None:
+        self._names: dict[int, int] = {}
+        self._origins: dict[int, _Origin] = {}
+        self._ids = IdAllocator()
+        self._events: list[Event] = []
+        self._led_until_ns = 0
+
+    def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
+        """Take over the ids of a published update.
+
+        Parameters
+        ----------
+        own
+            The last update of this service, with its own ids.
+        leader
+            What the active service has published at about the same watermark.
+        """
+        highest = max((h.id for h in leader.hypotheses), default=0)
+        # The leader may have given out ids in updates that were lost with it.
+        self._ids.following = max(self._ids.following, highest + ID_GAP)
+        self._events, self._led_until_ns = leader.events, leader.stamp_ns
+        pairs = same_bodies(own, leader)
+        taken = set(pairs.values())
+        present = {h.id for h in own.hypotheses if not h.absent}
+        self._names = {
+            one: name for one, name in self._names.items() if one not in present and name not in taken
+        } | pairs
+        mine, theirs = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
+        for one, name in pairs.items():
+            known = self._origins.get(one)
+            if known is None or known.born_ns != theirs[name].born_ns or own.stamp_ns == leader.stamp_ns:
+                self._origins[one] = _origin(mine[one], theirs[name])
+        self._origins = {one: self._origins[one] for one in self._names if one in self._origins}
+
+    def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
+        """An update of this service with the ids, births and events that clients know."""
+        own = sorted({h.id for h in update.hypotheses} | {one for e in update.events for one in _ids(e)})
+        names = {one: self.name(one) for one in own}
+        recent = [e for e in update.events if e.stamp_ns > self._led_until_ns]
+        oldest_ns = update.stamp_ns - EVENT_MEMORY_NS
+        return replace(
+            update,
+            track_hypothesis=_renamed(update.track_hypothesis, names),
+            hypotheses=sorted((self._hypothesis(h, names) for h in update.hypotheses), key=lambda h: h.id),
+            events=[e for e in self._events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
+        )
+
+    def own(self, published: int) -> int | None:
+        """The id inside this service of a published one."""
+        return next((one for one, name in self._names.items() if name == published), None)
+
+    def state(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "names": [[one, name] for one, name in self._names.items()],
+            "origins": [[one, dict(vars(origin))] for one, origin in self._origins.items()],
+            "following": self._ids.following,
+        }
+
+    @classmethod
+    def load(cls, state: Mapping[str, Any]) -> Self:
+        """From :meth:`state`."""
+        made = cls()
+        made._names = {int(one): int(name) for one, name in state["names"]}
+        made._origins = {int(one): _Origin(**values) for one, values in state["origins"]}
+        made._ids.following = int(state["following"]) + ID_GAP
+        return made
+
+    def name(self, one: int) -> int:
+        """The published id of a hypothesis; a fresh one if it has none."""
+        if one not in self._names:
+            self._names[one] = self._ids.next()
+        return self._names[one]
+
+    def _hypothesis(self, found: Hypothesis, names: Mapping[int, int]) -> Hypothesis:
+        origin = self._origins.get(found.id)
+        born_ns = found.born_ns if origin is None else origin.born_ns
+        linked = None if found.linked is None else sorted(self.name(one) for one in found.linked)
+        pose = found.pose if origin is None or found.pose is None else _since(found.pose, origin)
+        return replace(found, id=names[found.id], born_ns=born_ns, pose=pose, linked=linked)
+
+
+def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, int]:
+    """Hypotheses of two updates of one scene that share most trajectories, {id in own: id in leader}.
+
+    The assignment with most shared trajectories in all (Kuhn 1955), among hypotheses of the same space.
+    """
+    mine, theirs = _labels_by_track(own), _labels_by_track(leader)
+    common = [(label, theirs[track]) for track, label in mine.items() if track in theirs]
+    before = np.array([label for label, _ in common], np.int64)
+    bodies = [h.id for h in leader.hypotheses]
+    index = {one: k for k, one in enumerate(bodies)}
+    groups = np.array([index.get(label, -1) for _, label in common], np.intp)
+    known, shared = shared_counts(before, groups, len(bodies))
+    space = {h.id: h.space for h in own.hypotheses}
+    other = np.array([h.space for h in leader.hypotheses], object)
+    for row, one in enumerate(known.tolist()):
+        shared[row, other != space[one]] = 0
+    return {int(known[row]): bodies[column] for row, column in largest_total(shared)}
+
+
+def _labels_by_track(update: HypothesisUpdate) -> dict[tuple[str, str, int], int]:
+    """Hypothesis by (source, session, id), negative for none."""
+    owners = [(source.name, source.session) for source in update.sources]
+    labels: Labels = update.track_hypothesis.astype(np.int64)
+    labels[update.track_hypothesis == UNDETERMINED] = -1
+    rows = zip(update.track_source.tolist(), update.track_id.tolist(), labels.tolist(), strict=True)
+    return {(*owners[source], track): label for source, track, label in rows}
+
+
+def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:
+    """From poses of one body at one time: R x + t from here, Q x + s from there; so R^-1 (Q x + s - t)."""
+    if mine.pose is None or theirs.pose is None:
+        return _Origin(theirs.born_ns)
+    back = _rotation(mine.pose.rotation).inv()
+    gap = _in_3d(theirs.pose.translation) - _in_3d(mine.pose.translation)
+    turn = back * _rotation(theirs.pose.rotation)
+    shift = back.apply(gap)[: len(mine.pose.translation)]
+    return _Origin(theirs.born_ns, _plain(turn, len(shift)), shift.tolist())
+
+
+def _since(pose: Pose, origin: _Origin) -> Pose:
+    """The pose since the birth that clients know."""
+    if origin.turn is None or origin.shift is None:
+        return pose
+    turn = _rotation(pose.rotation)
+    moved = turn.apply(_in_3d(origin.shift)) + _in_3d(pose.translation)
+    dim = len(pose.translation)
+    return Pose(translation=moved[:dim].tolist(), rotation=_plain(turn * _rotation(origin.turn), dim))
+
+
+def _rotation(value: list[float] | float) -> Rotation:
+    """A quaternion (x, y, z, w), or an angle in the plane, rad."""
+    return Rotation.from_quat(value) if isinstance(value, list) else Rotation.from_rotvec([0.0, 0.0, value])
+
+
+def _plain(rotation: Rotation, dim: int) -> list[float] | float:
+    return float(rotation.as_rotvec()[2]) if dim == 2 else rotation.as_quat().tolist()
+
+
+def _in_3d(vector: list[float]) -> NDArray[np.float64]:
+    return np.array([*vector, 0.0][:3])
+
+
+def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np.uint32]:
+    renamed = labels.copy()
+    for one, name in names.items():
+        renamed[labels == one] = name
+    return renamed
+
+
+def _ids(event: Event) -> list[int]:
+    return [event.hypothesis, *event.others]
+
+
+def _event(event: Event, names: Mapping[int, int]) -> Event:
+    return replace(event, hypothesis=names[event.hypothesis], others=[names[one] for one in event.others])

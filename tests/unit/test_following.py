@@ -1,0 +1,95 @@
+"""A standby that follows the active service: it goes on under the same ids, births and poses."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion_schemas import ObservationBatch
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+RATE = 15
+
+
+def batch(seq, source, positions, first_id=0):
+    positions = np.asarray(positions, np.float32)
+    return ObservationBatch(
+        source=source,
+        session="a" * 16,
+        seq=seq,
+        stamp_ns=T0 + seq * S // RATE,
+        ids=np.arange(first_id, first_id + len(positions), dtype=np.uint64),
+        positions=positions,
+        space="world",
+        unit="m",
+        dim=2,
+    )
+
+
+def positions(seq):
+    """Four features at rest, four on a body that moves to the right and turns."""
+    rest = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    t = seq / RATE
+    c, s = np.cos(0.2 * t), np.sin(0.2 * t)
+    body = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]) @ np.array([[c, s], [-s, c]])
+    return np.vstack([rest, body + np.array([0.2 + 0.3 * t, 0.5])])
+
+
+def feed(fusion, seq):
+    fusion.ingest(batch(seq, "cam", positions(seq)))
+    return fusion.update(T0 + seq * S // RATE)
+
+
+@pytest.fixture
+def pair():
+    """A leader that has run for 4 s, and a standby that has started 2 s later and followed it since."""
+    leader, standby = Fusion(session="1" * 16), Fusion(session="2" * 16)
+    # Ids of the leader are no longer 1 and 2.
+    for seq in range(10):
+        feed(leader, seq)
+    leader.forget()
+    for seq in range(10, 60):
+        update = feed(leader, seq)
+        if seq >= 30:
+            feed(standby, seq)
+            standby.follow(update)
+    return leader, standby
+
+
+def by_track(update):
+    return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+
+
+def test_a_standby_takes_over_with_ids_births_and_poses_of_the_active_service(pair):
+    leader, standby = pair
+    expected, got = feed(leader, 60), feed(standby, 60)
+    assert by_track(got) == by_track(expected)
+    assert len(set(by_track(got).values())) == 2
+    for mine, theirs in zip(got.hypotheses, expected.hypotheses, strict=True):
+        assert (mine.id, mine.born_ns) == (theirs.id, theirs.born_ns)
+        assert mine.pose.translation == pytest.approx(theirs.pose.translation, abs=2e-3)
+        assert mine.pose.rotation == pytest.approx(theirs.pose.rotation, abs=5e-3)
+
+
+def test_a_new_hypothesis_gets_no_id_that_the_active_service_may_have_given(pair):
+    leader, standby = pair
+    highest = max(h.id for h in feed(leader, 60).hypotheses)
+    for seq in range(60, 120):
+        extra = positions(seq)[4:] * [1.0, -1.0]
+        standby.ingest(batch(seq, "other", extra))
+        update = feed(standby, seq)
+    new = {h.id for h in update.hypotheses} - {h.id for h in leader.update(T0 + 4 * S).hypotheses}
+    assert new
+    assert min(new) > highest + 1
+    assert [e.hypothesis for e in update.events if e.kind in ("born", "split")] in ([], sorted(new))
+
+
+def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
+    _, standby = pair
+    before = feed(standby, 60)
+    restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
+    update = feed(restored, 61)
+    assert by_track(update) == by_track(before)
+    one = before.hypotheses[0].id
+    assert restored.forget(one) == [one]
+    assert restored.forget(one) == []
