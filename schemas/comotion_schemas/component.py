@@ -13,14 +13,17 @@ import logging
 import os
 import secrets
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import zenoh
 
@@ -33,6 +36,15 @@ from .transport import Publisher, SessionSettings, connect, declare_publisher
 STATUS_PERIOD_S = 1.0
 _SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
+
+
+@cache
+def _version() -> str:
+    """Version of comotion; empty when it runs from a folder that is not installed."""
+    try:
+        return metadata.version("comotion")
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def new_session_id() -> str:
@@ -50,6 +62,9 @@ class StatusFields:
     counters: dict[str, int] = field(default_factory=dict)
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
     message: str = ""
+    replica: Literal["", "active", "standby"] = ""
+    epoch: int = 0
+    clock_offsets: dict[str, float] = field(default_factory=dict)
 
 
 @contextmanager
@@ -220,6 +235,11 @@ class Component:
             counters=fields.counters,
             rejected=fields.rejected,
             message=fields.message,
+            version=_version(),
+            host=socket.gethostname(),
+            replica=fields.replica,
+            epoch=fields.epoch,
+            clock_offsets=fields.clock_offsets,
         )
 
     def _connect(self) -> zenoh.Session:

@@ -5,6 +5,7 @@ arrays. Construction validates the message completely; the receiver checks what 
 clock.
 """
 
+from dataclasses import field
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -273,7 +274,12 @@ RejectionReason = Literal[
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
 class Status:
-    """Health of one component, once a second (``comotion.Status/1``). Counters only grow."""
+    """Health of one component, once a second (``comotion.Status/1``). Counters only grow.
+
+    `version` of comotion and `host` name where it runs; empty when unknown. A service also says its
+    `replica` ("active" or "standby"; empty without standbys) and `epoch`, and in `clock_offsets` how far
+    the clock of each source is ahead of its own, in s.
+    """
 
     schema: Literal["comotion.Status/1"] = "comotion.Status/1"
     component: Name
@@ -286,3 +292,8 @@ class Status:
     counters: dict[ShortText, Count]
     rejected: dict[RejectionReason, Count]
     message: ShortText
+    version: ShortText = ""
+    host: ShortText = ""
+    replica: Literal["", "active", "standby"] = ""
+    epoch: Count = 0
+    clock_offsets: dict[ShortText, Finite] = field(default_factory=dict)

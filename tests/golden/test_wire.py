@@ -334,6 +334,11 @@ GOLDEN = {
             counters={"batches": 3, "late": 0},
             rejected={"too-large": 1},
             message="cam-2 is stalled",
+            version="0.1.0",
+            host="server-1",
+            replica="active",
+            epoch=42,
+            clock_offsets={"cam-1": -0.0125},
         ),
         {
             "schema": "comotion.Status/1",
@@ -347,6 +352,11 @@ GOLDEN = {
             "counters": {"batches": 3, "late": 0},
             "rejected": {"too-large": 1},
             "message": "cam-2 is stalled",
+            "version": "0.1.0",
+            "host": "server-1",
+            "replica": "active",
+            "epoch": 42,
+            "clock_offsets": {"cam-1": -0.0125},
         },
     ),
 }
