@@ -1,0 +1,195 @@
+"""Which of several services speaks for a scene: an etcd lease elects, its revision is the epoch.
+
+The rules:
+
+- Who creates the key ``comotion/v1/leader/<scene>`` speaks. The key hangs on a lease that its owner renews.
+- The revision that created the key is the epoch of its owner. Revisions only grow, so a later owner has a
+  higher epoch. Clients drop updates of a lower one, and a service that hears a higher one falls silent.
+- A standby that sees the owner's liveliness token vanish ends the owner's lease and creates the key anew.
+  Without a token to watch (the host is gone with its router) the lease ends by itself.
+- While etcd does not answer, nobody is elected: the active service goes on, a standby stays silent.
+"""
+
+import json
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from .etcd import Entry, Etcd, EtcdUnavailableError
+
+# s; the shortest that etcd grants at its default election timeout.
+DEFAULT_LEASE_S = 2
+_log = logging.getLogger(__name__)
+
+
+class Leadership(Protocol):
+    """Whether this service speaks for its scene."""
+
+    @property
+    def epoch(self) -> int | None:
+        """The epoch under which it speaks; None while it is a standby."""
+
+
+@dataclass(frozen=True)
+class Alone:
+    """Leadership without a standby."""
+
+    epoch: int | None = 0
+
+
+@dataclass(frozen=True)
+class _Owner:
+    """Who the leader's key names."""
+
+    name: str
+    session: str
+
+
+class Election:
+    """Takes part in the election of a scene, in a thread, while it is open.
+
+    Parameters
+    ----------
+    connect
+        Makes the client of etcd for the thread.
+    scene
+        Name of the scene.
+    name, session
+        Name of this service, unique in its scene, and its session.
+    lease
+        Seconds until a silent owner loses the key, at least 2.
+    changed
+        Called from the thread whenever :attr:`epoch` has changed.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Etcd],
+        scene: str,
+        name: str,
+        session: str,
+        *,
+        lease: int = DEFAULT_LEASE_S,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.epoch: int | None = None
+        self.leader: str | None = None
+        self.error: str | None = None
+        self._connect = connect
+        self._key = f"comotion/v1/leader/{scene}"
+        self._me = _Owner(name, session)
+        self._ttl = lease
+        self._changed = changed
+        self._lease: int | None = None
+        self._suspect: str | None = None
+        self._fenced = False
+        self._wake = threading.Event()
+        self._stop = False
+        self._thread = threading.Thread(target=self._run, name="election", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop = True
+        self._wake.set()
+        self._thread.join()
+
+    def suspect(self, name: str) -> None:
+        """Say that a service has gone: if it is the owner, its lease is ended."""
+        self._suspect = name
+        self._wake.set()
+
+    def fence(self, epoch: int) -> None:
+        """Say that an epoch has been heard: below it this service must not speak."""
+        if self.epoch is not None and epoch > self.epoch:
+            self._fenced = True
+            self._wake.set()
+            self._set(None)
+
+    def _run(self) -> None:
+        etcd = self._connect()
+        while not self._stop:
+            try:
+                self._step(etcd)
+            except EtcdUnavailableError as error:
+                if self.error is None:
+                    _log.warning("%s; %s", error, self._meanwhile())
+                self.error = str(error)
+            else:
+                if self.error is not None:
+                    _log.info("etcd answers again")
+                self.error = None
+            # Twice within a lease, should one answer be late; a standby learns of an ended lease as soon.
+            self._wake.wait(self._ttl / 4)
+            self._wake.clear()
+        self._resign(etcd)
+
+    def _meanwhile(self) -> str:
+        return "nobody is elected meanwhile; " + (
+            "this service goes on" if self.epoch is not None else "this standby stays silent"
+        )
+
+    def _step(self, etcd: Etcd) -> None:
+        if self._fenced:
+            self._resign(etcd)
+            self._fenced = False
+        if self._lease is not None and not etcd.renew(self._lease):
+            self._lease = None
+        owner = etcd.read(self._key)
+        if owner is not None and self._suspect is not None:
+            owner = self._end(etcd, owner)
+        self._suspect = None
+        if owner is None:
+            self._claim(etcd)
+        else:
+            named = _owner(owner)
+            self.leader = named.name
+            self._set(owner.created if named == self._me and owner.lease == self._lease else None)
+
+    def _end(self, etcd: Etcd, owner: Entry) -> Entry | None:
+        """End the lease of an owner that has gone."""
+        if _owner(owner).name != self._suspect or self._suspect == self._me.name:
+            return owner
+        etcd.revoke(owner.lease)
+        return etcd.read(self._key)
+
+    def _claim(self, etcd: Etcd) -> None:
+        if self._lease is None:
+            self._lease = etcd.grant(self._ttl)
+        value = json.dumps(vars(self._me)).encode()
+        epoch = etcd.create(self._key, value, self._lease)
+        if epoch is not None:
+            self.leader = self._me.name
+        self._set(epoch)
+
+    def _resign(self, etcd: Etcd) -> None:
+        """Give the key back, so that a standby need not wait for the end of the lease."""
+        self._set(None)
+        if self._lease is None:
+            return
+        try:
+            etcd.revoke(self._lease)
+        except EtcdUnavailableError as error:
+            _log.warning("could not give back the scene: %s", error)
+        self._lease = None
+
+    def _set(self, epoch: int | None) -> None:
+        if epoch != self.epoch:
+            self.epoch = epoch
+            self._changed()
+
+
+def _owner(entry: Entry) -> _Owner:
+    """Who an entry names; nobody if it is not ours to read."""
+    try:
+        value = json.loads(entry.value)
+        return _Owner(str(value["name"]), str(value["session"]))
+    except (ValueError, KeyError, TypeError):
+        return _Owner("", "")

@@ -1,0 +1,174 @@
+"""An etcd cluster: keys, leases and transactions; where one member does not answer, the next one does."""
+
+import base64
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+from urllib.parse import urlsplit
+
+from comotion_schemas.transport import TlsFiles
+
+if TYPE_CHECKING:  # the extra `cluster` need not be installed
+    from etcd3gw.client import Etcd3Client
+
+# s; an answer within a site takes milliseconds. A member without a quorum does not answer in time.
+_TIMEOUT_S = 1.0
+_DEFAULT_PORT = 2379
+Answer = TypeVar("Answer")
+
+
+class EtcdUnavailableError(OSError):
+    """No member of the cluster answers."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A key's value, the revision that created it, and its lease (0: none)."""
+
+    value: bytes
+    created: int
+    lease: int
+
+
+class Etcd:
+    """A client of a cluster, for one thread.
+
+    Parameters
+    ----------
+    urls
+        ``http://host:port`` or ``https://host:port`` of the members, at least one.
+    tls
+        Certificates for https; None: the authorities that the system trusts.
+
+    Raises
+    ------
+    ValueError
+        If a url is not valid, or the extra ``cluster`` is not installed.
+    """
+
+    def __init__(self, urls: Sequence[str], tls: TlsFiles | None = None) -> None:
+        if not urls:
+            raise ValueError("an etcd cluster needs at least one url")
+        self.urls = tuple(urls)
+        self._members = [_member(url, tls) for url in urls]
+
+    def grant(self, ttl: int) -> int:
+        """Get a lease that ends `ttl` seconds after its last renewal; its number."""
+        return int(self._ask(lambda member: member.lease(ttl).id))
+
+    def renew(self, lease: int) -> bool:
+        """Renew a lease; False if it has ended."""
+        answer = self._post("/lease/keepalive", {"ID": lease})
+        return int(answer.get("result", {}).get("TTL", 0)) > 0
+
+    def revoke(self, lease: int) -> None:
+        """End a lease; its keys are deleted."""
+        from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
+
+        try:
+            self._post("/lease/revoke", {"ID": lease}, known=Etcd3Exception)
+        except Etcd3Exception as error:  # it has ended already
+            if isinstance(error, _no_answer()):
+                raise
+
+    def create(self, key: str, value: bytes, lease: int = 0) -> int | None:
+        """Make a key that does not exist; the revision of it, None if it does exist."""
+        compare = {"key": _b64(key), "result": "EQUAL", "target": "CREATE", "create_revision": 0}
+        return self._transact(compare, _put(key, value, lease))
+
+    def replace(self, key: str, created: int, value: bytes, lease: int = 0) -> int | None:
+        """Change a key if it is still the one that `created` made; the revision, None if it is not."""
+        compare = {"key": _b64(key), "result": "EQUAL", "target": "CREATE", "create_revision": created}
+        return self._transact(compare, _put(key, value, lease))
+
+    def put(self, key: str, value: bytes, lease: int = 0) -> None:
+        """Write a key."""
+        self._post("/kv/put", _put(key, value, lease)["request_put"])
+
+    def delete(self, key: str) -> bool:
+        """Delete a key; whether it was there."""
+        return int(self._post("/kv/deleterange", {"key": _b64(key)}).get("deleted", 0)) > 0
+
+    def read(self, key: str) -> Entry | None:
+        """Read a key; None if there is none."""
+        return self._range({"key": _b64(key)}).get(key)
+
+    def read_all(self, prefix: str) -> dict[str, Entry]:
+        """All keys that begin with a prefix, ascending."""
+        last = prefix[:-1] + chr(ord(prefix[-1]) + 1)
+        return self._range({"key": _b64(prefix), "range_end": _b64(last)})
+
+    def _range(self, request: dict[str, Any]) -> dict[str, Entry]:
+        found = self._post("/kv/range", request).get("kvs", [])
+        return {
+            base64.b64decode(kv["key"]).decode(): Entry(
+                base64.b64decode(kv.get("value", "")), int(kv["create_revision"]), int(kv.get("lease", 0))
+            )
+            for kv in found
+        }
+
+    def _transact(self, compare: dict[str, Any], put: dict[str, Any]) -> int | None:
+        answer = self._post("/kv/txn", {"compare": [compare], "success": [put], "failure": []})
+        return int(answer["header"]["revision"]) if answer.get("succeeded") else None
+
+    def _post(
+        self, path: str, request: dict[str, Any], known: type[Exception] | None = None
+    ) -> dict[str, Any]:
+        def post(member: "Etcd3Client") -> dict[str, Any]:
+            answer: dict[str, Any] = member.post(member.get_url(path), json=request)
+            return answer
+
+        return self._ask(post, known)
+
+    def _ask(
+        self, request: "Callable[[Etcd3Client], Answer]", known: type[Exception] | None = None
+    ) -> Answer:
+        """Ask the member that answered last, then the others."""
+        from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
+
+        reason = ""
+        for _ in range(len(self._members)):
+            try:
+                return request(self._members[0])
+            except Etcd3Exception as error:
+                if known is not None and not isinstance(error, _no_answer()):
+                    raise
+                reason = str(error).split("\n")[0][:200]
+                self._members.append(self._members.pop(0))
+        raise EtcdUnavailableError(f"etcd does not answer at {', '.join(self.urls)}: {reason}")
+
+
+def _no_answer() -> tuple[type[Exception], ...]:
+    from etcd3gw import exceptions  # noqa: PLC0415
+
+    return (
+        exceptions.ConnectionFailedError,
+        exceptions.ConnectionTimeoutError,
+        exceptions.InternalServerError,
+    )
+
+
+def _member(url: str, tls: TlsFiles | None) -> "Etcd3Client":
+    try:
+        from etcd3gw import client  # noqa: PLC0415
+    except ImportError:
+        raise ValueError("etcd needs the extra 'cluster': pip install 'comotion[cluster]'") from None
+    try:
+        parts = urlsplit(url)
+        port = parts.port or _DEFAULT_PORT
+    except ValueError as error:
+        raise ValueError(f"{url!r} is no url of etcd: {error}") from None
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise ValueError(f"{url!r} is no url of etcd; one is http://127.0.0.1:2379")
+    files: dict[str, Any] = {}
+    if tls is not None and parts.scheme == "https":
+        files = {"ca_cert": str(tls.root_ca), "cert_cert": str(tls.certificate), "cert_key": str(tls.key)}
+    return client(host=parts.hostname, port=port, protocol=parts.scheme, timeout=_TIMEOUT_S, **files)
+
+
+def _put(key: str, value: bytes, lease: int) -> dict[str, Any]:
+    return {"request_put": {"key": _b64(key), "value": base64.b64encode(value).decode(), "lease": lease}}
+
+
+def _b64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
