@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.sequence import SequenceCounter
 
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
@@ -223,20 +223,25 @@ class SceneModel:
     def _hypothesis_rows(self, update: HypothesisUpdate) -> list[HypothesisRow]:
         rows = []
         for h in update.hypotheses:
+            twist, pose, box = h.twist, h.pose, h.box
             members = update.track_confidence[update.track_hypothesis == h.id]
             rows.append(
                 HypothesisRow(
                     id=h.id,
                     space=h.space,
-                    unit=self._units.get(h.space, ""),
+                    unit=self._units.get(h.space) or _usual_unit(h),
                     state=h.state,
                     size=h.size,
                     age=(update.stamp_ns - h.born_ns) / 1e9,
                     confidence=float(members.mean()) if len(members) else float("nan"),
-                    speed=None if h.twist is None else float(np.linalg.norm(h.twist.linear)),
+                    speed=None if twist is None else float(np.linalg.norm(twist.linear)),
                     linked=list(h.linked or ()),
                     confirmed=h.confirmed,
                     absent=bool(h.absent),
+                    turning=None if twist is None else float(np.linalg.norm(twist.angular)),
+                    translation=None if pose is None else list(pose.translation),
+                    rotation=None if pose is None else _rotation_vector(pose.rotation),
+                    extent=None if box is None else [2 * half for half in box.half],
                 )
             )
         return rows
@@ -247,6 +252,22 @@ class SceneModel:
             EventRow(e.stamp_ns, (update.stamp_ns - e.stamp_ns) / 1e9, e.kind, e.hypothesis, list(e.others))
             for e in newest_first
         ]
+
+
+def _usual_unit(hypothesis: Hypothesis) -> str:
+    """Unit of a space of which no batch has been received: px in 2-D."""
+    return "px" if len(hypothesis.centroid) == 2 else "m"
+
+
+def _rotation_vector(rotation: list[float] | float) -> list[float]:
+    """Rotation vector [3] in rad of a quaternion (x, y, z, w); an angle is [1]."""
+    if not isinstance(rotation, list):
+        return [rotation]
+    axis, w = np.array(rotation[:3]), rotation[3]
+    sine = float(np.linalg.norm(axis))
+    # Of the two turns that a quaternion stands for, the one of at most half a circle.
+    angle = 2 * math.atan2(sine, abs(w)) * (1 if w >= 0 else -1)
+    return [0.0] * 3 if sine == 0 else (axis * (angle / sine)).tolist()
 
 
 def _source_state(source: _Source, age: float, now: float) -> SourceState:

@@ -31,6 +31,8 @@ class HypothesisRow:
     """One hypothesis: `age` s since birth, `confidence` mean of its tracks, `speed` in unit/s or None.
 
     `linked`: hypotheses in other spaces that are the same body. `absent`: it has no current track.
+    `turning`: angular speed in rad/s; `translation` [dim] in unit and `rotation` [3] (in 2-D [1]), a
+    rotation vector in rad, since birth; `extent` [dim]: lengths of its box; each None where unknown.
     """
 
     id: int
@@ -44,6 +46,10 @@ class HypothesisRow:
     linked: list[int]
     confirmed: bool = True
     absent: bool = False
+    turning: float | None = None
+    translation: list[float] | None = None
+    rotation: list[float] | None = None
+    extent: list[float] | None = None
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
 PLAIN_PERIOD_S = 1.0  # between two plain lines
-PLAIN_WIDTH = 100  # characters of a table that is not shown on a terminal
+POSE_WIDTH, PLAIN_WIDTH = 120, 100  # characters of a table that is not shown on a terminal
 ONCE_S = 1.5
 """How long `--once` collects messages, so that rates are known."""
 
@@ -37,12 +37,14 @@ class WatchOptions:
     """Options of watch.
 
     `once`: show one snapshot and end; `json`: one JSON object per line; `sort`: initial order;
-    `timeout`: seconds that `once` waits for a first message; `ready_file`: written once subscribed.
+    `pose`: angular speed and pose of the hypotheses; `timeout`: seconds that `once` waits for a first
+    message; `ready_file`: written once subscribed.
     """
 
     once: bool = False
     json: bool = False
     sort: Sort = "size"
+    pose: bool = False
     timeout: float = 5.0
     ready_file: Path | None = None
 
@@ -130,9 +132,10 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     if options.json:
         _emit(json.dumps(as_json(snapshot), indent=2))
         return
-    console = Console() if sys.stdout.isatty() else Console(width=PLAIN_WIDTH)
+    width = POSE_WIDTH if options.pose else PLAIN_WIDTH
+    console = Console() if sys.stdout.isatty() else Console(width=width)
     everything = 6 + len(snapshot.sources) + len(snapshot.hypotheses) + len(snapshot.events)
-    console.print(render(snapshot, console.width, everything, options.sort, keys=False))
+    console.print(render(snapshot, console.width, everything, options.sort, keys=False, pose=options.pose))
 
 
 def _wait_for_message(feed: _Feed, settings: SessionSettings, timeout: float) -> None:
@@ -161,18 +164,20 @@ def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
 
 def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
     console = Console()
-    sort = options.sort
+    sort, pose = options.sort, options.pose
     with _keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:
         while not component.stop.is_set():
             feed.poll()
             width, height = console.size
             snapshot = feed.model.snapshot(time.monotonic())
-            live.update(render(snapshot, width, height, sort), refresh=True)
+            live.update(render(snapshot, width, height, sort, pose=pose), refresh=True)
             match read_key(REFRESH_S):
                 case "q":
                     return
                 case "s":
                     sort = SORTS[(SORTS.index(sort) + 1) % len(SORTS)]
+                case "p":
+                    pose = not pose
 
 
 @contextlib.contextmanager

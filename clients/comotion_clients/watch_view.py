@@ -44,10 +44,15 @@ class _Column(Generic[Row]):
     from_width: int = 0
 
 
-def render(snapshot: Snapshot, width: int, height: int, sort: Sort, *, keys: bool = True) -> Group:
-    """Render a snapshot in `width` x `height` characters; `keys`: with a line about the keys."""
+def render(
+    snapshot: Snapshot, width: int, height: int, sort: Sort, *, keys: bool = True, pose: bool = False
+) -> Group:
+    """Render a snapshot in `width` x `height` characters.
+
+    `keys`: with a line about the keys; `pose`: with angular speed and pose instead of space and links.
+    """
     head = _head(snapshot)
-    foot = [Text(f"sorted by {sort}   s: sort   q: quit", style="dim")] if keys else []
+    foot = [Text(f"sorted by {sort}   s: sort   p: pose   q: quit", style="dim")] if keys else []
     sources = sort_sources(snapshot.sources, sort)
     hypotheses = sort_hypotheses(snapshot.hypotheses, sort)
     heights = share_rows(
@@ -56,9 +61,9 @@ def render(snapshot: Snapshot, width: int, height: int, sort: Sort, *, keys: boo
     return Group(
         *_cropped(head, width),
         *_table("sources", sources, SOURCE_COLUMNS, heights[0], width),
-        *_table("hypotheses", hypotheses, HYPOTHESIS_COLUMNS, heights[1], width),
+        *_table("hypotheses", hypotheses, POSE_COLUMNS if pose else HYPOTHESIS_COLUMNS, heights[1], width),
         *_cropped(_event_lines(snapshot.events, heights[2]), width),
-        *foot,
+        *_cropped(foot, width),
     )
 
 
@@ -190,6 +195,30 @@ def _speed(row: HypothesisRow) -> str:
     return "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
 
 
+def _extent(row: HypothesisRow) -> str:
+    """Lengths of the box, the longest first."""
+    if row.extent is None:
+        return "-"
+    digits = 0 if row.unit == "px" else 2
+    return "×".join(number(length, digits) for length in sorted(row.extent, reverse=True))
+
+
+def _components(values: list[float] | None, digits: int) -> str:
+    return "-" if values is None else " ".join(number(round(value, digits) + 0.0, digits) for value in values)
+
+
+def _turning(row: HypothesisRow) -> str:
+    return "-" if row.turning is None else f"{number(row.turning, 2)} rad/s"
+
+
+def _translation(row: HypothesisRow) -> str:
+    return _components(row.translation, 1 if row.unit == "px" else 3)
+
+
+def _rotation(row: HypothesisRow) -> str:
+    return _components(None if row.rotation is None else [math.degrees(v) for v in row.rotation], 0)
+
+
 SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
     _Column("source", 18, _name, left=True),
     _Column("state", 7, _state, left=True),
@@ -200,16 +229,28 @@ SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
     _Column("lag", 8, lambda r: duration(r.lag), from_width=66),
     _Column("space", 12, lambda r: r.space, left=True, from_width=79),
 )
-HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
+_IDENTITY_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
     _Column(" ", 1, _swatch),
     _Column("hypothesis", 10, lambda r: str(r.id)),
     _Column("state", 12, _motion, left=True),
     _Column("size", 5, lambda r: str(r.size)),
     _Column("age", 7, lambda r: duration(r.age)),
+)
+HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
+    *_IDENTITY_COLUMNS,
     _Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
     _Column("speed", 11, _speed, from_width=58),
     _Column("space", 16, lambda r: r.space, left=True, from_width=75),
-    _Column("linked to", 10, lambda r: ", ".join(map(str, r.linked)), left=True, from_width=86),
+    _Column("linked to", 9, lambda r: ", ".join(map(str, r.linked)), left=True, from_width=85),
+    _Column("extent", 14, _extent, from_width=100),
+)
+POSE_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
+    *_IDENTITY_COLUMNS[:-1],
+    _Column("speed", 11, _speed, from_width=45),
+    _Column("turning", 10, _turning, from_width=56),
+    _Column("moved since birth", 20, _translation, from_width=77),
+    _Column("turned, °", 13, _rotation, from_width=91),
+    _Column("extent", 14, _extent, from_width=106),
 )
 
 

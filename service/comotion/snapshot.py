@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import msgpack
 import numpy as np
 
-FORMAT = "comotion.Snapshot/3"
+FORMAT = "comotion.Snapshot/4"
 _ARRAY = "__array__"
 _SAFE_KINDS = "biuf"
 Built = TypeVar("Built")

@@ -316,12 +316,16 @@ def test_the_export_is_what_foxglove_reads(tmp_path):
             seen[channel.topic] += 1
             if channel.topic == "/features/world" and seen[channel.topic] == updates - 1:
                 assert len(set(colours_of(value))) >= 2
+            if channel.topic == "/labels/world":
+                cubes = [cube for entity in value["entities"] for cube in entity["cubes"]]
             if channel.topic == "/numbers":
                 numbers = value
     assert seen == exported.messages
     assert seen["/numbers"] == updates
     assert {"/features/world", "/hypotheses/world", "/labels/world", "/events"} <= set(seen)
     assert numbers["nmi"] is not None
+    assert cubes
+    assert all(0 < cube["size"]["x"] < 5 for cube in cubes)
     assert exported.invalid == sum(a.payload == b"nonsense" for a in SCENE)
 
 

@@ -14,6 +14,7 @@ from comotion_clients.viewing.paths import Paths, plain
 from comotion_clients.viewing.picture import ScenePicture
 from comotion_clients.viewing.shapes import (
     Arrows,
+    Boxes,
     Cleared,
     Entry,
     Image,
@@ -26,6 +27,7 @@ from comotion_clients.viewing.shapes import (
 from comotion_clients.viewing.trails import LONGEST_GAP_NS, Trails
 from comotion_schemas import (
     UNDETERMINED,
+    Box,
     Event,
     Hypothesis,
     HypothesisUpdate,
@@ -171,6 +173,16 @@ def test_frames_turn_with_the_body_in_3d() -> None:
     assert frames.origins.tolist() == [[1, 2, 3]] * 3
     assert frames.vectors == pytest.approx(np.array([[0, 0.5, 0], [-0.5, 0, 0], [0, 0, 0.5]]), abs=1e-6)
     assert one(shapes, Points, "p/hypotheses").labels == ("4 moving", "5 moving")
+
+
+def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:
+    half = float(np.sqrt(0.5))  # 90 degrees about z
+    box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
+    bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
+    found = one(draw_hypotheses("p", bodies, 0.5), Boxes, "p/boxes")
+    assert found.centers.tolist() == [[1, 2, 3]]
+    assert found.colours.tolist() == [list(colour(4))]
+    np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
 
 
 def test_twist_arrows_show_the_way_of_a_second_and_the_axis() -> None:

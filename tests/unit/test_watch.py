@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from comotion_clients.scene_rows import Snapshot
 from comotion_clients.watch_view import SORTS, as_json, duration, plain_line, render, share_rows
 from comotion_schemas import (
     UNDETERMINED,
+    Box,
     Event,
     Hypothesis,
     HypothesisUpdate,
     ObservationBatch,
+    Pose,
     SourceRef,
     Status,
     Twist,
@@ -197,6 +200,26 @@ def test_tracks_and_hypotheses_of_the_newest_update() -> None:
     assert "linked to" in "\n".join(drawn(snapshot, 100, 24))
 
 
+def test_pose_and_extent_are_shown_on_request_and_units_are_known_without_a_batch() -> None:
+    model = SceneModel("lab")
+    half = math.sqrt(0.5)
+    body = replace(
+        update().hypotheses[0],
+        twist=Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 2.0]),
+        pose=Pose(translation=[1.0, 0.25, 0.0], rotation=[0.0, 0.0, -half, -half]),
+        box=Box(center=[0.0] * 3, half=[0.05, 0.15, 0.1], rotation=[0.0, 0.0, 0.0, 1.0]),
+    )
+    model.on_update(replace(update(), hypotheses=[body, *update().hypotheses[1:]]), 0.0)
+    snapshot = model.snapshot(0.0)
+    table = "\n".join(drawn(snapshot, 100, 24))
+    assert "0.500 m/s" in table
+    assert "0.30×0.20×0.10" in table
+    posed = "\n".join(drawn(snapshot, 120, 24, pose=True))
+    for words in ("2.00 rad/s", "1.000 0.250 0.000", "0 0 90", "0.30×0.20×0.10"):
+        assert words in posed
+    assert as_json(snapshot)["hypotheses"][0]["extent"] == [0.1, 0.3, 0.2]
+
+
 def test_events_are_taken_once_and_the_newest_comes_first() -> None:
     model = SceneModel("lab")
     born = Event(stamp_ns=97 * S, kind="born", hypothesis=1, others=[])
@@ -217,10 +240,10 @@ def busy(sources: int, hypotheses: int, events: int) -> Snapshot:
     return model.snapshot(0.5)
 
 
-def drawn(snapshot: Snapshot, width: int, height: int, sort: str = "size") -> list[str]:
+def drawn(snapshot: Snapshot, width: int, height: int, sort: str = "size", pose: bool = False) -> list[str]:
     console = Console(width=width, height=height, color_system=None, force_terminal=True)
     with console.capture() as capture:
-        console.print(render(snapshot, width, height, sort))
+        console.print(render(snapshot, width, height, sort, pose=pose))
     return capture.get().splitlines()
 
 

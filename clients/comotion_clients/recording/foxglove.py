@@ -14,6 +14,7 @@ PIXEL_M = 0.001
 """A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""
 _FLOAT32, _UINT8, _UINT32 = 7, 1, 5  # foxglove.PackedElementField, NumericType
 _INFO = 2  # foxglove.Log, Level
+_BOX_ALPHA = 0.2
 _POINT = np.dtype(
     [
         ("x", "<f4"),
@@ -102,7 +103,7 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> Json:
 
 
 def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
-    """Id, state and size at every centroid with an arrow along its velocity, shown for three periods."""
+    """Id, state, size, velocity and box of every hypothesis, shown for three periods."""
     lifetime = time_of(3 * update.period_ns)
     return {
         "deletions": [],
@@ -114,6 +115,7 @@ def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
                 "lifetime": lifetime,
                 "frame_locked": False,
                 "arrows": _arrows(h, scale),
+                "cubes": _cubes(h, scale),
                 "texts": [_label(h, scale)],
                 **{name: [] for name in UNUSED},
             }
@@ -197,9 +199,10 @@ def _position(hypothesis: Hypothesis, scale: float) -> list[float]:
 
 def _orientation(hypothesis: Hypothesis) -> Json:
     """Rotation since birth; the identity if it is unknown."""
-    if hypothesis.pose is None:
-        return _IDENTITY
-    rotation = hypothesis.pose.rotation
+    return _IDENTITY if hypothesis.pose is None else _turned(hypothesis.pose.rotation)
+
+
+def _turned(rotation: list[float] | float) -> Json:
     if isinstance(rotation, list):
         return dict(zip("xyzw", rotation, strict=True))
     return {"x": 0.0, "y": 0.0, "z": float(np.sin(rotation / 2)), "w": float(np.cos(rotation / 2))}
@@ -225,6 +228,20 @@ def _label(hypothesis: Hypothesis, scale: float) -> Json:
         "color": _colour(hypothesis.id),
         "text": f"{hypothesis.id}: {_word(hypothesis)}, {hypothesis.size}",
     }
+
+
+def _cubes(hypothesis: Hypothesis, scale: float) -> list[Json]:
+    """The box of a body; that of what is at rest would surround the scene."""
+    box = hypothesis.box
+    if box is None or hypothesis.state == "static" or hypothesis.absent:
+        return []
+    return [
+        {
+            "pose": _pose([value * scale for value in box.center], _turned(box.rotation)),
+            "size": _xyz([2 * scale * value for value in box.half]),
+            "color": _colour(hypothesis.id) | {"a": _BOX_ALPHA},
+        }
+    ]
 
 
 def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:

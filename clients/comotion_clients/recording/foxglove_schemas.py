@@ -57,7 +57,8 @@ _ARROW = _object(
     head_diameter=_NUMBER,
     color=_COLOUR,
 )
-UNUSED = ("metadata", "cubes", "spheres", "cylinders", "lines", "triangles", "models")
+_CUBE = _object("foxglove.CubePrimitive", pose=_POSE, size=_VECTOR, color=_COLOUR)
+UNUSED = ("metadata", "spheres", "cylinders", "lines", "triangles", "models")
 """Primitives of a scene entity that stay empty."""
 _ENTITY = _object(
     "foxglove.SceneEntity",
@@ -67,6 +68,7 @@ _ENTITY = _object(
     lifetime=_DURATION,
     frame_locked={"type": "boolean"},
     arrows=_array(_ARROW),
+    cubes=_array(_CUBE),
     texts=_array(_LABEL),
     # Viewers require these fields.
     **{name: _array({"type": "object"}) for name in UNUSED},

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas import Hypothesis
 
 from ..colours import colours, legible
-from .shapes import Arrows, Points, Positions, Shape
+from .shapes import Arrows, Boxes, Points, Positions, Shape
 
 # Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.
 AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
@@ -44,7 +44,8 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
 
     The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
     velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
-    distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn.
+    distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn. Boxes are
+    those of bodies: the box of what is at rest would surround the scene.
     """
     ids = np.array([h.id for h in hypotheses], np.uint32)
     dim = len(hypotheses[0].centroid) if hypotheses else 3
@@ -58,6 +59,7 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
         _frames(path, hypotheses, centroids, axis),
         _velocities(path, hypotheses, centroids, shades, axis),
         _angular_velocities(path, hypotheses, centroids, shades, axis),
+        _boxes(path, hypotheses, shades, dim),
     ]
 
 
@@ -127,6 +129,18 @@ def _angular_velocities(
     return Arrows(f"{path}/twist/angular", origins[rows], arrows, shades[rows], 1.2)
 
 
+def _boxes(path: str, hypotheses: Sequence[Hypothesis], shades: NDArray[np.uint8], dim: int) -> Boxes:
+    rows = [k for k, h in enumerate(hypotheses) if h.box is not None and h.state != "static"]
+    boxes = [box for k in rows if (box := hypotheses[k].box) is not None]
+    return Boxes(
+        f"{path}/boxes",
+        np.array([box.center for box in boxes], np.float32).reshape(-1, dim),
+        np.array([box.half for box in boxes], np.float32).reshape(-1, dim),
+        np.array([turn_matrix(box.rotation) for box in boxes], np.float32).reshape(-1, dim, dim),
+        shades[rows],
+    )
+
+
 def _in_sight(vectors: Positions, axis: float) -> tuple[NDArray[np.intp], Positions]:
     """Select the vectors that are long enough to be visible, and limit their length."""
     lengths = np.linalg.norm(vectors, axis=1)
@@ -136,10 +150,13 @@ def _in_sight(vectors: Positions, axis: float) -> tuple[NDArray[np.intp], Positi
 
 
 def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:
-    dim = len(hypothesis.centroid)
-    if hypothesis.pose is None:
-        return np.eye(dim)
-    rotation = hypothesis.pose.rotation
+    return (
+        np.eye(len(hypothesis.centroid)) if hypothesis.pose is None else turn_matrix(hypothesis.pose.rotation)
+    )
+
+
+def turn_matrix(rotation: list[float] | float) -> NDArray[np.float64]:
+    """Matrix of a rotation: a quaternion (x, y, z, w) in 3-D, an angle in rad in 2-D."""
     if isinstance(rotation, list):
         return np.asarray(Rotation.from_quat(rotation).as_matrix())
     cos, sin = np.cos(rotation), np.sin(rotation)

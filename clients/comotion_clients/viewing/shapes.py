@@ -54,6 +54,17 @@ class Arrows:
     radius: float = 1.5
 
 
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes [N, dim]: centres, half lengths, and `turns` [N, dim, dim] of their axes."""
+
+    path: str
+    centers: Positions
+    halves: Positions
+    turns: Positions
+    colours: Colours
+
+
 @dataclass(frozen=True)
 class Image:
     """A JPEG image; shapes in the same view have pixel coordinates."""
@@ -97,7 +108,7 @@ class Cleared:
     path: str
 
 
-Shape: TypeAlias = Points | Segments | Arrows | Image | Number | Entry | Document | Cleared
+Shape: TypeAlias = Points | Segments | Arrows | Boxes | Image | Number | Entry | Document | Cleared
 
 
 @dataclass(frozen=True)

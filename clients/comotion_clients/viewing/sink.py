@@ -19,11 +19,13 @@ from typing import Any, Self
 import numpy as np
 import rerun as rr
 import rerun_cli
+from scipy.spatial.transform import Rotation
 
 from .blueprint import TIMELINE, blueprint, prepare
 from .paths import plain
 from .shapes import (
     Arrows,
+    Boxes,
     Cleared,
     Document,
     Entry,
@@ -211,6 +213,8 @@ def components(shape: Shape) -> list[Any]:
             kind = rr.Arrows3D if shape.vectors.shape[1] == 3 else rr.Arrows2D
             radius = rr.Radius.ui_points(shape.radius)
             found = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
+        case Boxes():
+            found = [_boxes(shape)]
         case Image():
             found = [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
         case Number():
@@ -229,6 +233,23 @@ def _points(shape: Points) -> list[Any]:
     labels = {"labels": list(shape.labels), "show_labels": True} if shape.labels else {}
     points = kind(shape.positions, colors=shape.colours, radii=rr.Radius.ui_points(shape.radius), **labels)
     return [points, rr.AnyValues(**shape.values)] if shape.values else [points]
+
+
+def _boxes(shape: Boxes) -> Any:
+    """Wire frames; Rerun's boxes do not turn in 2-D."""
+    radius = rr.Radius.ui_points(_TRAIL_RADIUS)
+    if shape.centers.shape[1] == 3:
+        return rr.Boxes3D(
+            centers=shape.centers,
+            half_sizes=shape.halves,
+            quaternions=Rotation.from_matrix(shape.turns).as_quat() if len(shape.turns) else None,
+            colors=shape.colours,
+            radii=radius,
+            fill_mode="majorwireframe",
+        )
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], np.float32)
+    around = corners * shape.halves[:, None] @ np.swapaxes(shape.turns, 1, 2) + shape.centers[:, None]
+    return rr.LineStrips2D(around, colors=shape.colours, radii=radius)
 
 
 def clock(stamp_ns: int) -> str:

@@ -16,6 +16,8 @@ Examples:
 
   comotion watch --once --json | jq .service.state
 
+  comotion watch --once --pose
+
   comotion watch > scene.log   # one line a second
 """
 
@@ -38,6 +40,10 @@ def watch(
             "--sort", envvar="COMOTION_SORT", help="By size, by name or id, or by age; the key s changes it."
         ),
     ] = SortChoice.SIZE,
+    pose: Annotated[
+        bool,
+        typer.Option("--pose", envvar="COMOTION_POSE", help="Angular speed and pose; the key p changes it."),
+    ] = False,
     timeout: Annotated[
         float,
         typer.Option(
@@ -57,5 +63,7 @@ def watch(
     """
     from comotion_clients.watch import WatchOptions, watch
 
-    how = WatchOptions(once=once, json=json_, sort=sort.value, timeout=timeout, ready_file=ready_file)
+    how = WatchOptions(
+        once=once, json=json_, sort=sort.value, pose=pose, timeout=timeout, ready_file=ready_file
+    )
     watch(scene, options.session_settings(connect), how)

@@ -5,7 +5,8 @@ The steps of an update:
 1. Name the groups: those that share members with a hypothesis continue it (:mod:`.identity`).
 2. Recall: a new group that is a remembered hypothesis takes its id (:mod:`.memory`).
 3. Confirm hypotheses and find the events (:mod:`.events`).
-4. Describe those with current members, and list the absent ones (:mod:`.description`).
+4. Describe those with current members, measure them, and list the absent ones (:mod:`.description`,
+   :mod:`.extent`).
 5. Remember where each was seen (:mod:`.memory`).
 """
 
@@ -22,6 +23,7 @@ from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previ
 from ..trajectories.window import Window
 from .description import absent, describe
 from .events import Count, Lifecycle
+from .extent import Extents, Members
 from .identity import IdAllocator, LabelMemory
 from .memory import Newcomer, ObjectMemory, Trace
 
@@ -31,6 +33,8 @@ from .memory import Newcomer, ObjectMemory, Trace
 _CLEAR, _LIKELY = 2.0, 0.0
 # Smallest space in which hypotheses of two members are not confirmed, in members that confirm one.
 _BODIES = 2
+# Confidence from which a feature counts for the extent of its hypothesis.
+_SURE = 0.5
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ class Registry:
         self._config = config
         self._lifecycle = Lifecycle(config)
         self._memory = ObjectMemory()
+        self._extents = Extents()
         # Recalled by their place, and not yet confirmed to have returned.
         self._recalled: list[int] = []
         self.labels = LabelMemory(ids)
@@ -116,6 +121,8 @@ class Registry:
             self.labels.references,
             self._lifecycle.confirmed,
         )  # 4
+        members = Members(found.keys, found.labels, found.positions, partition.confidence >= _SURE)
+        listed = self._extents.measured(stamp_ns, listed, members, self.labels.references)
         self._remember(stamp_ns, partition, found, listed)  # 5
         return found.labels, self._with_absent(listed, found), events
 
@@ -126,6 +133,7 @@ class Registry:
         for one in gone:
             self._lifecycle.forget(one)
             self._memory.traces.pop(one, None)
+            self._extents.forget(one)
             self.labels.drop(one)
         return gone
 
@@ -135,6 +143,7 @@ class Registry:
             "labels": self.labels.state(window),
             "lives": self._lifecycle.state(),
             "traces": self._memory.state(),
+            "extents": self._extents.state(),
         }
 
     def load(self, state: dict[str, Any], window: Window) -> None:
@@ -143,6 +152,7 @@ class Registry:
         if state:
             self._lifecycle.load(state["lives"])
             self._memory.load(state["traces"])
+            self._extents.load(state["extents"])
 
     def _least(self, found: _Current) -> int:
         """Current members that confirm a hypothesis."""
@@ -193,6 +203,8 @@ class Registry:
         self.labels.rename(names)
         for new, old in names.items():
             self.labels.references[old] = _carried(self._memory.traces[old], groups[new], stamp_ns)
+            if not groups[new].static:
+                self._extents.forget(old)
 
     def _newcomers(self, partition: Partition, found: _Current, ids: list[int]) -> dict[int, Newcomer]:
         group_of = {one: k for k, one in enumerate(self.labels.ids.tolist())}
@@ -224,6 +236,7 @@ class Registry:
             self._memory.see(stamp_ns, groups[one.id], found.keys, one, reference)
         kept = self._lifecycle.lives
         self._memory.traces = {one: trace for one, trace in self._memory.traces.items() if one in kept}
+        self._extents.keep(kept)
 
     def _with_absent(self, listed: list[Hypothesis], found: _Current) -> list[Hypothesis]:
         """All hypotheses, by id: those with current members, and those that are remembered without."""

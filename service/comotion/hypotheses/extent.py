@@ -1,0 +1,236 @@
+"""Members and poses of hypotheses in, their boxes out: the extent of the members ever seen.
+
+A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
+feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
+no pose is known there is nothing to keep points in: the box is that of the current members.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from comotion_schemas import Box, Hypothesis
+
+from ..arrays import Bools, Floats, Labels, Stamps
+from ..partition import PoseReference
+from ..rigid.kernels.rotation import quaternion
+from .memory import find
+
+# s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
+_LASTING = 0.5
+# Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
+_KEPT = 256
+# A box replaces the last one if its size is below this share of it, so that axes do not jump.
+_SMALLER = 0.9
+# rad; step of the search for the smallest box.
+_STEP = np.pi / 60
+
+
+@dataclass
+class _Extent:
+    """Points of one body: keys int64 [m] ascending, `points` float64 [m, dim] in the axes of the body.
+
+    `since` int64 [m], when each became a member; `axes` float64 [dim, dim], those of the box, as columns.
+    """
+
+    keys: Stamps
+    points: Floats
+    since: Stamps
+    axes: Floats
+
+
+@dataclass(frozen=True)
+class Members:
+    """The current trajectories of a space.
+
+    Attributes
+    ----------
+    keys
+        int64 [n], ascending.
+    labels
+        int64 [n], hypothesis of each, negative for none.
+    positions
+        float64 [n, dim].
+    sure
+        bool [n]: whether the label is more likely right than wrong.
+    """
+
+    keys: Stamps
+    labels: Labels
+    positions: Floats
+    sure: Bools
+
+
+class Extents:
+    """The extents of all hypotheses of a space, by id."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, _Extent] = {}
+
+    def measured(
+        self,
+        stamp_ns: int,
+        listed: list[Hypothesis],
+        members: Members,
+        references: Mapping[int, PoseReference],
+    ) -> list[Hypothesis]:
+        """Hypotheses with current members, each with its box.
+
+        Parameters
+        ----------
+        stamp_ns
+            The watermark.
+        listed
+            As they are described, with their poses.
+        members
+            The current trajectories.
+        references
+            The poses, by hypothesis.
+        """
+        found = []
+        for one in listed:
+            R, t = np.eye(members.positions.shape[1]), np.zeros(members.positions.shape[1])
+            if one.pose is not None:
+                dim = len(t)
+                R, t = references[one.id].R[:dim, :dim], references[one.id].t[:dim]
+            else:
+                self._known.pop(one.id, None)
+            extent = self._seen(stamp_ns, one.id, members, (members.positions - t) @ R)
+            found.append(replace(one, box=_box(extent, R, t)))
+        return found
+
+    def keep(self, kept: Mapping[int, object]) -> None:
+        """Forget all hypotheses but some."""
+        self._known = {one: extent for one, extent in self._known.items() if one in kept}
+
+    def forget(self, hypothesis: int) -> None:
+        """Forget the points of a body, as where it may have turned while it was not seen."""
+        self._known.pop(hypothesis, None)
+
+    def state(self) -> list[Any]:
+        """As plain values and arrays."""
+        return [[one, e.keys, e.points, e.since, e.axes] for one, e in self._known.items()]
+
+    def load(self, state: list[Any]) -> None:
+        """Take up :meth:`state`."""
+        self._known = {int(one): _Extent(*values) for one, *values in state}
+
+    def _seen(self, stamp_ns: int, one: int, members: Members, points: Floats) -> _Extent:
+        """Take in the current members; `points` float64 [n, dim] of all trajectories, in its axes."""
+        mine = members.labels == one
+        if (mine & members.sure).any():
+            mine &= members.sure
+        keys, now, since = members.keys[mine], points[mine], np.full(int(mine.sum()), stamp_ns)
+        axes = np.eye(points.shape[1])
+        before = self._known.get(one)
+        if before is not None:
+            axes = before.axes
+            at = find(keys, before.keys)
+            since[at >= 0] = before.since[at[at >= 0]]
+            lost = _lost(stamp_ns, before, members.keys)
+            keys = np.concatenate([keys, before.keys[lost]])
+            now = np.concatenate([now, before.points[lost]])
+            since = np.concatenate([since, before.since[lost]])
+            order = np.argsort(keys)
+            keys, now, since = keys[order], now[order], since[order]
+        if before is None or not np.array_equal(keys, before.keys):
+            axes = best_axes(now, axes)
+        found = self._known[one] = _Extent(keys, now, since, axes)
+        return found
+
+
+def _lost(stamp_ns: int, extent: _Extent, current: Stamps) -> Stamps:
+    """Rows of features that are not seen any more and were members for long enough, bounded in number."""
+    gone = find(extent.keys, current) < 0
+    lost = np.flatnonzero(gone & (extent.since <= stamp_ns - int(_LASTING * 1e9)))
+    if len(lost) > _KEPT:
+        lost = lost[_farthest(extent.points[lost])]
+    return lost
+
+
+def _directions(dim: int) -> Floats:
+    """Unit vectors [dim, n] all around."""
+    grid = np.array([v for v in product(range(-2, 3), repeat=dim) if any(v)], np.float64)
+    return np.asarray(np.unique(grid / np.linalg.norm(grid, axis=1)[:, None], axis=0).T)
+
+
+_ALL_AROUND = {dim: _directions(dim) for dim in (2, 3)}
+
+
+def _farthest(points: Floats) -> Stamps:
+    """Rows that are farthest in some direction, ascending."""
+    return np.unique((points @ _ALL_AROUND[points.shape[1]]).argmax(0))
+
+
+def best_axes(points: Floats, before: Floats) -> Floats:
+    """Axes of a small box around points, float64 [dim, dim] as columns; the last ones if they are as good.
+
+    The candidates share an axis with the principal axes of the points. The size of a box is half its
+    surface, in 2-D half its outline, which tell flat boxes apart.
+
+    Parameters
+    ----------
+    points
+        float64 [m, dim].
+    before
+        float64 [dim, dim], the last axes.
+    """
+    if len(points) > 2 * _KEPT:
+        points = points[_farthest(points)]
+    principal = np.linalg.svd(points - points.mean(0), full_matrices=True)[2].T
+    turns = _TURNS[points.shape[1]]
+    sizes = _sizes(points @ principal, turns)
+    best = int(sizes.argmin())
+    if sizes[best] >= _SMALLER * _sizes(points, before[None])[0]:
+        return before
+    return _like(principal @ turns[best], before)
+
+
+def _quarter_turns(dim: int) -> Floats:
+    """Rotations about each principal axis, float64 [n, dim, dim]; all boxes are met within a right angle."""
+    angles = np.arange(0, np.pi / 2, _STEP)
+    c, s = np.cos(angles), np.sin(angles)
+    found = []
+    for p, q in ((0, 1), (1, 2), (0, 2))[: 3 if dim == 3 else 1]:
+        turn = np.tile(np.eye(dim), (len(angles), 1, 1))
+        turn[:, p, p] = turn[:, q, q] = c
+        turn[:, q, p], turn[:, p, q] = s, -s
+        found.append(turn)
+    return np.concatenate(found)
+
+
+_TURNS = {dim: _quarter_turns(dim) for dim in (2, 3)}
+
+
+def _sizes(points: Floats, axes: Floats) -> Floats:
+    """Half the surface (in 2-D the outline) of the boxes with axes [n, dim, dim], [n]."""
+    dim = points.shape[1]
+    along = points @ axes.transpose(1, 0, 2).reshape(dim, -1)
+    a = (along.max(0) - along.min(0)).reshape(-1, dim)
+    size = a.sum(1) if dim == 2 else a[:, 0] * a[:, 1] + a[:, 1] * a[:, 2] + a[:, 0] * a[:, 2]
+    return np.asarray(size)
+
+
+def _like(axes: Floats, before: Floats) -> Floats:
+    """The same axes in the order and with the signs that turn them least from others; right-handed."""
+    alike = before.T @ axes
+    _, order = linear_sum_assignment(-np.abs(alike))
+    found = axes[:, order]
+    found = found * np.where((found * before).sum(0) < 0, -1.0, 1.0)
+    if np.linalg.det(found) < 0:
+        found[:, int(np.abs((found * before).sum(0)).argmin())] *= -1
+    return found
+
+
+def _box(extent: _Extent, R: Floats, t: Floats) -> Box:
+    """Box of the points in the axes of the space."""
+    along = extent.points @ extent.axes
+    low, high = along.min(0), along.max(0)
+    turn = R @ extent.axes
+    center = R @ (extent.axes @ ((low + high) / 2)) + t
+    rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
+    return Box(center=center.tolist(), half=((high - low) / 2).tolist(), rotation=rotation)

@@ -1,0 +1,154 @@
+"""The box of a hypothesis holds the members ever seen, in the axes of its body."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion
+from comotion.hypotheses.extent import _KEPT, Extents, Members
+from comotion.partition import PoseReference
+from comotion_schemas import Hypothesis, ObservationBatch, Pose
+
+S = 1_000_000_000
+HALF = np.array([0.3, 0.2, 0.1])
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
+
+
+class Body:
+    """Measures one hypothesis whose pose the test sets."""
+
+    def __init__(self, dim=3):
+        self.dim, self.extents, self.reference = dim, Extents(), PoseReference.new(0)
+        self.posed = True
+
+    def move(self, R, t):
+        self.reference.R[: self.dim, : self.dim], self.reference.t[: self.dim] = R, t
+
+    def box(self, stamp_ns, points, keys=None, labels=None, sure=None):
+        """Points float64 [n, dim] in the axes of the body."""
+        R, t = self.reference.R[: self.dim, : self.dim], self.reference.t[: self.dim]
+        count = len(points)
+        keys = np.arange(count) if keys is None else np.array(keys)
+        labels = np.ones(count, int) if labels is None else np.array(labels)
+        sure = np.ones(count, bool) if sure is None else np.array(sure)
+        rotation = [0.0, 0.0, 0.0, 1.0] if self.dim == 3 else 0.0
+        pose = Pose(translation=[0.0] * self.dim, rotation=rotation) if self.posed else None
+        listed = Hypothesis(
+            id=1, space="world", size=count, born_ns=0, state="moving", centroid=[0.0] * self.dim, pose=pose
+        )
+        members = Members(keys, labels, points @ R.T + t, sure)
+        (found,) = self.extents.measured(stamp_ns, [listed], members, {1: self.reference})
+        return found.box
+
+
+def matrix(box):
+    if isinstance(box.rotation, list):
+        return Rotation.from_quat(box.rotation).as_matrix()
+    c, s = np.cos(box.rotation), np.sin(box.rotation)
+    return np.array([[c, -s], [s, c]])
+
+
+def holds(box, points):
+    return (np.abs((points - box.center) @ matrix(box)) <= np.array(box.half) + 1e-9).all()
+
+
+@settings(deadline=None)
+@given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5, 5)] * 3))
+def test_a_cuboid_has_its_own_box_however_it_is_turned(turn, shift):
+    body = Body()
+    R = Rotation.from_rotvec(turn).as_matrix()
+    box = body.box(0, CORNERS @ R.T + shift)
+    np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.08)
+    np.testing.assert_allclose(box.center, shift, atol=0.02)
+    assert holds(box, CORNERS @ R.T + shift)
+
+
+def test_the_box_moves_and_turns_with_the_body():
+    body = Body()
+    before = body.box(0, CORNERS)
+    R = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+    body.move(R, [1.0, 2.0, 3.0])
+    after = body.box(S, CORNERS)
+    np.testing.assert_allclose(after.center, R @ before.center + [1, 2, 3], atol=1e-9)
+    np.testing.assert_allclose(matrix(after), R @ matrix(before), atol=1e-9)
+    np.testing.assert_allclose(after.half, before.half, atol=1e-9)
+
+
+def test_lost_members_stay_and_those_of_others_leave():
+    body = Body()
+    whole = body.box(0, CORNERS)
+    body.move(Rotation.from_rotvec([0, 0, 1.0]).as_matrix(), [0.5, 0, 0])
+    np.testing.assert_allclose(body.box(S, CORNERS[:4], keys=range(4)).half, whole.half, atol=1e-9)
+    taken = body.box(2 * S, CORNERS, labels=[1] * 4 + [2] * 4)
+    assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_members_for_a_moment_and_unsure_ones_do_not_count():
+    body, far = Body(), np.array([[9.0, 0, 0]])
+    whole = body.box(0, CORNERS)
+    body.box(S, np.vstack([CORNERS, far]))
+    assert max(body.box(S + S // 10, CORNERS).half) == pytest.approx(max(whole.half))
+    unsure = body.box(2 * S, np.vstack([CORNERS, far]), sure=[True] * 8 + [False])
+    assert max(unsure.half) == pytest.approx(max(whole.half))
+
+
+def test_without_a_pose_it_is_the_box_of_the_current_members():
+    body = Body(dim=2)
+    body.posed = False
+    square = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]])
+    assert sorted(body.box(0, square).half) == pytest.approx([1, 2])
+    assert sorted(body.box(S, square[:2], keys=[0, 1]).half) == pytest.approx([0, 2])
+
+
+def test_what_is_kept_of_lost_members_is_bounded_and_as_large():
+    body, rng = Body(), np.random.default_rng(0)
+    for k in range(30):
+        points = rng.uniform(-HALF, HALF, (40, 3))
+        body.box(2 * k * S, points, keys=range(40 * k, 40 * k + 40))
+        box = body.box(2 * k * S + S, points, keys=range(40 * k, 40 * k + 40))
+    assert len(body.extents.state()[0][1]) <= _KEPT + 40
+    np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.05)
+
+
+def test_the_state_continues_after_a_restart():
+    body = Body()
+    whole = body.box(0, CORNERS)
+    restored = Extents()
+    restored.load(body.extents.state())
+    body.extents = restored
+    assert body.box(S, CORNERS[:2], keys=[0, 1]) == replace(whole)
+
+
+def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():
+    rng, fusion = np.random.default_rng(0), Fusion()
+    floor = rng.uniform(-1, 1, (20, 3))
+    body = np.vstack([CORNERS, rng.uniform(-HALF, HALF, (8, 3))])
+    for k in range(90):
+        R = Rotation.from_rotvec([0, 0, 0.02 * k]).as_matrix()
+        now = np.vstack([body @ R.T + [0.01 * k, 0, 0.5], floor])
+        seen = np.ones(len(now), bool)
+        seen[4:8] = k < 70  # a face of the body turns out of sight
+        batch = ObservationBatch(
+            source="mine",
+            session="0" * 16,
+            seq=k,
+            space="world",
+            unit="m",
+            dim=3,
+            stamp_ns=k * S // 30,
+            ids=np.flatnonzero(seen).astype(np.uint64),
+            positions=(now + rng.normal(0, 0.001, now.shape))[seen].astype(np.float32),
+        )
+        fusion.ingest(batch)
+        if k % 3 == 0:
+            update = fusion.update(batch.stamp_ns)
+    (moving,) = [h for h in update.hypotheses if h.state == "moving"]
+    assert moving.size == 12
+    hidden = CORNERS[4:8] @ Rotation.from_rotvec([0, 0, 0.02 * 87]).as_matrix().T + [0.87, 0, 0.5]
+    larger = replace(moving.box, half=[h + 0.02 for h in moving.box.half])
+    assert holds(larger, hidden)
+    np.testing.assert_allclose(np.sort(moving.box.half), np.sort(HALF), rtol=0.15)
