@@ -52,7 +52,8 @@ class Counters:
     """Counters of a subscription.
 
     `received`: valid messages; `lost`: missing sequence numbers; `stale`: skipped updates that were
-    repeated or out of order; `invalid`: payloads by rejection reason of the protocol.
+    repeated, out of order, or of a lower epoch than one before; `invalid`: payloads by rejection reason
+    of the protocol.
     """
 
     received: int = 0
@@ -103,6 +104,7 @@ class Subscription(Generic[M]):
         self._message: type[M] = message
         self._scene = scene
         self._sequences = SequenceCounter()
+        self._epoch = 0
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
@@ -198,6 +200,12 @@ class Subscription(Generic[M]):
         """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
+        if isinstance(message, HypothesisUpdate):
+            # A service that was cut off and returns is not heard: another has spoken since.
+            if message.epoch < self._epoch:
+                self.counters.stale += 1
+                return False
+            self._epoch = message.epoch
         lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)
         self.counters.lost += lost
         if order == "newest" or isinstance(message, ObservationBatch):

@@ -1,6 +1,8 @@
 """``comotion serve``: the fusion service of a scene."""
 
 import os
+import re
+import socket
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +23,7 @@ Examples:
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
 
   comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies of a depth camera
+  comotion serve --scene a --standby --etcd http://etcd1:2379,http://etcd2:2379   # on two hosts
   comotion serve --clock event   # for recordings with stamps in the past
 """
 
@@ -30,6 +33,11 @@ class ClockChoice(StrEnum):
 
     WALL = "wall"
     EVENT = "event"
+
+
+def _host() -> str:
+    """The name of this host, as a name of the protocol."""
+    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48] or "host"
 
 
 def serve(
@@ -58,8 +66,36 @@ def serve(
         ),
     ] = ClockChoice.WALL,
     name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_SERVICE_NAME", help="Name of this service.")
-    ] = "fusion",
+        str | None,
+        typer.Option(
+            "--name",
+            envvar="COMOTION_SERVICE_NAME",
+            help="Name of this service  \\[default: fusion; with --standby fusion-HOST]",
+        ),
+    ] = None,
+    standby: Annotated[
+        bool,
+        typer.Option(
+            "--standby",
+            envvar="COMOTION_STANDBY",
+            help="Be one of several replicas of the scene; one speaks, the others follow. Needs --etcd.",
+        ),
+    ] = False,
+    etcd: Annotated[
+        str | None,
+        typer.Option(
+            "--etcd",
+            envvar="COMOTION_ETCD",
+            metavar="URL[,URL]",
+            help="Members of the etcd cluster that elects the replica that speaks.",
+        ),
+    ] = None,
+    lease: Annotated[
+        int,
+        typer.Option(
+            "--lease", envvar="COMOTION_LEASE", min=2, help="s until a lost host loses the scene in etcd."
+        ),
+    ] = 2,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     listen: options.Listen = None,
@@ -73,15 +109,19 @@ def serve(
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     from comotion.runtime import server
 
+    if standby != bool(etcd):
+        raise typer.BadParameter("--standby and --etcd go together", param_hint="--standby")
     server.serve(
         server.ServeOptions(
             config=linked_cameras.with_cameras(fusion_config(ctx, method, assignments), camera),
             scene=scene,
-            name=name,
+            name=name or (f"fusion-{_host()}" if standby else server.DEFAULT_NAME),
             settings=options.session_settings(connect, listen),
             clock=clock.value,
             state=state,
             state_interval=state_interval,
             ready_file=ready_file,
+            etcd=tuple(url.strip() for url in (etcd or "").split(",") if url.strip()),
+            lease=lease,
         )
     )

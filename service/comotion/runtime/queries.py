@@ -64,6 +64,11 @@ class Queryables:
                 with query:
                     self._answer(query, name, handler)
 
+    def close(self) -> None:
+        """Undeclare all; queries that wait get no reply."""
+        for queryable, _, _ in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+
     def _answer(self, query: zenoh.Query, name: QueryName, handler: Handler) -> None:
         try:
             payload, encoding = handler(_parameters(query))

@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,19 +23,21 @@ from comotion_schemas import (
     Keys,
     Status,
     decode_as,
-    encode,
     metrics,
 )
-from comotion_schemas.component import Component, new_session_id
-from comotion_schemas.transport import SessionSettings, declare_publisher
+from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.transport import SessionSettings, TlsFiles
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, make_clock
+from .election import DEFAULT_LEASE_S, Alone, Election
+from .etcd import Etcd
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
-from .queries import Queryables, handlers
+from .output import Follower, Output
+from .queries import handlers
 from .state_file import StateKeeper, load_fusion
 from .ticker import HeadStart, Ticker
 from .warm_up import warm_up
@@ -55,7 +57,9 @@ class ServeOptions:
     """Options of ``comotion serve``.
 
     `state` is the file that carries identities across restarts, written every `state_interval` s and
-    whenever the set of hypotheses has changed.
+    whenever the set of hypotheses has changed. With `etcd`, the urls of a cluster, the service is one of
+    several replicas of the scene, of which one speaks; `lease` is the time in s after which one that the
+    cluster cannot reach loses the scene.
     """
 
     config: FusionConfig = field(default_factory=FusionConfig)
@@ -66,6 +70,9 @@ class ServeOptions:
     state: Path | None = None
     state_interval: float = 1.0
     ready_file: Path | None = None
+    etcd: tuple[str, ...] = ()
+    etcd_tls: TlsFiles | None = None
+    lease: int = DEFAULT_LEASE_S
 
 
 def serve(options: ServeOptions) -> None:
@@ -80,23 +87,26 @@ def serve(options: ServeOptions) -> None:
     """
     session_id = new_session_id()
     fusion = _make_fusion(options, session_id)
-    watchdog = Watchdog()
+    watchdog, replica = Watchdog(), _replica(options, session_id)
     with Component(
         role="service",
         name=options.name,
         scene=options.scene,
         settings=options.settings,
-        status=watchdog.status,
+        status=lambda: _with_replica(watchdog.status(), replica),
         ready_file=options.ready_file,
         session_id=session_id,
     ) as component:
-        _require_alone(component)
+        _require_alone(component, options)
         for space, camera in options.config.linking.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return
-        with StateKeeper(options.state, to_ns(options.state_interval), fusion) as keeper:
-            _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper)).run()
+        with ExitStack() as stack:
+            keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
+            if isinstance(replica, Election):
+                stack.enter_context(replica)
+            _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper), replica).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -108,8 +118,31 @@ def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     return load_fusion(options.state, options.config, scene, session_id, now_ns)
 
 
-def _require_alone(component: Component) -> None:
+def _replica(options: ServeOptions, session_id: str) -> Alone | Election:
+    """Whether the service speaks alone, or takes part in an election."""
+    if not options.etcd:
+        return Alone()
+    Etcd(options.etcd, options.etcd_tls)  # a wrong url is an error now, not in a thread later
+    return Election(
+        lambda: Etcd(options.etcd, options.etcd_tls),
+        options.scene,
+        options.name,
+        session_id,
+        lease=options.lease,
+    )
+
+
+def _with_replica(fields: StatusFields, replica: Alone | Election) -> StatusFields:
+    if isinstance(replica, Alone):
+        return fields
+    epoch = replica.epoch
+    return replace(fields, replica="standby" if epoch is None else "active", epoch=epoch or 0)
+
+
+def _require_alone(component: Component, options: ServeOptions) -> None:
     """Two services in one scene would publish two different answers on the same key."""
+    if options.etcd:
+        return
     for reply in component.session.get(component.keys.query("status"), timeout=_STATUS_TIMEOUT_S):
         if reply.ok is None:
             continue
@@ -139,7 +172,12 @@ class _Loop:
     """Connects the core to an open component and runs it."""
 
     def __init__(
-        self, options: ServeOptions, fusion: Fusion, component: Component, housekeeping: Housekeeping
+        self,
+        options: ServeOptions,
+        fusion: Fusion,
+        component: Component,
+        housekeeping: Housekeeping,
+        replica: Alone | Election,
     ) -> None:
         self._fusion = fusion
         self._component = component
@@ -150,11 +188,10 @@ class _Loop:
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         self._intake = Intake(component.session, component.keys, fusion.stats)
-        self._publisher = declare_publisher(component.session, component.keys.hypotheses, "hypotheses")
-        self._last = self._publish(fusion.update(self._clock.now_ns()))
-        self._queryables = Queryables(
-            component.session, component.keys, handlers(fusion, lambda: self._last, component.status)
-        )
+        self._follower = Follower(component, replica, fusion) if isinstance(replica, Election) else None
+        self._last = fusion.update(self._clock.now_ns())
+        self._output = Output(component, replica, handlers(fusion, lambda: self._last, component.status))
+        self._last = self._publish(self._last)
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
@@ -178,7 +215,9 @@ class _Loop:
         for batch in self._intake.receive(now):
             self._clock.observe(batch.stamp_ns, now)
             self._fusion.ingest(batch)
-        self._queryables.answer()
+        if self._follower is not None:
+            self._follower.look()
+        self._output.answer()
 
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
@@ -196,8 +235,7 @@ class _Loop:
 
     def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """Publish an update with the time of its publication; returns what was published."""
-        update = replace(update, published_ns=time.time_ns())
-        self._publisher.put(encode(update))
+        update = self._output.publish(update)
         if update.stamp_ns > 0:  # not so with the event clock before the first observation
             self._lag.observe((update.published_ns - update.stamp_ns) / 1e9)
         return update
