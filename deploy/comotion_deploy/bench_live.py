@@ -54,7 +54,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
         launch(
             [
                 comotion("router", "router", "--listen", endpoint),
-                comotion("serve", "serve", *fusion, "--connect", endpoint, "--scene", SCENE),
+                comotion("serve", "serve", "--no-state", *fusion, "--connect", endpoint, "--scene", SCENE),
                 *sources,
                 ProcessSpec(name="probe", command=probe, restart="never", foreground=True),
             ],

@@ -4,8 +4,9 @@ Every message with a `seq` counts 0, 1, 2 ... per publisher and session. A numbe
 lost message, a number that comes twice is a repeated one. Whoever joins late has lost nothing.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 # Bounds on what a hostile or broken publisher can make the counter remember.
 MAX_SESSIONS = 4096
@@ -85,6 +86,17 @@ class SequenceCounter:
         # The last in the dictionary is the one seen last.
         self._sessions[key] = known
         return known.sight(seq)
+
+    def state(self) -> list[list[Any]]:
+        """Publisher, session, oldest, newest and missing numbers of every session, as plain values."""
+        return [[*key, s.oldest, s.newest, list(s.missing)] for key, s in self._sessions.items()]
+
+    def load(self, state: Iterable[Sequence[Any]]) -> None:
+        """Take up :meth:`state`."""
+        self._sessions = {
+            (str(publisher), str(session)): _Session(int(oldest), int(newest), dict.fromkeys(missing))
+            for publisher, session, oldest, newest, missing in state
+        }
 
     def forget(self, publisher: str, session: str) -> None:
         """Forget a session that is over; nothing happens where it is not known."""

@@ -80,6 +80,11 @@ class PublishedIds:
             events=[e for e in self._events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
         )
 
+    @property
+    def following(self) -> int:
+        """The next id that nothing has been published under."""
+        return self._ids.following
+
     def own(self, published: int) -> int | None:
         """The id inside this service of a published one."""
         return next((one for one, name in self._names.items() if name == published), None)

@@ -7,7 +7,7 @@ with the time that it takes for now.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Self
@@ -59,6 +59,8 @@ class Fusion:
         Name of the scene, ``[a-z0-9_-]{1,64}``.
     session
         16 hex digits that name this run of the service.
+    first_id
+        Id of the first hypothesis.
 
     Attributes
     ----------
@@ -74,7 +76,12 @@ class Fusion:
     """
 
     def __init__(
-        self, config: FusionConfig | None = None, scene: str = "default", session: str = "0" * 16
+        self,
+        config: FusionConfig | None = None,
+        scene: str = "default",
+        session: str = "0" * 16,
+        *,
+        first_id: int = 1,
     ) -> None:
         self.config = FusionConfig() if config is None else config
         self.scene = Keys(scene).scene
@@ -82,7 +89,7 @@ class Fusion:
         self.stats = Stats()
         self._timeline = Timeline(self.config, self.stats)
         self._spaces: dict[str, Space] = {}
-        self._ids = IdAllocator()
+        self._ids = IdAllocator(first_id)
         self._linker = Linker(self.config.linking.cameras)
         self._events: deque[Event] = deque()
         self._published: PublishedIds | None = None
@@ -181,32 +188,55 @@ class Fusion:
         gone = (one for space in self._spaces.values() for one in space.forget(hypothesis))
         return sorted(gone if self._published is None else map(self._published.name, gone))
 
+    def start_over(self) -> None:
+        """Forget all that has been observed; counters and ids go on. Stamps may then start anywhere."""
+        self._timeline = Timeline(self.config, self.stats)
+        self._spaces.clear()
+        self._linker = Linker(self.config.linking.cameras)
+        self._events.clear()
+
     def sources(self, now_ns: int) -> list[SourceHealth]:
         """Health of every source: its session, age and whether the watermark waits for it."""
         return self._timeline.health(now_ns)
 
     def snapshot(self, *, clean: bool = False) -> bytes:
-        """Everything that must survive a restart: identities, windows and the watermark.
+        """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
 
         Batches that wait for the watermark are not kept. `clean` says that no update follows: ids may
         then continue without a gap.
         """
-        return snapshot.dump(
-            {
-                "method": self.config.method,
-                "scene": self.scene,
-                "session": self.session,
-                "next_id": self._ids.following + (0 if clean else ID_GAP),
-                "timeline": self._timeline.state(),
-                "events": [
-                    {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
-                    for e in self._events
-                ],
-                "links": self._linker.state(),
-                "published": None if self._published is None else self._published.state(),
-                "spaces": [space.state() for space in self._spaces.values()],
-            }
-        )
+        return b"".join(self.capture(clean=clean)())
+
+    def capture(self, *, clean: bool = False) -> Callable[[], list[Any]]:
+        """Copy the state of :meth:`snapshot`, to be serialised later or by another thread.
+
+        Returns
+        -------
+        Callable
+            Gives the snapshot as a list of buffers; it shares nothing with the fusion.
+        """
+        state = self._state(clean)
+        following = state["next_id"]
+        if self._published is not None:
+            following = max(following, self._published.following + ID_GAP)
+        return partial(snapshot.pieces, state, following)
+
+    def _state(self, clean: bool) -> dict[str, Any]:
+        """Plain values, and arrays that nothing else changes."""
+        return {
+            "method": self.config.method,
+            "scene": self.scene,
+            "session": self.session,
+            "next_id": self._ids.following + (0 if clean else ID_GAP),
+            "timeline": self._timeline.state(),
+            "events": [
+                {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
+                for e in self._events
+            ],
+            "links": self._linker.state(),
+            "published": None if self._published is None else self._published.state(),
+            "spaces": [space.state() for space in self._spaces.values()],
+        }
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:

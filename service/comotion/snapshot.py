@@ -1,30 +1,116 @@
-"""The state of a fusion as plain values and arrays in, bytes out; and back.
+"""The state of a fusion as plain values and arrays in, checked bytes out; and back.
 
-Not pickle: a state file is data from outside, and reading it must not run code.
+Not pickle: a state file is data from outside, and reading it must not run code. The layout is
+
+    header      magic, format, sizes, digest of all that follows, next hypothesis id; its own checksum
+    values      msgpack, with a reference in the place of each array
+    arrays      their bytes, one after the other
+
+The header can be read where the rest is damaged, so that no hypothesis id is given out twice.
 """
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+import hashlib
+import struct
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Self, TypeVar, cast
 
 import msgpack
 import numpy as np
 
-FORMAT = "comotion.Snapshot/4"
+FORMAT = 5
+"""Version of the layout and of the state in it."""
+MAX_BYTES = 1 << 30
+_MAGIC = b"comotion"
+_HEADER = struct.Struct("<8sIQQQ16s")
+_CHECKSUM = struct.Struct("<I")
+HEADER_BYTES = _HEADER.size + _CHECKSUM.size
 _ARRAY = "__array__"
 _SAFE_KINDS = "biuf"
+_DIGEST_BYTES = 16
 Built = TypeVar("Built")
 
 
-def dump(state: dict[str, Any]) -> bytes:
-    """Serialise nested dicts and lists of plain values and numeric arrays.
+@dataclass(frozen=True)
+class Header:
+    """What a snapshot says about itself.
+
+    Attributes
+    ----------
+    values, arrays
+        Bytes of the two parts that follow.
+    following
+        The next hypothesis id.
+    digest
+        BLAKE2b of all that follows, 16 bytes.
+    """
+
+    values: int
+    arrays: int
+    following: int
+    digest: bytes
+
+    @property
+    def total(self) -> int:
+        """Bytes of the whole snapshot."""
+        return HEADER_BYTES + self.values + self.arrays
+
+    def pack(self) -> bytes:
+        """As bytes, with a checksum of its own."""
+        fields = _HEADER.pack(_MAGIC, FORMAT, self.values, self.arrays, self.following, self.digest)
+        return fields + _CHECKSUM.pack(zlib.crc32(fields))
+
+    @classmethod
+    def read(cls, data: bytes) -> Self:
+        """Read it from the first bytes of a snapshot.
+
+        Raises
+        ------
+        ValueError
+            If they are no header of this format, or damaged.
+        """
+        if not data.startswith(_MAGIC):
+            raise ValueError("not a snapshot")
+        if len(data) < HEADER_BYTES:
+            raise ValueError("damaged snapshot: it ends within its header")
+        if _CHECKSUM.unpack_from(data, _HEADER.size)[0] != zlib.crc32(data[: _HEADER.size]):
+            raise ValueError("damaged snapshot: the checksum of its header is wrong")
+        _, version, values, arrays, following, digest = _HEADER.unpack_from(data)
+        if version != FORMAT:
+            raise ValueError(f"not a snapshot of this version: format {version}, expected {FORMAT}")
+        return cls(values, arrays, following, digest)
+
+
+def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
+    """Serialise nested dicts and lists of plain values and numeric arrays, without a copy of the arrays.
+
+    Parameters
+    ----------
+    state
+        What to keep.
+    following
+        The next hypothesis id, for the header.
+
+    Returns
+    -------
+    list
+        Buffers that make up the snapshot, in their order.
 
     Raises
     ------
     TypeError
-        If there is anything else in them.
+        If there is anything else in `state`.
     """
-    content = {"format": FORMAT} | state
-    return cast("bytes", msgpack.packb(content, default=_pack_array, use_bin_type=True))
+    arrays: list[memoryview] = []
+    values = cast("bytes", msgpack.packb(state, default=lambda value: _refer(value, arrays)))
+    size = sum(part.nbytes for part in arrays)
+    return [Header(len(values), size, following, _digest([values, *arrays])).pack(), values, *arrays]
+
+
+def dump(state: dict[str, Any], following: int = 0) -> bytes:
+    """Return the bytes of :func:`pieces`."""
+    return b"".join(pieces(state, following))
 
 
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
@@ -33,35 +119,52 @@ def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
     Raises
     ------
     ValueError
-        If `data` is no snapshot of this version, or damaged so that `build` fails.
+        If `data` is no snapshot of this version, or damaged, or `build` fails.
     """
+    header = Header.read(data)
+    if len(data) != header.total:
+        raise ValueError(f"damaged snapshot: {len(data)} bytes, its header says {header.total}")
+    body = memoryview(data)[HEADER_BYTES:]
+    if _digest([body]) != header.digest:
+        raise ValueError("damaged snapshot: its checksum is wrong")
+    arrays = body[header.values :]
     try:
-        state = msgpack.unpackb(data, raw=False, strict_map_key=False, object_hook=_unpack_array)
-    except Exception as error:
-        raise ValueError(f"not a snapshot: {type(error).__name__}") from None
-    if not isinstance(state, dict):
-        raise ValueError("not a snapshot: not a map")
-    if state.get("format") != FORMAT:
-        raise ValueError(f"not a snapshot: format {str(state.get('format'))[:40]!r}, expected {FORMAT!r}")
-    try:
+        state = msgpack.unpackb(
+            body[: header.values],
+            raw=False,
+            strict_map_key=False,
+            object_hook=lambda value: _resolve(value, arrays),
+        )
         return build(state)
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
-        raise ValueError(f"damaged snapshot: {type(error).__name__} {error}") from None
+    # Whatever goes wrong in a state that is checked but does not fit, the state is to blame.
+    except Exception as error:
+        raise ValueError(f"damaged snapshot: {type(error).__name__} {error}") from error
 
 
-def _pack_array(value: Any) -> Any:
+def _digest(parts: Iterable[Any]) -> bytes:
+    found = hashlib.blake2b(digest_size=_DIGEST_BYTES)
+    for part in parts:
+        found.update(part)
+    return found.digest()
+
+
+def _refer(value: Any, arrays: list[memoryview]) -> Any:
+    """Put an array behind the values; what is kept in its place says where it is."""
     if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
-        return {_ARRAY: [value.dtype.str, list(value.shape), value.tobytes()]}
+        at = sum(part.nbytes for part in arrays)
+        arrays.append(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
+        return {_ARRAY: [value.dtype.str, list(value.shape), at]}
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"cannot store a {type(value).__name__}")
 
 
-def _unpack_array(value: dict[Any, Any]) -> Any:
+def _resolve(value: dict[Any, Any], arrays: memoryview) -> Any:
     if _ARRAY not in value:
         return value
-    dtype, shape, data = value[_ARRAY]
+    dtype, shape, at = value[_ARRAY]
     kind = np.dtype(dtype)
     if kind.kind not in _SAFE_KINDS:
         raise ValueError("not a numeric array")
-    return np.frombuffer(data, kind).reshape(shape).copy()
+    count = int(np.prod(shape, dtype=object))
+    return np.frombuffer(arrays, kind, count, at).reshape(shape).copy() if count else np.empty(shape, kind)

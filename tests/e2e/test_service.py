@@ -251,6 +251,15 @@ def test_recordings_from_the_past_are_fused_under_the_event_clock(serve) -> None
         publisher.put(encode(batch("old", seq=seq, stamp_ns=10**18 + seq * 10**8)))
     update = service.updates.until(lambda u: u.stamp_ns == 10**18 + 29 * 10**8)
     assert update.track_id.tolist() == [0, 1, 2]
+    # The same once more: what comes within a second is late, then time starts over.
+    again = encode(batch("old", seq=0, stamp_ns=10**18))
+    while service.updates.next().stamp_ns != 10**18:
+        publisher.put(again)
+    for seq in range(1, 30):
+        publisher.put(encode(batch("old", seq=seq, stamp_ns=10**18 + seq * 10**8)))
+    service.updates.until(lambda u: u.stamp_ns == 10**18 + 29 * 10**8)
+    before, after = service.statuses.drain()[-1], service.statuses.next()
+    assert after.counters["late"] == before.counters["late"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -82,6 +82,12 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
     assert (first.scene, first.state_interval, first.clock) == ("cell", 2.5, "event")
     assert list(first.settings.connect) == ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]
     assert (second.scene, list(second.settings.connect)) == ("env", ["tcp/127.0.0.1:9"])
+    assert [one.state and one.state.name for one in seen] == [
+        "cell@tcp-127.0.0.1-1@tcp-127.0.0.1-2.state",
+        "env@tcp-127.0.0.1-9.state",
+    ]
+    assert run(["serve", "--no-state"]) == 0
+    assert seen[-1].state is None
 
 
 def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

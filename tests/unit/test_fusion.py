@@ -322,3 +322,16 @@ def test_every_listed_label_is_a_listed_hypothesis(config):
         sizes = {h.id: h.size for h in update.hypotheses}
         for hypothesis, size in sizes.items():
             assert int((update.track_hypothesis == hypothesis).sum()) == size
+
+
+def test_after_starting_over_the_same_recording_is_fused_again_under_new_ids(config):
+    fusion = Fusion(config)
+    first = run(fusion, 0, 2)
+    fusion.start_over()
+    second = run(fusion, 0, 2)
+    counted = fusion.stats
+    assert (counted.late, counted.duplicates, counted.lost, counted.rejected) == (0, 0, 0, {})
+    assert counted.observations == 2 * 7 * len(first)
+    before, after = ({h.id for u in updates for h in u.hypotheses} for updates in (first, second))
+    assert max(before) < min(after)
+    assert [u.stamp_ns for u in first] == [u.stamp_ns for u in second]

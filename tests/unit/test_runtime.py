@@ -4,6 +4,7 @@ import os
 import stat
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,11 @@ from comotion.event_time.stats import Stats
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Arrivals, Health, Watchdog
 from comotion.runtime.intake import Rejection
-from comotion.runtime.state_file import StateKeeper, StateSchedule, StateWriter, load_fusion, write_atomically
+from comotion.runtime.state_file import default_path, load_fusion, write_atomically
+from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import HeadStart, Ticker
 from comotion.runtime.warm_up import warm_up
+from comotion.snapshot import Header
 from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
@@ -82,6 +85,15 @@ class TestEventClock:
         assert clock.now_ns() == SECOND
         clock.observe(60 * SECOND, SECOND + 1)
         assert clock.now_ns() == 60 * SECOND
+
+    def test_time_starts_over_when_nobody_has_kept_it_for_a_second(self) -> None:
+        clock = EventClock(60 * SECOND)
+        assert not clock.observe(59 * SECOND, 5 * SECOND)
+        assert clock.now_ns() == 60 * SECOND
+        assert not clock.observe(10 * SECOND, 6 * SECOND)
+        assert clock.observe(10 * SECOND, 6 * SECOND + 1)
+        assert clock.now_ns() == 10 * SECOND
+        assert not clock.observe(10 * SECOND + 1, 7 * SECOND)
 
     def test_the_wall_clock_follows_nobody(self) -> None:
         clock = make_clock("wall")
@@ -214,45 +226,130 @@ class TestStateSchedule:
         assert schedule.is_due(1000, frozenset({7}))
 
 
+def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
+    """Write a state as the service does; returns the bytes."""
+    writer = StateWriter(path)
+    writer.put(fusion.capture(clean=clean))
+    writer.close()
+    assert writer.error == ""
+    return path.read_bytes()
+
+
+def next_id(fusion: Fusion) -> int:
+    return Header.read(fusion.snapshot(clean=True)).following
+
+
+def running(stamp_ns: int = SECOND, scene: str = "default", first_id: int = 1) -> Fusion:
+    fusion = Fusion(FusionConfig(), scene=scene, session="f" * 16, first_id=first_id)
+    fusion.ingest(batch(stamp_ns))
+    fusion.update(stamp_ns)
+    return fusion
+
+
 class TestStateFile:
     def load(self, path: Path, scene: str = "default", now_ns: int | None = None) -> Fusion:
         return load_fusion(path, FusionConfig(), scene, SESSION, now_ns)
 
     def test_no_file_is_a_fresh_start(self, tmp_path: Path) -> None:
-        fusion = self.load(tmp_path / "none")
-        assert (fusion.scene, fusion.session) == ("default", SESSION)
+        fusion = self.load(tmp_path / "folder" / "none")
+        assert (fusion.scene, fusion.session, next_id(fusion)) == ("default", SESSION, 1)
         assert list(tmp_path.iterdir()) == []
 
     def test_what_was_written_is_taken_up_under_a_new_session(self, tmp_path: Path) -> None:
-        fusion = Fusion(FusionConfig(), scene="cell", session="f" * 16)
-        fusion.ingest(batch(SECOND))
+        fusion = running(scene="cell")
         before = fusion.update(SECOND)
-        write_atomically(tmp_path / "state", fusion.snapshot(clean=True))
+        kept(tmp_path / "state", fusion, clean=True)
         again = self.load(tmp_path / "state", "cell")
         after = again.update(SECOND)
         assert (again.session, after.hypotheses) == (SESSION, before.hypotheses)
         assert after.track_id.tolist() == [1, 2]
-        assert [p.name for p in tmp_path.iterdir()] == ["state"]
+        assert next_id(again) == next_id(fusion)
+        assert {p.name for p in tmp_path.iterdir()} == {"state", "state.ids"}
+        assert {stat.S_IMODE(p.stat().st_mode) for p in tmp_path.iterdir()} == {0o600}
 
-    @pytest.mark.parametrize("data", [b"", b"\xff" * 100, b"\x80"])
-    def test_what_is_no_state_is_kept_aside(self, tmp_path: Path, data: bytes, caplog) -> None:
+    def test_batches_seen_before_the_restart_are_repeated_and_those_of_the_downtime_lost(
+        self, tmp_path: Path
+    ) -> None:
+        kept(tmp_path / "state", running())
+        again = self.load(tmp_path / "state")
+        again.ingest(batch(SECOND))
+        again.ingest(replace(batch(SECOND + 1), seq=5))
+        assert (again.stats.duplicates, again.stats.lost) == (1, 4)
+
+    @pytest.mark.parametrize(
+        "damage",
+        [
+            lambda data: b"",
+            lambda data: b"\xff" * 100,
+            lambda data: data[:-3],
+            lambda data: data[: len(data) // 2] + b"?" + data[len(data) // 2 + 1 :],
+            lambda data: b"COMOTION" + data[8:],
+        ],
+    )
+    def test_a_bad_file_is_kept_aside_and_no_id_is_given_out_twice(
+        self, tmp_path: Path, damage, caplog
+    ) -> None:
+        data = damage(kept(tmp_path / "state", running(first_id=5000)))
         (tmp_path / "state").write_bytes(data)
-        assert self.load(tmp_path / "state").snapshot() == Fusion(session=SESSION).snapshot()
+        assert next_id(self.load(tmp_path / "state")) > 5000
         assert (tmp_path / "state.rejected").read_bytes() == data
         assert "starting afresh" in caplog.text
+        # The file has been put aside; the next start has the ids alone.
+        assert next_id(self.load(tmp_path / "state")) > 5000
+
+    def test_a_state_from_which_no_update_follows_is_refused(
+        self, tmp_path: Path, monkeypatch, caplog
+    ) -> None:
+        kept(tmp_path / "state", running())
+        monkeypatch.setattr(Fusion, "update", lambda fusion, now_ns: fusion.no_such_thing)
+        assert next_id(self.load(tmp_path / "state")) > 1000
+        assert "no update follows from it: AttributeError" in caplog.text
+
+    def test_a_folder_that_cannot_be_written_to_is_a_warning(
+        self, tmp_path: Path, monkeypatch, caplog
+    ) -> None:
+        (tmp_path / "state").write_bytes(b"holiday pictures")
+
+        def refuse(*_: object) -> None:
+            raise PermissionError(13, "Permission denied")
+
+        monkeypatch.setattr(Path, "replace", refuse)
+        assert self.load(tmp_path / "state").watermark_ns is None
+        assert "nor can it be put aside: Permission denied" in caplog.text
+        assert (tmp_path / "state").read_bytes() == b"holiday pictures"
+
+    def test_damaged_ids_are_a_warning(self, tmp_path: Path, caplog) -> None:
+        (tmp_path / "state.ids").write_bytes(b"comotion-ids 77 00000000\n")
+        assert next_id(self.load(tmp_path / "state")) == 1
+        assert "state.ids is damaged" in caplog.text
+
+    def test_what_killed_processes_have_left_is_removed(self, tmp_path: Path) -> None:
+        for name in (".state.4711", ".state.12", ".state.old", "state.4711"):
+            (tmp_path / name).touch()
+        self.load(tmp_path / "state")
+        assert {p.name for p in tmp_path.iterdir()} == {".state.old", "state.4711"}
 
     def test_a_state_of_another_scene_is_refused(self, tmp_path: Path, caplog) -> None:
-        write_atomically(tmp_path / "state", Fusion(scene="one").snapshot())
+        kept(tmp_path / "state", Fusion(scene="one"))
         assert self.load(tmp_path / "state", "two").scene == "two"
         assert "'one', not 'two'" in caplog.text
 
-    def test_a_state_from_the_future_is_refused(self, tmp_path: Path, caplog) -> None:
-        fusion = Fusion()
-        fusion.ingest(batch(100 * SECOND))
-        fusion.update(100 * SECOND)
-        write_atomically(tmp_path / "state", fusion.snapshot())
-        assert self.load(tmp_path / "state", now_ns=90 * SECOND).watermark_ns is None
+    def test_a_state_from_the_future_is_refused_and_its_ids_are_not_reused(
+        self, tmp_path: Path, caplog
+    ) -> None:
+        kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
+        again = self.load(tmp_path / "state", now_ns=90 * SECOND)
+        assert again.watermark_ns is None
+        assert next_id(again) > 5000
         assert "10.0 s in the future" in caplog.text
+
+    def test_every_scene_of_every_network_has_a_file_of_its_own(self, tmp_path: Path, monkeypatch) -> None:
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+        assert default_path("cell", ["tcp/127.0.0.1:7447"]) == tmp_path / "comotion" / "cell.state"
+        assert default_path("cell", ["tcp/host:1"]).name == "cell@tcp-host-1.state"
+        assert len(default_path("x" * 64, [f"tcp/host{k}:1" for k in range(50)]).name) < 240
+        monkeypatch.setenv("XDG_STATE_HOME", "relative")
+        assert default_path("cell", []) == Path.home() / ".local/state/comotion/cell.state"
 
 
 class TestStateKeeper:
@@ -280,36 +377,49 @@ class TestStateKeeper:
             keeper.after(frozenset({1}), time.monotonic_ns())
         assert keeper.error == ""
 
+    def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self) -> None:
+        fusion = Fusion(FusionConfig())
+        spec = simulator.load_scene("3d_async")
+        batches = (b for b in simulator.batches(simulator.simulate(spec)) if isinstance(b, ObservationBatch))
+        captured = []
+        for k, one in zip(range(400), batches, strict=False):
+            fusion.ingest(one)
+            if k % 40 == 39:
+                fusion.update(one.stamp_ns)
+                captured.append((fusion.capture(), fusion.snapshot()))
+        assert all(b"".join(produce()) == data for produce, data in captured)
+
 
 class TestStateWriter:
     def test_the_last_state_is_written_before_close_returns(self, tmp_path: Path) -> None:
         writer = StateWriter(tmp_path / "state")
-        for k in range(50):
-            writer.put(bytes([k]))
+        fusions = [Fusion(first_id=k) for k in range(1, 51)]
+        for fusion in fusions:
+            writer.put(fusion.capture())
         writer.close()
-        assert (tmp_path / "state").read_bytes() == bytes([49])
+        assert (tmp_path / "state").read_bytes() == fusions[-1].snapshot()
         assert not any(thread.name == "state" for thread in threading.enumerate())
 
     def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path: Path, caplog) -> None:
         blocked = tmp_path / "blocked"
         blocked.write_text("a file, not a folder")
         writer = StateWriter(blocked / "state")
-        writer.put(b"1")
+        writer.put(Fusion().capture())
         writer.close()
         assert "state not written" in writer.error
         assert caplog.text.count("cannot write the state") == 1
 
     def test_a_state_is_replaced_in_one_step(self, tmp_path: Path, monkeypatch) -> None:
-        write_atomically(tmp_path / "state", b"old")
+        write_atomically(tmp_path / "state", [b"o", b"ld"])
 
         def fail(descriptor: int) -> None:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(os, "fsync", fail)
         with pytest.raises(OSError, match="No space"):
-            write_atomically(tmp_path / "state", b"new")
+            write_atomically(tmp_path / "state", [b"new"])
         assert (tmp_path / "state").read_bytes() == b"old"
-        assert stat.S_ISREG((tmp_path / "state").stat().st_mode)
+        assert [p.name for p in tmp_path.iterdir()] == ["state"]
 
 
 def test_after_the_warm_up_nothing_is_compiled() -> None:

@@ -52,9 +52,16 @@ def serve(
             envvar="COMOTION_STATE",
             metavar="FILE",
             dir_okay=False,
-            help="Keep hypotheses and their ids in this file across restarts.",
+            help="Keep hypotheses and their ids in this file across restarts. Default: a file for the scene "
+            "in the user's state folder, ~/.local/state/comotion.",
         ),
     ] = None,
+    no_state: Annotated[
+        bool,
+        typer.Option(
+            "--no-state", envvar="COMOTION_NO_STATE", help="Keep nothing: ids start anew with each process."
+        ),
+    ] = False,
     state_interval: Annotated[
         float,
         typer.Option("--state-interval", envvar="COMOTION_STATE_INTERVAL", min=0.1, help="s between writes."),
@@ -108,17 +115,22 @@ def serve(
     # Threads of parallel kernels spin for some tens of microseconds before they sleep.
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     from comotion.runtime import server
+    from comotion.runtime.state_file import default_path
 
     if standby != bool(etcd):
         raise typer.BadParameter("--standby and --etcd go together", param_hint="--standby")
+    name = name or (f"fusion-{_host()}" if standby else server.DEFAULT_NAME)
+    # Replicas of one scene may run on one machine.
+    replica = f".{name}" if standby else ""
+    kept = state or default_path(f"{scene}{replica}", [*(connect or ()), *(listen or ())])
     server.serve(
         server.ServeOptions(
             config=linked_cameras.with_cameras(fusion_config(ctx, method, assignments), camera),
             scene=scene,
-            name=name or (f"fusion-{_host()}" if standby else server.DEFAULT_NAME),
+            name=name,
             settings=options.session_settings(connect, listen),
             clock=clock.value,
-            state=state,
+            state=None if no_state else kept,
             state_interval=state_interval,
             ready_file=ready_file,
             etcd=tuple(url.strip() for url in (etcd or "").split(",") if url.strip()),

@@ -243,12 +243,13 @@ class Timeline:
         self._next_number += 1
 
     def state(self) -> dict[str, Any]:
-        """Watermark, sources and sessions as plain values; what waits is not kept."""
+        """Watermark, sources, sessions and sequence numbers as plain values; what waits is not kept."""
         return {
             "watermark": self.watermark_ns,
             "next_number": self._next_number,
             "sources": [[name, source.state()] for name, source in self._sources.items()],
             "sessions": [[number, *key] for number, key in self.sessions.items()],
+            "sequences": self._sequences.state(),
         }
 
     def load(self, state: dict[str, Any]) -> None:
@@ -263,6 +264,7 @@ class Timeline:
         self._next_number = int(state["next_number"])
         self._sources = {name: Source.from_state(source) for name, source in state["sources"]}
         self.sessions = {int(number): (source, session) for number, source, session in state["sessions"]}
+        self._sequences.load(state["sequences"])
 
 
 def _size(rows: int) -> int:

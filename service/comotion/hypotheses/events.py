@@ -146,7 +146,7 @@ class Lifecycle:
         """As plain values."""
         return {
             "stamp_ns": self._stamp_ns,
-            "forgotten": self._forgotten,
+            "forgotten": list(self._forgotten),
             "lives": [[h, dict(vars(life))] for h, life in self.lives.items()],
         }
 

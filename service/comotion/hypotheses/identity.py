@@ -115,7 +115,7 @@ class LabelMemory:
         return {
             "tracks": window.key[slots],
             "labels": self.labels[slots],
-            "ids": self.ids,
+            "ids": self.ids.copy(),
             "references": [[h, dict(vars(reference))] for h, reference in self.references.items()],
         }
 

@@ -13,8 +13,14 @@ _PATIENCE_NS = 1_000_000_000
 class Clock(Protocol):
     """Source of ``now_ns`` for the core."""
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Take note of a stamp that came in, and when it came on the monotonic clock; both in ns."""
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
+        """Take note of a stamp that came in, and when it came on the monotonic clock; both in ns.
+
+        Returns
+        -------
+        bool
+            Whether time starts over with this stamp.
+        """
 
     def now_ns(self) -> int:
         """Nanoseconds since the Unix epoch."""
@@ -23,8 +29,10 @@ class Clock(Protocol):
 class WallClock:
     """The wall clock; sources are expected to agree with it."""
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
         """Do nothing: the wall clock does not follow the sources."""
+        del stamp_ns, monotonic_ns
+        return False
 
     def now_ns(self) -> int:
         """Wall clock time."""
@@ -36,24 +44,38 @@ class EventClock:
 
     A stamp more than 1 s ahead counts only after 1 s in which no source has sent an older one: one
     wrong clock must not move the time of all sources, but a gap that all sources share must be crossed.
+    After 1 s in which no source has kept the time, a stamp more than 1 s behind starts it over: a
+    recording is replayed again.
+
+    Parameters
+    ----------
+    now_ns
+        Where the clock stands at the start; None: where the first stamp says.
     """
 
-    def __init__(self) -> None:
-        self._now_ns: int | None = None
-        self._kept_ns = 0
+    def __init__(self, now_ns: int | None = None) -> None:
+        self._now_ns = now_ns
+        self._kept_ns: int | None = None
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Advance to a stamp that is credible; the clock never goes back."""
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
+        """Advance to a stamp that is credible, or go back to it; returns whether time starts over."""
         now = self._now_ns
-        if now is None or stamp_ns <= now + FUTURE_NS or monotonic_ns - self._kept_ns > _PATIENCE_NS:
-            self._now_ns = stamp_ns if now is None else max(now, stamp_ns)
+        idle = self._kept_ns is None or monotonic_ns - self._kept_ns > _PATIENCE_NS
+        if now is None or idle:
+            self._now_ns, self._kept_ns = stamp_ns, monotonic_ns
+            if now is not None and stamp_ns >= now - FUTURE_NS:
+                self._now_ns = max(now, stamp_ns)
+            return now is not None and stamp_ns < now - FUTURE_NS
+        if now - FUTURE_NS <= stamp_ns <= now + FUTURE_NS:
+            self._now_ns = max(now, stamp_ns)
             self._kept_ns = monotonic_ns
+        return False
 
     def now_ns(self) -> int:
         """Newest credible stamp; 0 before the first."""
         return self._now_ns or 0
 
 
-def make_clock(name: ClockName) -> Clock:
-    """Clock by its name on the command line."""
-    return WallClock() if name == "wall" else EventClock()
+def make_clock(name: ClockName, watermark_ns: int | None = None) -> Clock:
+    """Clock by its name on the command line; `watermark_ns` is up to where everything is fused, if known."""
+    return WallClock() if name == "wall" else EventClock(watermark_ns)

@@ -8,7 +8,7 @@ from comotion_schemas import HypothesisUpdate
 from ..fusion import Fusion
 from .health import Arrivals, Health, Watchdog
 from .intake import Intake
-from .state_file import StateKeeper
+from .state_keeper import StateKeeper
 
 # Twice per Status, which is published every second.
 _REPORT_NS = 500_000_000

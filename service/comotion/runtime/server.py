@@ -38,7 +38,8 @@ from .housekeeping import Housekeeping
 from .intake import Intake
 from .output import Follower, Output
 from .queries import handlers
-from .state_file import StateKeeper, load_fusion
+from .state_file import load_fusion
+from .state_keeper import StateKeeper
 from .ticker import HeadStart, Ticker
 from .warm_up import warm_up
 
@@ -57,7 +58,7 @@ class ServeOptions:
     """Options of ``comotion serve``.
 
     `state` is the file that carries identities across restarts, written every `state_interval` s and
-    whenever the set of hypotheses has changed. With `etcd`, the urls of a cluster, the service is one of
+    whenever the set of hypotheses has changed; None: nothing is kept. With `etcd`, the urls of a cluster, the service is one of
     several replicas of the scene, of which one speaks; `lease` is the time in s after which one that the
     cluster cannot reach loses the scene.
     """
@@ -82,11 +83,8 @@ def serve(options: ServeOptions) -> None:
     ------
     ValueError
         If a name is invalid, the endpoint is, or another service has the scene.
-    OSError
-        If the directory of the state file cannot be made.
     """
     session_id = new_session_id()
-    fusion = _make_fusion(options, session_id)
     watchdog, replica = Watchdog(), _replica(options, session_id)
     with Component(
         role="service",
@@ -102,6 +100,8 @@ def serve(options: ServeOptions) -> None:
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return
+        # After the warm-up: the state is tried out before it is trusted.
+        fusion = _make_fusion(options, session_id)
         with ExitStack() as stack:
             keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
             if isinstance(replica, Election):
@@ -113,7 +113,6 @@ def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     scene = Keys(options.scene).scene
     if options.state is None:
         return Fusion(options.config, scene=scene, session=session_id)
-    options.state.parent.mkdir(parents=True, exist_ok=True)
     now_ns = time.time_ns() if options.clock == "wall" else None
     return load_fusion(options.state, options.config, scene, session_id, now_ns)
 
@@ -182,7 +181,7 @@ class _Loop:
         self._fusion = fusion
         self._component = component
         self._housekeeping = housekeeping
-        self._clock = make_clock(options.clock)
+        self._clock = make_clock(options.clock, fusion.watermark_ns)
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -213,7 +212,9 @@ class _Loop:
     def _receive(self) -> None:
         now = time.monotonic_ns()
         for batch in self._intake.receive(now):
-            self._clock.observe(batch.stamp_ns, now)
+            if self._clock.observe(batch.stamp_ns, now):
+                _log.info("time starts over with a batch of %s", batch.source)
+                self._fusion.start_over()
             self._fusion.ingest(batch)
         if self._follower is not None:
             self._follower.look()

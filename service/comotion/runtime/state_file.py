@@ -1,27 +1,57 @@
-"""A fusion in, its state in a file out, written atomically beside the loop; and back at the start."""
+"""A state file in, a fusion that continues from it out; and how such a file is written in one step.
+
+`FILE` holds the snapshot; `FILE.ids` holds an id that no hypothesis has had, for the day `FILE` is lost.
+Both are replaced in one step and readable by their owner alone.
+"""
 
 import logging
 import os
-import threading
-import time
+import re
+import zlib
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any
 
+from comotion_schemas import UNDETERMINED
+from comotion_schemas.transport import DEFAULT_ENDPOINT
+
+from .. import snapshot
 from ..config import FusionConfig
 from ..event_time.timeline import FUTURE_NS
 from ..fusion import Fusion
 
-# Share of the time that the loop may spend on taking its state.
-_SHARE = 0.05
+_IDS = re.compile(rb"comotion-ids (\d{1,10}) ([0-9a-f]{8})\n")
+_IDS_BYTES = 64
+# With a scene's and a replica's 64 each and the endings, a name stays below the 255 of file systems.
+_NETWORK_CHARACTERS = 80
 _log = logging.getLogger(__name__)
+
+
+def default_path(scene: str, endpoints: Iterable[str]) -> Path:
+    """Where the state of a scene is kept unless something else is asked for.
+
+    Parameters
+    ----------
+    scene
+        Name of the scene, and of the replica where there are several.
+    endpoints
+        Endpoints of its network unless they are the default ones: scenes of the same name in different
+        networks are different scenes.
+    """
+    root = os.environ.get("XDG_STATE_HOME", "")
+    # The specification of base directories has relative paths ignored.
+    folder = Path(root) if Path(root).is_absolute() else Path.home() / ".local" / "state"
+    others = sorted({re.sub(r"[^A-Za-z0-9.-]+", "-", one) for one in endpoints if one != DEFAULT_ENDPOINT})
+    network = "".join(f"@{one}" for one in others)[:_NETWORK_CHARACTERS]
+    return folder / "comotion" / f"{scene}{network}.state"
 
 
 def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
     """Continue from a state file, or start afresh with a warning when that is impossible.
 
-    A file that cannot be used is kept as ``FILE.rejected``, never overwritten: it may belong to
-    somebody else.
+    A file that cannot be used is kept as ``FILE.rejected``: it may belong to somebody else. Hypothesis ids
+    go on behind those it has given out, as far as it or ``FILE.ids`` tells.
 
     Parameters
     ----------
@@ -36,26 +66,54 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     now_ns
         The wall clock in nanoseconds if the service follows it, else None. After a state from its
         future, every observation would be late.
+    """
+    _remove_partials(path)
+    first_id = _reserved(path)
+    try:
+        head = _head(path)
+        first_id = head.following
+        data = _content(path, head)
+        _try_out(config, data)
+        fusion = Fusion.restore(config, data, session=session)
+        _require_match(fusion, scene, now_ns)
+    except FileNotFoundError:
+        pass
+    except (ValueError, OSError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        _log.warning("starting afresh: %s cannot be used (%s)%s", path, reason, _put_aside(path))
+    else:
+        _log.info("continuing from %s", path)
+        return fusion
+    return Fusion(config, scene=scene, session=session, first_id=first_id)
+
+
+def _head(path: Path) -> snapshot.Header:
+    with path.open("rb") as file:
+        return snapshot.Header.read(file.read(snapshot.HEADER_BYTES))
+
+
+def _content(path: Path, head: snapshot.Header) -> bytes:
+    """Read the file, unless it is larger than what its header announces."""
+    size = path.stat().st_size
+    if size != head.total or size > snapshot.MAX_BYTES:
+        raise ValueError(f"damaged snapshot: {size} bytes, its header says {head.total}")
+    return path.read_bytes()
+
+
+def _try_out(config: FusionConfig, data: bytes) -> None:
+    """Compute an update from a state before it is trusted.
 
     Raises
     ------
-    OSError
-        If the file is there but cannot be read or put aside.
+    ValueError
+        If that fails.
     """
+    twin = Fusion.restore(config, data)
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return Fusion(config, scene=scene, session=session)
-    try:
-        fusion = Fusion.restore(config, data, session=session)
-        _require_match(fusion, scene, now_ns)
-    except ValueError as error:
-        aside = path.with_name(f"{path.name}.rejected")
-        path.replace(aside)
-        _log.warning("starting afresh: %s cannot be used (%s); kept as %s", path, error, aside.name)
-        return Fusion(config, scene=scene, session=session)
-    _log.info("continuing from %s", path)
-    return fusion
+        twin.update(twin.watermark_ns or 0)
+        twin.snapshot()
+    except Exception as error:
+        raise ValueError(f"no update follows from it: {type(error).__name__} {error}") from error
 
 
 def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
@@ -66,130 +124,89 @@ def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
         raise ValueError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file in one step that survives a power cut.
+def _put_aside(path: Path) -> str:
+    aside = path.with_name(f"{path.name}.rejected")
+    try:
+        path.replace(aside)
+    except OSError as error:
+        return f"; nor can it be put aside: {error.strerror}"
+    return f"; kept as {aside.name}"
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}")
+
+
+def _remove_partials(path: Path) -> None:
+    """Remove what processes have left that were killed while they wrote."""
+    prefix = f".{path.name}."
+    with suppress(OSError):
+        for file in path.parent.iterdir():
+            if file.name.startswith(prefix) and file.name.removeprefix(prefix).isdecimal():
+                file.unlink(missing_ok=True)
+
+
+def ids_path(path: Path) -> Path:
+    """Where the ids of a state file are kept."""
+    return path.with_name(f"{path.name}.ids")
+
+
+def _reserved(path: Path) -> int:
+    """The id that ``FILE.ids`` holds; 1 without such a file."""
+    try:
+        with ids_path(path).open("rb") as file:
+            found = _IDS.fullmatch(file.read(_IDS_BYTES))
+    except OSError:
+        return 1
+    if found is None or zlib.crc32(found[1]) != int(found[2], 16) or not 0 < int(found[1]) < UNDETERMINED:
+        _log.warning("%s is damaged", ids_path(path))
+        return 1
+    return int(found[1])
+
+
+def write_atomically(path: Path, parts: Iterable[Any]) -> None:
+    """Replace a file in one step that survives a power cut; only its owner can read it.
+
+    Parameters
+    ----------
+    path
+        The file; its folder is made where it is missing.
+    parts
+        Buffers, written one after the other.
 
     Raises
     ------
     OSError
         If the file cannot be written; the one before is still there.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    with partial.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    partial = _partial(path)
+    try:
+        descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+        with open(descriptor, "wb") as file:  # noqa: PTH123 - of a descriptor
+            file.writelines(parts)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+    # Without this the name may still mean the file before after a power cut.
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
-class StateSchedule:
-    """When to take the state: at an interval, and at once when the set of hypotheses has changed.
+def write_reserved(path: Path, following: int) -> None:
+    """Note in ``FILE.ids`` that hypothesis ids below `following` may have been given out.
 
-    A state that takes long is taken less often: it costs at most 5 % of the time.
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
     """
-
-    def __init__(self, interval_ns: int) -> None:
-        self._interval_ns = interval_ns
-        self._due_ns = 0
-        self._allowed_ns = 0
-        self._known: frozenset[int] = frozenset()
-
-    def is_due(self, monotonic_ns: int, hypotheses: frozenset[int]) -> bool:
-        """Whether to take it now."""
-        if monotonic_ns < self._allowed_ns:
-            return False
-        return monotonic_ns >= self._due_ns or hypotheses != self._known
-
-    def taken(self, monotonic_ns: int, took_ns: int, hypotheses: frozenset[int]) -> None:
-        """Note that it has been taken, and for how long that has blocked the caller."""
-        self._known = hypotheses
-        self._allowed_ns = monotonic_ns + round(took_ns / _SHARE)
-        self._due_ns = monotonic_ns + self._interval_ns
-
-
-class StateWriter:
-    """Writes the newest state from a thread, so that a slow disk never delays an update."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._wake = threading.Condition()
-        self._data: bytes | None = None
-        self._closing = False
-        self.error: str = ""
-        self._thread = threading.Thread(target=self._run, name="state", daemon=True)
-        self._thread.start()
-
-    def put(self, data: bytes) -> None:
-        """Write this state soon; it replaces one that still waits."""
-        with self._wake:
-            self._data = data
-            self._wake.notify()
-
-    def close(self) -> None:
-        """Write what still waits and end the thread."""
-        with self._wake:
-            self._closing = True
-            self._wake.notify()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._data is not None or self._closing)
-                data, self._data = self._data, None
-            if data is None:
-                return
-            self._write(data)
-
-    def _write(self, data: bytes) -> None:
-        try:
-            write_atomically(self._path, data)
-            self.error = ""
-        except OSError as error:
-            if not self.error:
-                _log.warning("cannot write the state to %s: %s", self._path, error)
-            self.error = f"state not written: {error.strerror}"
-
-
-class StateKeeper:
-    """Keeps the state of a running fusion in a file.
-
-    As a context manager, it writes the last state on leaving, unless an exception is the reason.
-
-    Parameters
-    ----------
-    path
-        The state file; None: nothing is kept.
-    interval_ns
-        Time between two writes.
-    fusion
-        Whose state it is.
-    """
-
-    def __init__(self, path: Path | None, interval_ns: int, fusion: Fusion) -> None:
-        self._fusion = fusion
-        self._schedule = StateSchedule(interval_ns)
-        self._writer = None if path is None else StateWriter(path)
-
-    @property
-    def error(self) -> str:
-        """Why the last write failed; empty if it did not."""
-        return "" if self._writer is None else self._writer.error
-
-    def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
-        """Take the state if it is due; `hypotheses` are the ids in the update just published."""
-        if self._writer is not None and self._schedule.is_due(monotonic_ns, hypotheses):
-            self._writer.put(self._fusion.snapshot())
-            self._schedule.taken(monotonic_ns, time.monotonic_ns() - monotonic_ns, hypotheses)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._writer is None:
-            return
-        if kind is None:
-            self._writer.put(self._fusion.snapshot(clean=True))
-        self._writer.close()
+    number = b"%d" % min(following, UNDETERMINED - 1)
+    write_atomically(ids_path(path), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])

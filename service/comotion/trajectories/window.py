@@ -248,7 +248,7 @@ class Window:
                 setattr(self, name, grown)
 
     def state(self) -> dict[str, Any]:
-        """Everything the window holds, as plain arrays."""
+        """Everything the window holds, as plain arrays of their own."""
         slots = self.slots()
         counts = self.counts(slots)
         state: dict[str, Any] = {
@@ -260,12 +260,13 @@ class Window:
             "key": self.key[slots],
             "last_ns": self.last_ns[slots],
         }
-        inside = np.arange(self._rows)
-        mask = (inside >= self.start[slots, None]) & (inside < self.stop[slots, None])
+        spans = list(zip(slots.tolist(), self.start[slots].tolist(), self.stop[slots].tolist(), strict=True))
         for name in _COLUMNS:
             column = getattr(self, name)
             if column is not None:
-                state[name] = column[slots][mask]
+                # Slices: a mask over all rows takes three times as long.
+                parts = [column[slot, start:stop] for slot, start, stop in spans]
+                state[name] = np.concatenate(parts or [column[:0].reshape(0, *column.shape[2:])])
         return state
 
     def load(self, state: dict[str, Any]) -> Slots:
