@@ -77,7 +77,7 @@ def serve(
         typer.Option(
             "--name",
             envvar="COMOTION_SERVICE_NAME",
-            help="Name of this service  \\[default: fusion; with --standby fusion-HOST]",
+            help="Name of this service. Default: fusion; with --standby fusion-HOST.",
         ),
     ] = None,
     standby: Annotated[

@@ -58,9 +58,9 @@ class ServeOptions:
     """Options of ``comotion serve``.
 
     `state` is the file that carries identities across restarts, written every `state_interval` s and
-    whenever the set of hypotheses has changed; None: nothing is kept. With `etcd`, the urls of a cluster, the service is one of
-    several replicas of the scene, of which one speaks; `lease` is the time in s after which one that the
-    cluster cannot reach loses the scene.
+    whenever the set of hypotheses has changed; None: nothing is kept. With `etcd`, the urls of a cluster,
+    the service is one of several replicas of the scene, of which one speaks; `lease` is the time in s after
+    which one that the cluster cannot reach loses the scene.
     """
 
     config: FusionConfig = field(default_factory=FusionConfig)
