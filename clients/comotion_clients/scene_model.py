@@ -99,6 +99,7 @@ class SceneModel:
         self._sequences = SequenceCounter()
         self._update: HypothesisUpdate | None = None
         self._service: Status | None = None
+        self._services: set[str] = set()
         self._service_gone = False
         self._events: dict[tuple[int, str, int], Event] = {}
 
@@ -142,7 +143,8 @@ class SceneModel:
     def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
         """Process that a component entered or left the scene."""
         if role == "service":
-            self._service_gone = not alive
+            (self._services.add if alive else self._services.discard)(name)
+            self._service_gone = not self._services
         elif role == "source":
             if alive:
                 self._sources.setdefault(name, _Source()).gone_at = None

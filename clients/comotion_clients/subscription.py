@@ -25,6 +25,7 @@ from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.transport import declare_subscriber
 
 from .inbox import Closed, Inbox
+from .speaker import Speaker
 
 M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview)
 
@@ -104,7 +105,7 @@ class Subscription(Generic[M]):
         self._message: type[M] = message
         self._scene = scene
         self._sequences = SequenceCounter()
-        self._epoch = 0
+        self._speaker = Speaker()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
@@ -200,12 +201,10 @@ class Subscription(Generic[M]):
         """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
-        if isinstance(message, HypothesisUpdate):
-            # A service that was cut off and returns is not heard: another has spoken since.
-            if message.epoch < self._epoch:
-                self.counters.stale += 1
-                return False
-            self._epoch = message.epoch
+        # A service that was cut off and returns is not heard: another has spoken since.
+        if isinstance(message, HypothesisUpdate) and not self._speaker.accepts(message, time.monotonic()):
+            self.counters.stale += 1
+            return False
         lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)
         self.counters.lost += lost
         if order == "newest" or isinstance(message, ObservationBatch):

@@ -147,6 +147,8 @@ class Component:
         16 hexadecimal digits; None: random.
     overrides
         Top-level keys of the Zenoh configuration to add or replace.
+    has_token
+        Whether it declares its liveliness token; False: the caller does.
 
     Raises
     ------
@@ -167,6 +169,7 @@ class Component:
         ready_file: Path | None = None,
         session_id: str | None = None,
         overrides: dict[str, Any] | None = None,
+        has_token: bool = True,
     ) -> None:
         self.keys = Keys(scene)
         self.role: Role = role
@@ -175,6 +178,7 @@ class Component:
         self.stop = threading.Event()
         self.last_status: Status | None = None
         self._live_key = self.keys.live(role, name)
+        self._has_token = has_token
         self._settings = settings or SessionSettings()
         self._status = status
         self._ready_file = ready_file
@@ -188,6 +192,11 @@ class Component:
         return self.keys.scene
 
     @property
+    def listens(self) -> bool:
+        """Whether it is itself a router."""
+        return self._settings.mode == "router"
+
+    @property
     def session(self) -> zenoh.Session:
         """The open Zenoh session."""
         if self._session is None:
@@ -199,9 +208,10 @@ class Component:
             stack.enter_context(stop_on_signals(self.stop))
             self._session = stack.enter_context(self._connect())
             stack.callback(self.stop.set)
-            # The callback keeps a reference: garbage collection would undeclare the token.
-            token = self.session.liveliness().declare_token(self._live_key)
-            stack.callback(token.undeclare)
+            if self._has_token:
+                # The callback keeps a reference: garbage collection would undeclare the token.
+                token = self.session.liveliness().declare_token(self._live_key)
+                stack.callback(token.undeclare)
             self._start_status(stack)
             metrics.add(self)
             stack.callback(metrics.remove, self)

@@ -228,6 +228,49 @@ def test_a_second_service_in_a_scene_is_refused(busy, start) -> None:
     assert second.lines == ["error: scene 'default' is already served by 'fusion'"]
 
 
+def test_of_services_that_start_together_one_has_the_scene(start, endpoint, session, listen) -> None:
+    updates = listen(session, KEYS.hypotheses, "hypotheses")
+    both = [start("serve", "--connect", endpoint, "--no-state", ready=False) for _ in range(2)]
+    refused = both[0].wait_line(lambda line: line == "ready" or "already served" in line) != "ready"
+    winner, loser = both[refused], both[not refused]
+    winner.wait_ready()
+    assert loser.wait() == 2
+    assert "error: scene 'default' is already served by 'fusion'" in loser.lines
+    assert len({updates.next().session for _ in range(5)}) == 1
+
+
+def test_a_service_that_was_stopped_yields_to_its_successor(
+    start, endpoint, session, listen, tmp_path: Path
+) -> None:
+    arguments = ("serve", "--connect", endpoint, "--state", tmp_path / "s")
+    updates = listen(session, KEYS.hypotheses, "hypotheses")
+    first = start(*arguments)
+    before = updates.next()
+    first.signal(signal.SIGSTOP)
+    # The second waits until the token of the first has vanished.
+    start(*arguments)
+    after = updates.until(lambda u: u.session != before.session)
+    first.signal(signal.SIGCONT)
+    assert first.wait() == 2
+    assert first.lines[-1] == "error: scene 'default' is already served by 'fusion'"
+    assert {updates.next().session for _ in range(5)} | {u.session for u in updates.drain()} == {
+        after.session
+    }
+
+
+def test_a_service_that_was_stopped_and_has_no_successor_goes_on(start, endpoint, session, listen) -> None:
+    updates = listen(session, KEYS.hypotheses, "hypotheses")
+    presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
+    service = start("serve", "--connect", endpoint, "--no-state")
+    assert presence.recv().kind == zenoh.SampleKind.PUT
+    service.signal(signal.SIGSTOP)
+    assert presence.recv().kind == zenoh.SampleKind.DELETE
+    last = updates.drain()[-1]
+    service.signal(signal.SIGCONT)
+    assert updates.until(lambda u: u.seq > last.seq).session == last.session
+    presence.undeclare()
+
+
 def test_updates_come_from_the_start_and_are_numbered(serve) -> None:
     service = serve("--set", "period=0.05")
     got = [service.updates.next() for _ in range(10)]

@@ -34,13 +34,6 @@ class Leadership(Protocol):
 
 
 @dataclass(frozen=True)
-class Alone:
-    """Leadership without a standby."""
-
-    epoch: int | None = 0
-
-
-@dataclass(frozen=True)
 class _Owner:
     """Who the leader's key names."""
 

@@ -70,7 +70,7 @@ class Output:
     def _switch(self, epoch: int | None) -> None:
         scene = self._component.keys.scene
         if epoch is None:
-            _log.warning("another service speaks for scene %r: this one is a standby now", scene)
+            _log.warning("another service may speak for scene %r: this one is a standby now", scene)
             self._close()
         elif self._publisher is None:
             if epoch:

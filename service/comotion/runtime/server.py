@@ -18,11 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from comotion_schemas import (
     DEFAULT_SCENE,
-    DecodeError,
     HypothesisUpdate,
     Keys,
-    Status,
-    decode_as,
     metrics,
 )
 from comotion_schemas.component import Component, StatusFields, new_session_id
@@ -31,12 +28,13 @@ from comotion_schemas.transport import SessionSettings, TlsFiles
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, make_clock
-from .election import DEFAULT_LEASE_S, Alone, Election
+from .election import DEFAULT_LEASE_S, Election, Leadership
 from .etcd import Etcd
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
 from .output import Follower, Output
+from .presence import Presence
 from .queries import handlers
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
@@ -46,8 +44,6 @@ from .warm_up import warm_up
 DEFAULT_NAME = "fusion"
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
-# A service that answers does so well within this time, even through a router.
-_STATUS_TIMEOUT_S = 2.0
 # From the second start on, the warm-up takes less; a longer one is worth a line in the log.
 _LONG_WARM_UP_S = 3.0
 _log = logging.getLogger(__name__)
@@ -85,28 +81,35 @@ def serve(options: ServeOptions) -> None:
         If a name is invalid, the endpoint is, or another service has the scene.
     """
     session_id = new_session_id()
-    watchdog, replica = Watchdog(), _replica(options, session_id)
-    with Component(
-        role="service",
-        name=options.name,
-        scene=options.scene,
-        settings=options.settings,
-        status=lambda: _with_replica(watchdog.status(), replica),
-        ready_file=options.ready_file,
-        session_id=session_id,
-    ) as component:
-        _require_alone(component, options)
+    watchdog, election = Watchdog(), _election(options, session_id)
+    with (
+        Component(
+            role="service",
+            name=options.name,
+            scene=options.scene,
+            settings=options.settings,
+            status=lambda: _with_replica(watchdog.status(), election),
+            ready_file=options.ready_file,
+            session_id=session_id,
+            has_token=election is not None,
+        ) as component,
+        ExitStack() as stack,
+    ):
+        presence = None if election is not None else stack.enter_context(Presence(component))
         for space, camera in options.config.linking.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return
         # After the warm-up: the state is tried out before it is trusted.
         fusion = _make_fusion(options, session_id)
-        with ExitStack() as stack:
-            keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-            if isinstance(replica, Election):
-                stack.enter_context(replica)
-            _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper), replica).run()
+        if presence is not None:
+            presence.require()
+        keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
+        if election is not None:
+            stack.enter_context(election)
+        leadership = election or presence
+        assert leadership is not None  # noqa: S101 - there is one of the two
+        _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper), leadership).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -117,10 +120,10 @@ def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     return load_fusion(options.state, options.config, scene, session_id, now_ns)
 
 
-def _replica(options: ServeOptions, session_id: str) -> Alone | Election:
-    """Whether the service speaks alone, or takes part in an election."""
+def _election(options: ServeOptions, session_id: str) -> Election | None:
+    """The election in which the service takes part, if any."""
     if not options.etcd:
-        return Alone()
+        return None
     Etcd(options.etcd, options.etcd_tls)  # a wrong url is an error now, not in a thread later
     return Election(
         lambda: Etcd(options.etcd, options.etcd_tls),
@@ -131,25 +134,11 @@ def _replica(options: ServeOptions, session_id: str) -> Alone | Election:
     )
 
 
-def _with_replica(fields: StatusFields, replica: Alone | Election) -> StatusFields:
-    if isinstance(replica, Alone):
+def _with_replica(fields: StatusFields, election: Election | None) -> StatusFields:
+    if election is None:
         return fields
-    epoch = replica.epoch
+    epoch = election.epoch
     return replace(fields, replica="standby" if epoch is None else "active", epoch=epoch or 0)
-
-
-def _require_alone(component: Component, options: ServeOptions) -> None:
-    """Two services in one scene would publish two different answers on the same key."""
-    if options.etcd:
-        return
-    for reply in component.session.get(component.keys.query("status"), timeout=_STATUS_TIMEOUT_S):
-        if reply.ok is None:
-            continue
-        try:
-            other = decode_as(Status, reply.ok.payload.to_bytes())
-        except DecodeError:
-            continue
-        raise ValueError(f"scene {component.keys.scene!r} is already served by {other.component!r}")
 
 
 def _warm_up(component: Component, config: FusionConfig) -> bool:
@@ -176,10 +165,11 @@ class _Loop:
         fusion: Fusion,
         component: Component,
         housekeeping: Housekeeping,
-        replica: Alone | Election,
+        leadership: Leadership,
     ) -> None:
         self._fusion = fusion
         self._component = component
+        self._leadership = leadership
         self._housekeeping = housekeeping
         self._clock = make_clock(options.clock, fusion.watermark_ns)
         self._head_start = HeadStart(to_ns(options.config.period))
@@ -187,9 +177,9 @@ class _Loop:
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         self._intake = Intake(component.session, component.keys, fusion.stats)
-        self._follower = Follower(component, replica, fusion) if isinstance(replica, Election) else None
+        self._follower = Follower(component, leadership, fusion) if isinstance(leadership, Election) else None
         self._last = fusion.update(self._clock.now_ns())
-        self._output = Output(component, replica, handlers(fusion, lambda: self._last, component.status))
+        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
         self._last = self._publish(self._last)
 
     def run(self) -> None:
@@ -216,6 +206,8 @@ class _Loop:
                 _log.info("time starts over with a batch of %s", batch.source)
                 self._fusion.start_over()
             self._fusion.ingest(batch)
+        if isinstance(self._leadership, Presence):
+            self._leadership.look(now)
         if self._follower is not None:
             self._follower.look()
         self._output.answer()
