@@ -13,6 +13,7 @@ from .commands import (
     config,
     demo,
     evaluate,
+    fleet,
     record,
     reproduce,
     router,
@@ -53,6 +54,7 @@ app.command("demo", epilog=demo.EPILOG)(demo.demo)
 app.command("up", epilog=up.EPILOG)(up.up)
 app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
+app.add_typer(fleet.app, name="fleet")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("view", epilog=view.EPILOG)(view.view)

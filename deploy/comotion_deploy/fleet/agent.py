@@ -1,0 +1,212 @@
+"""The agent of a host: claims places in etcd, and runs the replicas of the places it holds.
+
+Each pass renews the agent's lease, reads all entries, and does this agent's part of the plan. What an agent
+runs ends with it. While etcd does not answer, everything goes on as it is.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from comotion.runtime.etcd import Etcd, EtcdUnavailableError
+
+from ..child import Child
+from ..errors import UserError
+from ..log_lines import LogLines
+from ..processes import ProcessSpec, comotion
+from . import entries
+from .plan import Fleet, Place, Scene, claims, releases
+
+# s; a host that is lost gives its places free after this time.
+LEASE_S = 3
+_PASS_S = 0.5
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class _Running:
+    """The processes of one place; `leaving`: they have been told to stop, and the place goes with them."""
+
+    children: list[Child]
+    scene: Scene
+    said_ready: bool = False
+    leaving: bool = False
+    told_s: float = field(default=0.0)
+
+    @property
+    def ended(self) -> bool:
+        return all(child.pid is None for child in self.children)
+
+
+class Agent:
+    """One agent.
+
+    Parameters
+    ----------
+    name
+        Unique in the fleet.
+    capacity
+        How many replicas its host can run.
+    etcd
+        The cluster.
+    options
+        Of ``comotion serve`` on this host, such as ``--connect``.
+    folder, lines
+        Where the processes say that they are ready, and where their lines go.
+
+    Raises
+    ------
+    UserError
+        By :meth:`run`, if another agent of this name lives.
+    """
+
+    def __init__(
+        self, name: str, capacity: int, etcd: Etcd, options: Sequence[str], folder: Path, lines: LogLines
+    ) -> None:
+        self._name = name
+        self._capacity = capacity
+        self._etcd = etcd
+        self._options = tuple(options)
+        self._folder = folder
+        self._lines = lines
+        self._lease: int | None = None
+        self._running: dict[Place, _Running] = {}
+        self._away = False
+
+    def run(self, stop: threading.Event, ready: Callable[[], None] = lambda: None) -> None:
+        """Work until `stop` is set; then stop all processes and give up all places.
+
+        `ready` is called when the agent is known to the fleet.
+        """
+        try:
+            while not stop.is_set():
+                began = time.monotonic()
+                known = self._pass()
+                if known:
+                    ready()
+                    ready = _nothing
+                stop.wait(max(0.0, began + _PASS_S - time.monotonic()))
+        finally:
+            self._leave()
+
+    def _pass(self) -> bool:
+        """One pass; whether etcd has answered."""
+        self._watch()
+        try:
+            self._renew()
+            self._follow(entries.read_fleet(self._etcd))
+        except EtcdUnavailableError as error:
+            if not self._away:
+                _log.warning("%s; what runs here goes on", error)
+            self._away = True
+            return False
+        if self._away:
+            _log.info("etcd answers again")
+        self._away = False
+        return True
+
+    def _renew(self) -> None:
+        if self._lease is not None and self._etcd.renew(self._lease):
+            return
+        lost, self._lease = self._lease is not None, self._etcd.grant(LEASE_S)
+        if not entries.register(self._etcd, self._name, self._capacity, self._lease):
+            self._lease = None
+            raise UserError(f"an agent {self._name!r} is there already; choose another --name")
+        if lost:
+            _log.warning("the lease had ended; claiming the %d places again", len(self._running))
+            self._reclaim(self._lease)
+
+    def _reclaim(self, lease: int) -> None:
+        """After the lease had ended, keep what nobody else has claimed meanwhile."""
+        for place, running in self._running.items():
+            if not entries.claim(self._etcd, place, self._name, lease):
+                self._stop(place, running, "another agent has it")
+            running.said_ready = False
+
+    def _follow(self, fleet: Fleet) -> None:
+        assert self._lease is not None  # noqa: S101 - renewed before
+        mine = {place for place, holder in fleet.held().items() if holder.agent == self._name}
+        for place, running in self._running.items():
+            wanted = fleet.scenes.get(place.scene)
+            if wanted != running.scene or place.number >= wanted.replicas:
+                self._stop(place, running, "removed" if wanted is None else "changed")
+        for place in releases(fleet):
+            if place in mine and place in self._running:
+                self._stop(place, self._running[place], "moves to another host")
+        for place, agent in claims(fleet).items():
+            free = agent == self._name and place not in self._running
+            if free and entries.claim(self._etcd, place, self._name, self._lease):
+                self._start(place, fleet.scenes[place.scene])
+        self._report(self._lease)
+
+    def _report(self, lease: int) -> None:
+        """Say what is ready, and give up the places whose processes have stopped."""
+        for place, running in list(self._running.items()):
+            if running.leaving and running.ended:
+                entries.release(self._etcd, place, lease)
+                del self._running[place]
+            elif not running.said_ready and running.children[0].was_ready:
+                entries.say_ready(self._etcd, place, self._name, lease)
+                running.said_ready = True
+
+    def _start(self, place: Place, scene: Scene) -> None:
+        children = [self._child(spec) for spec in self._specs(place, scene)]
+        self._running[place] = _Running(children, scene)
+        for child in children:
+            child.start()
+        _log.info("runs scene %s, replica %d", place.scene, place.number)
+
+    def _child(self, spec: ProcessSpec) -> Child:
+        return Child(spec, self._folder, lambda line: self._lines.write(spec.name, line))
+
+    def _specs(self, place: Place, scene: Scene) -> list[ProcessSpec]:
+        name = f"{place.scene}-{place.number}"
+        served = ["serve", "--scene", place.scene, "--name", f"{self._name}-{place.number}"]
+        replica = ["--standby", "--etcd", ",".join(self._etcd.urls)]
+        found = [comotion(name, *served, *replica, *self._options, *scene.serve, restart="always")]
+        for k, also in enumerate(scene.also if place.number == 0 else ()):
+            words = [*also.split(), "--scene", place.scene, *self._options]
+            found.append(comotion(f"{name}-also{k}", *words, restart="on-failure"))
+        return found
+
+    def _stop(self, place: Place, running: _Running, why: str) -> None:
+        if running.leaving:
+            return
+        _log.info("stops scene %s, replica %d: %s", place.scene, place.number, why)
+        running.leaving, running.told_s = True, time.monotonic()
+        for child in running.children:
+            child.terminate()
+
+    def _watch(self) -> None:
+        """Start again what has ended, and kill what does not stop."""
+        for running in self._running.values():
+            for child in running.children:
+                status = child.poll()
+                if running.leaving:
+                    child.due_s = None
+                    if time.monotonic() > running.told_s + child.spec.stop_s:
+                        child.wait(running.told_s)
+                elif status is not None:
+                    _log.warning("%s has ended: %s", child.spec.name, child.last_line or f"status {status}")
+                if child.due_s is not None and time.monotonic() >= child.due_s:
+                    child.start()
+
+    def _leave(self) -> None:
+        """Stop everything, then end the lease: the places are free."""
+        for place, running in self._running.items():
+            self._stop(place, running, "this agent stops")
+        for running in self._running.values():
+            for child in running.children:
+                child.wait(running.told_s)
+        if self._lease is not None:
+            try:
+                self._etcd.revoke(self._lease)
+            except EtcdUnavailableError as error:
+                _log.warning("could not give up the places: %s", error)
+
+
+def _nothing() -> None:
+    pass

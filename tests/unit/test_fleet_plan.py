@@ -1,0 +1,87 @@
+"""The plan of a fleet: who claims which place, and who gives up what."""
+
+import hypothesis.strategies as st
+from hypothesis import given, settings
+
+from comotion_deploy.fleet.plan import Agent, Fleet, Holder, Place, Scene, claims, releases
+
+
+def fleet(scenes, agents, held=None, *, ready=True, draining=()):
+    return Fleet(
+        {f"s{k}": Scene(replicas=replicas) for k, replicas in enumerate(scenes)},
+        {name: Agent(capacity, name in draining) for name, capacity in agents.items()},
+        {Place(*place): Holder(agent, ready) for place, agent in (held or {}).items()},
+    )
+
+
+def settled(start):
+    """Let all agents do their parts, at once and with every replica ready, until nothing changes."""
+    for _ in range(100):
+        taken = claims(start)
+        given = [] if taken else releases(start)
+        if not taken and not given:
+            return start
+        holders = {p: h for p, h in start.held().items() if p not in given}
+        holders |= {place: Holder(agent, ready=True) for place, agent in taken.items()}
+        start = Fleet(start.scenes, start.agents, holders)
+    raise AssertionError("the plan never comes to rest")
+
+
+fleets = st.builds(
+    lambda scenes, capacities, draining: fleet(
+        scenes,
+        {f"a{k}": c for k, c in enumerate(capacities)},
+        draining={f"a{k}" for k in draining},
+    ),
+    st.lists(st.integers(1, 2), max_size=8),
+    st.lists(st.integers(1, 6), max_size=4),
+    st.sets(st.integers(0, 3), max_size=2),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(fleets)
+def test_the_plan_comes_to_rest_within_all_capacities_and_with_replicas_apart(start):
+    end = settled(start)
+    loads = end.loads()
+    assert all(loads[name] <= agent.capacity for name, agent in end.agents.items())
+    assert all(loads[name] == 0 for name, agent in end.agents.items() if agent.draining)
+    for name in end.scenes:
+        agents = [holder.agent for place, holder in end.held().items() if place.scene == name]
+        assert len(agents) == len(set(agents))
+    room = sum(agent.capacity for agent in end.agents.values() if not agent.draining)
+    served = {place.scene for place in end.held()}
+    assert len(served) == min(len(end.scenes), room)
+
+
+def test_every_scene_gets_one_replica_before_any_gets_a_standby():
+    assert set(claims(fleet([2, 2], {"a": 1, "b": 1}))) == {Place("s0", 0), Place("s1", 0)}
+
+
+def test_a_lost_agent_leaves_its_places_to_the_others():
+    lost = fleet([2, 2], {"a": 4, "b": 4}, {("s0", 0): "gone", ("s0", 1): "a", ("s1", 0): "a"})
+    assert claims(lost) == {Place("s0", 0): "b", Place("s1", 1): "b"}
+
+
+def test_a_draining_agent_waits_until_the_standby_is_ready():
+    held = {("s0", 0): "a", ("s0", 1): "b"}
+    agents = {"a": 1, "b": 1, "c": 1}
+    assert releases(fleet([2], agents, held, draining={"a"})) == [Place("s0", 0)]
+    assert releases(fleet([2], agents, held, draining={"a"}, ready=False)) == []
+
+
+def test_a_draining_agent_keeps_what_nobody_else_can_take():
+    assert releases(fleet([1], {"a": 1}, {("s0", 0): "a"}, draining={"a"})) == []
+    assert releases(fleet([1], {"a": 1, "b": 1}, {("s0", 0): "a"}, draining={"a"})) == [Place("s0", 0)]
+
+
+def test_a_new_agent_is_given_its_share_one_by_one():
+    held = {(f"s{k}", n): "ab"[n] for k in range(4) for n in (0, 1)}
+    crowded = fleet([2] * 4, {"a": 8, "b": 8, "c": 8}, held)
+    assert len(releases(crowded)) == 1
+    assert max(settled(crowded).loads().values()) - min(settled(crowded).loads().values()) <= 1
+
+
+def test_a_scene_of_one_replica_is_never_moved_for_balance():
+    held = {(f"s{k}", 0): "a" for k in range(4)}
+    assert releases(fleet([1] * 4, {"a": 8, "b": 8}, held)) == []
