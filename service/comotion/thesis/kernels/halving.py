@@ -1,21 +1,16 @@
-"""Compiled: products and sums for 2-means on the rows of a symmetric matrix, of which one triangle is stored.
-
-Sums along a row are folded by quarters, element by element, which the compiler can turn into vector
-instructions without being free to choose an order of its own: every process gets the same bits.
-"""
+"""Compiled: products and sums for 2-means on the rows of a symmetric matrix, stored as one triangle."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Bools, Floats, Slots
 from ...compiled import compiled, numba_range
+from .lanes import WIDTH, add, add_product, load, repeat, smaller, store, total
 
 Matrix = NDArray[np.float32]
 
 # Parts of the rows that threads work on, each with sums of its own; the same however many threads there are.
 _CHUNKS = 8
-# Up to this length a sum is not worth folding: it is less than four vectors of eight.
-_UNFOLDED = 31
 # 2-means of one-dimensional scores settles after so many steps, but for a few scores about the threshold.
 _THRESHOLD_STEPS = 3
 
@@ -27,23 +22,6 @@ def _chunk_bounds(size: int, chunks: int) -> Slots:
     for k in range(chunks + 1):
         bounds[k] = round(size * np.sqrt(k / chunks))
     return bounds
-
-
-@compiled()
-def _folded_sum(total: np.float32, values: Matrix, n: int) -> np.float32:
-    """A number plus the sum of the first n values, which are overwritten."""
-    while n > _UNFOLDED:
-        quarter = (n + 3) // 4
-        second, third = values[quarter : 2 * quarter], values[2 * quarter : 3 * quarter]
-        fourth = values[3 * quarter : n]
-        for c in range(len(fourth)):
-            values[c] = (values[c] + second[c]) + (third[c] + fourth[c])
-        for c in range(len(fourth), quarter):
-            values[c] += second[c] + third[c]
-        n = quarter
-    for c in range(n):
-        total += values[c]
-    return total
 
 
 @compiled(parallel=True)
@@ -84,18 +62,17 @@ def gather(
     # With signed indices the compiler would test each for counting from the end.
     columns = members.astype(np.uint32)
     sums, part_sums = np.zeros((chunks, n), np.float32), np.zeros((chunks, n), np.float32)
-    # A minimum per column, element by element, for the same reason as folded sums.
-    least = np.ones((chunks, n), np.float32)
+    least = np.ones(chunks, np.float32)
     if shared:
         for k in numba_range(chunks):
             span = bounds[k], bounds[k + 1]
-            _gather_rows(matrix, columns, in_place, room, weight, span, sums[k], part_sums[k], least[k])
+            least[k] = _gather_rows(matrix, columns, in_place, room, weight, span, sums[k], part_sums[k])
     else:
-        _gather_rows(matrix, columns, in_place, room, weight, (0, n), sums[0], part_sums[0], least[0])
+        least[0] = _gather_rows(matrix, columns, in_place, room, weight, (0, n), sums[0], part_sums[0])
     return _total(sums), _total(part_sums), least.min()
 
 
-@compiled()
+@compiled(fastmath={"contract"})
 def _gather_rows(
     matrix: Matrix,
     members: NDArray[np.uint32],
@@ -105,24 +82,32 @@ def _gather_rows(
     span: tuple[int, int],
     sums: Matrix,
     part_sums: Matrix,
-    least: Matrix,
-) -> None:
-    terms, part_terms = np.empty(len(members), np.float32), np.empty(len(members), np.float32)
+) -> float:
+    """Copy some rows, add them to the sums, and find the smallest element off the diagonal; 1 at most."""
+    least, lowest = repeat(np.float32(1)), np.float32(1)
     for r in range(span[0], span[1]):
         source = matrix[members[r]]
         if not in_place:
             for c in range(r + 1):
                 room[r, c] = source[members[c]]
-        row = source[: r + 1] if in_place else room[r, : r + 1]
-        x = weight[r]
-        for c in range(r):
+        row, x = source if in_place else room[r], weight[r]
+        found, part, xs, stop = repeat(np.float32(0)), repeat(np.float32(0)), repeat(x), r - r % WIDTH
+        for c in range(0, stop, WIDTH):
+            a = load(row, c)
+            least, found, part = smaller(a, least), add(found, a), add_product(part, a, load(weight, c))
+            store(add(load(sums, c), a), sums, c)
+            store(add_product(load(part_sums, c), a, xs), part_sums, c)
+        rest, part_rest = row[r], row[r] * x
+        for c in range(stop, r):
             a = row[c]
-            terms[c], part_terms[c] = a, a * weight[c]
-            sums[c] += a
-            part_sums[c] += a * x
-            least[c] = min(least[c], a)
-        sums[r] += _folded_sum(row[r], terms, r)
-        part_sums[r] += _folded_sum(row[r] * x, part_terms, r)
+            lowest = min(lowest, a)
+            rest, part_rest = rest + a, part_rest + a * weight[c]
+            sums[c], part_sums[c] = sums[c] + a, part_sums[c] + a * x
+        sums[r] += total(found) + rest
+        part_sums[r] += total(part) + part_rest
+    lows = np.empty(WIDTH, np.float32)
+    store(least, lows, 0)
+    return float(min(lowest, lows.min()))
 
 
 @compiled(parallel=True)
@@ -133,34 +118,38 @@ def multiply(matrix: Matrix, vector: Matrix, shared: bool) -> Floats:
     """
     n, chunks = len(vector), _CHUNKS if shared else 1
     bounds = _chunk_bounds(n, chunks)
-    total = np.zeros((chunks, n), np.float32)
+    products = np.zeros((chunks, n), np.float32)
     if shared:
         for k in numba_range(chunks):
-            _multiply_rows(matrix, vector, bounds[k], bounds[k + 1], total[k])
+            _multiply_rows(matrix, vector, bounds[k], bounds[k + 1], products[k])
     else:
-        _multiply_rows(matrix, vector, 0, n, total[0])
-    return _total(total)
+        _multiply_rows(matrix, vector, 0, n, products[0])
+    return _total(products)
 
 
-@compiled()
-def _multiply_rows(matrix: Matrix, vector: Matrix, first: int, last: int, total: Matrix) -> None:
-    terms = np.empty(len(vector), np.float32)
+@compiled(fastmath={"contract"})
+def _multiply_rows(matrix: Matrix, vector: Matrix, first: int, last: int, product: Matrix) -> None:
     for r in range(first, last):
-        row, x = matrix[r, :r], vector[r]
-        for c in range(r):
-            a = row[c]
-            terms[c] = a * vector[c]
-            total[c] += a * x
-        total[r] += _folded_sum(matrix[r, r] * x, terms, r)
+        row, x = matrix[r], vector[r]
+        found, xs, stop = repeat(np.float32(0)), repeat(x), r - r % WIDTH
+        for c in range(0, stop, WIDTH):
+            a = load(row, c)
+            found = add_product(found, a, load(vector, c))
+            store(add_product(load(product, c), a, xs), product, c)
+        rest = row[r] * x
+        for c in range(stop, r):
+            rest += row[c] * vector[c]
+            product[c] += row[c] * x
+        product[r] += total(found) + rest
 
 
 @compiled()
 def _total(parts: Matrix) -> Floats:
-    total = np.zeros(parts.shape[1])
+    sums = np.zeros(parts.shape[1])
     for part in parts:
-        for c in range(len(total)):
-            total[c] += part[c]
-    return total
+        for c in range(len(sums)):
+            sums[c] += part[c]
+    return sums
 
 
 @compiled()
