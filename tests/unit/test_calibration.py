@@ -19,10 +19,10 @@ from comotion_sources.calibration import (
     format_calibration,
     read_calibration,
 )
-from comotion_sources.calibration.session import calibrate_pair
-from comotion_sources.calibration.targets import parse_target
 from comotion_sources.cameras import Frame
 from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
+from comotion_sources.pair_calibration.session import calibrate_pair
+from comotion_sources.pair_calibration.targets import parse_target
 
 CAMERA_A = Intrinsics(640, 480, 560.0, 555.0, 322.0, 238.5)
 CAMERA_B = Intrinsics(800, 600, 700.0, 700.0, 405.0, 295.0, np.array([-0.12, 0.05, 0.001, -0.002, 0.0]))

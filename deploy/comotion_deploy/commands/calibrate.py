@@ -61,9 +61,9 @@ def calibrate(
     from contextlib import closing
 
     from comotion_sources.calibration import Calibration, format_calibration, read_calibration
-    from comotion_sources.calibration.session import calibrate_pair, frame_pairs, known_intrinsics
-    from comotion_sources.calibration.targets import parse_target
     from comotion_sources.cameras import open_frames
+    from comotion_sources.pair_calibration.session import calibrate_pair, frame_pairs, known_intrinsics
+    from comotion_sources.pair_calibration.targets import parse_target
 
     wanted = parse_target(target)
     given_a = Calibration() if calibration_a is None else read_calibration(calibration_a)

@@ -1,4 +1,4 @@
-"""Camera calibration: models, files, and the extrinsics of two cameras that observe one target."""
+"""Camera calibration: models, and the files that hold them."""
 
 from .files import Calibration, CalibrationError, format_calibration, read_calibration
 from .model import Extrinsics, Intrinsics

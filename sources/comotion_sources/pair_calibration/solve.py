@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from .files import CalibrationError
-from .model import Extrinsics, Intrinsics
-from .planar import planar_poses, reprojection, rms
+from ..calibration.files import CalibrationError
+from ..calibration.model import Extrinsics, Intrinsics
+from ..calibration.planar import planar_poses, reprojection, rms
 
 Floats = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..calibration.files import CalibrationError
 from ..cameras.types import Image
 from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detector
-from .files import CalibrationError
 
 Floats = NDArray[np.float64]
 TargetPoints = dict[str, dict[int, tuple[Floats, Floats]]]

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..calibration.files import CalibrationError
+from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.files import ImageFiles
 from ..cameras.types import Camera, Frame
-from .files import CalibrationError
-from .model import Extrinsics, Intrinsics
 from .solve import PairedView, RelativePose, relative_pose
 from .targets import Target
 

@@ -1,0 +1,1 @@
+"""The extrinsics of two cameras that observe one target."""
