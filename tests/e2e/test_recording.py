@@ -138,25 +138,27 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
         assert evaluated(again) == updates
 
 
-def test_a_killed_recorder_loses_at_most_the_last_second(
+def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
 ) -> None:
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
-    batches = listen(session, KEYS.stream("obs", "simulator-3"), "obs")
     recorder = start("record", path, "--connect", endpoint)
     start("source", "simulator", "3d_async", "--loop", "--connect", endpoint)
-    first = batches.next()
-    last = batches.until(lambda batch: batch.stamp_ns - first.stamp_ns > 3 * 10**9)
+    held = statuses.until(lambda status: status.counters["messages"] > 100).counters
+    # The first growth may be of a flush that had begun before.
+    written = held["bytes"]
+    for _ in range(2):
+        grown = statuses.until(lambda status, before=written: status.counters["bytes"] > before)
+        written = grown.counters["bytes"]
     recorder.signal(signal.SIGKILL)
     assert recorder.wait() == -signal.SIGKILL
-    assert statuses.drain()
 
     assert start("record", "--repair", path, ready=False).wait() == 0
-    saved = [decode(p) for p in read(tmp_path / "take-repaired.mcap")[KEYS.stream("obs", "simulator-3")]]
+    repaired = read(tmp_path / "take-repaired.mcap")
+    assert sum(map(len, repaired.values())) >= held["messages"]
+    saved = [decode(payload) for payload in repaired[KEYS.stream("obs", "simulator-3")]]
     assert [batch.seq for batch in saved] == sorted({batch.seq for batch in saved})
-    # The last chunk holds what came within a second; a loaded machine is late with it.
-    assert last.stamp_ns - saved[-1].stamp_ns < 2.5 * 10**9
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
