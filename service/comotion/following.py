@@ -20,6 +20,9 @@ from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
 
+# ns; so long after its last update the bodies of another service are recognised by their trajectories.
+_RECENT_NS = 10_000_000_000
+
 
 @dataclass(frozen=True)
 class _Origin:
@@ -37,8 +40,7 @@ class PublishedIds:
         self._names: dict[int, int] = {}
         self._origins: dict[int, _Origin] = {}
         self._ids = IdAllocator()
-        self._events: list[Event] = []
-        self._led_until_ns = 0
+        self._leader: HypothesisUpdate | None = None
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
         """Take over the ids of a published update.
@@ -53,31 +55,29 @@ class PublishedIds:
         highest = max((h.id for h in leader.hypotheses), default=0)
         # The leader may have given out ids in updates that were lost with it.
         self._ids.following = max(self._ids.following, highest + ID_GAP)
-        self._events, self._led_until_ns = leader.events, leader.stamp_ns
-        pairs = same_bodies(own, leader)
-        taken = set(pairs.values())
-        present = {h.id for h in own.hypotheses if not h.absent}
+        self._leader = leader
+        present, given = {h.id for h in own.hypotheses if not h.absent}, {h.id for h in leader.hypotheses}
         self._names = {
-            one: name for one, name in self._names.items() if one not in present and name not in taken
-        } | pairs
-        mine, theirs = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
-        for one, name in pairs.items():
-            known = self._origins.get(one)
-            if known is None or known.born_ns != theirs[name].born_ns or own.stamp_ns == leader.stamp_ns:
-                self._origins[one] = _origin(mine[one], theirs[name])
-        self._origins = {one: self._origins[one] for one in self._names if one in self._origins}
+            one: name for one, name in self._names.items() if one not in present or name not in given
+        }
+        self._take_over(own, leader)
 
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """An update of this service with the ids, births and events that clients know."""
+        leader = self._leader
+        if leader is not None and update.stamp_ns - leader.stamp_ns <= _RECENT_NS:
+            self._take_over(update, leader)
+        led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)
         own = sorted({h.id for h in update.hypotheses} | {one for e in update.events for one in _ids(e)})
         names = {one: self.name(one) for one in own}
-        recent = [e for e in update.events if e.stamp_ns > self._led_until_ns]
+        recent = [e for e in update.events if e.stamp_ns > led_until_ns]
         oldest_ns = update.stamp_ns - EVENT_MEMORY_NS
         return replace(
             update,
             track_hypothesis=_renamed(update.track_hypothesis, names),
             hypotheses=sorted((self._hypothesis(h, names) for h in update.hypotheses), key=lambda h: h.id),
-            events=[e for e in self._events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
+            joints=[replace(j, parent=names[j.parent], child=names[j.child]) for j in update.joints],
+            events=[e for e in events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
         )
 
     @property
@@ -105,6 +105,24 @@ class PublishedIds:
         made._origins = {int(one): _Origin(**values) for one, values in state["origins"]}
         made._ids.following = int(state["following"]) + ID_GAP
         return made
+
+    def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
+        """Name the hypotheses that have no name yet, as far as a published update knows them."""
+        mine, theirs = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
+        unnamed = {h.id for h in own.hypotheses if not h.absent and self._names.get(h.id) not in theirs}
+        kept = {self._names[one] for one in mine if one in self._names and not mine[one].absent}
+        pairs = {
+            one: name
+            for one, name in (same_bodies(own, leader).items() if unnamed else ())
+            if one in unnamed and name not in kept
+        }
+        taken = set(pairs.values())
+        self._names = {one: name for one, name in self._names.items() if name not in taken} | pairs
+        for one, name in pairs.items():
+            known = self._origins.get(one)
+            if known is None or known.born_ns != theirs[name].born_ns or own.stamp_ns == leader.stamp_ns:
+                self._origins[one] = _origin(mine[one], theirs[name])
+        self._origins = {one: self._origins[one] for one in self._names if one in self._origins}
 
     def name(self, one: int) -> int:
         """The published id of a hypothesis; a fresh one if it has none."""
