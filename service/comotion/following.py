@@ -60,13 +60,15 @@ class PublishedIds:
         self._names = {
             one: name for one, name in self._names.items() if one not in present or name not in given
         }
-        self._take_over(own, leader)
+        unknown = {one for one in present if self._names.get(one) not in given}
+        self._take_over(own, leader, unknown)
 
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """An update of this service with the ids, births and events that clients know."""
         leader = self._leader
         if leader is not None and update.stamp_ns - leader.stamp_ns <= _RECENT_NS:
-            self._take_over(update, leader)
+            present = {h.id for h in update.hypotheses if not h.absent}
+            self._take_over(update, leader, present - set(self._names))
         led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)
         own = sorted({h.id for h in update.hypotheses} | {one for e in update.events for one in _ids(e)})
         names = {one: self.name(one) for one in own}
@@ -106,10 +108,9 @@ class PublishedIds:
         made._ids.following = int(state["following"]) + ID_GAP
         return made
 
-    def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
-        """Name the hypotheses that have no name yet, as far as a published update knows them."""
+    def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate, unnamed: set[int]) -> None:
+        """Name some hypotheses as a published update does, as far as it knows them."""
         mine, theirs = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
-        unnamed = {h.id for h in own.hypotheses if not h.absent and self._names.get(h.id) not in theirs}
         kept = {self._names[one] for one in mine if one in self._names and not mine[one].absent}
         pairs = {
             one: name
