@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.config import LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
+from comotion.config import JointsConfig, LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
@@ -21,6 +21,7 @@ _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
     "RigidConfig": ("rigid.", RigidConfig),
     "PixelsConfig": ("pixels.", PixelsConfig),
     "LinkingConfig": ("linking.", LinkingConfig),
+    "JointsConfig": ("joints.", JointsConfig),
 }
 _UNBOUNDED = 1e9
 

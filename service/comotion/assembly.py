@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, SourceRef
+from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, Joint, SourceRef
 
 from .space import SpaceUpdate
 
@@ -27,6 +27,7 @@ def assemble(
     updates: Sequence[SpaceUpdate],
     sessions: Mapping[int, tuple[str, str]],
     events: Sequence[Event],
+    joints: Sequence[Joint] = (),
 ) -> HypothesisUpdate:
     """Build the message of one update.
 
@@ -40,6 +41,8 @@ def assemble(
         (source, session) by session number.
     events
         The recent events of all spaces.
+    joints
+        Between their hypotheses.
     """
     owners = np.concatenate([np.zeros(0, np.intp), *(one.sessions for one in updates)])
     used, track_source = np.unique(owners, return_inverse=True)
@@ -58,4 +61,5 @@ def assemble(
         track_position=positions.astype(np.float32),
         hypotheses=[hypothesis for one in updates for hypothesis in one.hypotheses],
         events=list(events),
+        joints=list(joints),
     )

@@ -1,6 +1,7 @@
 """The face of the core: observation batches in, hypothesis updates out. No clock, no I/O, deterministic.
 
-    batch -> event time -> space: trajectories -> method -> hypotheses -> assembly -> links -> update
+    batch -> event time -> space: trajectories -> method -> hypotheses -> joints
+          -> assembly -> links -> update
 
 The caller owns the period and the clock: it passes batches as they come, and requests an update
 with the time that it takes for now.
@@ -27,6 +28,7 @@ from .event_time.timeline import Timeline
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
+from .joints.room import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
@@ -91,6 +93,7 @@ class Fusion:
         self._spaces: dict[str, Space] = {}
         self._ids = IdAllocator(first_id)
         self._linker = Linker(self.config.linking.cameras)
+        self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
         self._published: PublishedIds | None = None
         self._latest: HypothesisUpdate | None = None
@@ -132,14 +135,16 @@ class Fusion:
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
         timeout_ns = self._timeline.track_timeout_ns
         updates = [space.update(stamp, timeout_ns) for _, space in sorted(self._spaces.items())]
-        self._remember(stamp, [event for one in updates for event in one.events])
+        joints, changes = self._joints.update(stamp, [one.view for one in updates])
+        self._joints.keep(h.id for one in updates for h in one.hypotheses)
+        self._remember(stamp, [*(event for one in updates for event in one.events), *changes])
         in_use = set().union(*(space.sessions_in_use() for space in self._spaces.values()))
         self._timeline.forget_idle(in_use)
         period_ns, live = to_ns(self.config.period), self._timeline.live(now_ns)
         header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
         self._seq += 1
         self.stats.updates += 1
-        update = assemble(header, updates, self._timeline.sessions, self._events)
+        update = assemble(header, updates, self._timeline.sessions, self._events, joints)
         self._latest = self._linker.linked(update, [one.view for one in updates])
         return self._latest if self._published is None else self._published.apply(self._latest)
 
@@ -234,6 +239,7 @@ class Fusion:
                 for e in self._events
             ],
             "links": self._linker.state(),
+            "joints": self._joints.state(),
             "published": None if self._published is None else self._published.state(),
             "spaces": [space.state() for space in self._spaces.values()],
         }
@@ -258,6 +264,8 @@ class Fusion:
         fusion._linker.load(state["links"])
         if state.get("published") is not None:
             fusion._published = PublishedIds.load(state["published"])
+        if state["method"] == config.method:
+            fusion._joints.load(state.get("joints", []))
         for part in state["spaces"]:
             space = fusion._open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

@@ -141,6 +141,38 @@ class Partition:
     described: list[Group] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class BodyMotion:
+    """Motion of one hypothesis over F frames, x = R b + t in the axes of the space.
+
+    Its axes are those of the space at its birth: they stay the same from update to update.
+
+    Attributes
+    ----------
+    stamps
+        int64 [F], ns, ascending.
+    R, t, posed
+        float64 [F, 3, 3], float64 [F, 3], bool [F] (whether the frame has a pose).
+    turn_covariance, place_variance
+        float64 [F, 3, 3], of a small turn in the axes of the body, rad²; float64 [F], of a coordinate of the
+        centroid.
+    centre, radius
+        float64 [3], centroid of what it was fitted to, in its axes; root mean square distance from it.
+    static
+        Whether it is the body at rest.
+    """
+
+    stamps: Stamps
+    R: Floats
+    t: Floats
+    posed: Bools
+    turn_covariance: Floats
+    place_variance: Floats
+    centre: Floats
+    radius: float
+    static: bool
+
+
 Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 """From counts [old, new] of shared trajectories to pairs (old, new), each row and column once at most."""
 

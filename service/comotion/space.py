@@ -1,6 +1,6 @@
 """Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,7 +17,7 @@ from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .linking.linker import SpaceView
-from .partition import Method, Rows, SpaceSpec
+from .partition import BodyMotion, Method, Rows, SpaceSpec
 from .rigid.method import RigidMethod
 from .rigid.poses import Poses
 from .trajectories.track_index import Ids, TrackIndex
@@ -194,7 +194,7 @@ class Space:
             confidence=partition.confidence,
             hypotheses=hypotheses,
             events=events,
-            view=SpaceView(self.spec, window, current, labels, present, self._poses()),
+            view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
         )
 
     def _evict(self, stamp_ns: int) -> None:
@@ -227,6 +227,13 @@ class Space:
         """Where the poses of its hypotheses come from; None where the method has none."""
         if isinstance(self._method, RigidMethod):
             return partial(self._method.poses, self._hypotheses.labels.ids)
+        return None
+
+    def _motions(self) -> Callable[[Collection[int]], dict[int, BodyMotion]] | None:
+        """Where the motions of its hypotheses come from; None where the method knows none."""
+        if isinstance(self._method, RigidMethod):
+            labels = self._hypotheses.labels
+            return partial(self._method.motions, labels.ids, labels.references)
         return None
 
     def forget(self, hypothesis: int | None) -> list[int]:

@@ -3,6 +3,7 @@
 from .flat_names import nested, present_name
 from .fusion import FusionConfig, Method, to_ns
 from .hypotheses import HypothesesConfig
+from .joints import JointsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -13,6 +14,7 @@ __all__ = [
     "Clustering",
     "FusionConfig",
     "HypothesesConfig",
+    "JointsConfig",
     "LinkingConfig",
     "Method",
     "PixelsConfig",

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from .flat_names import GROUPS, MEMBERS, nested
 from .hypotheses import HypothesesConfig
+from .joints import JointsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -59,6 +60,10 @@ class FusionConfig(BaseModel):
     )
     linking: LinkingConfig = Field(
         default_factory=LinkingConfig, description="links between spaces in pixels and metric spaces"
+    )
+
+    joints: JointsConfig = Field(
+        default_factory=JointsConfig, description="joints between the hypotheses of a metric space"
     )
 
     @model_validator(mode="before")

@@ -3,7 +3,7 @@
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from comotion_schemas import Hypothesis, HypothesisUpdate
 
 from ..arrays import Labels, Slots
 from ..config import Camera
-from ..partition import SpaceSpec
+from ..partition import BodyMotion, SpaceSpec
 from ..rigid.poses import Poses
 from ..trajectories.window import Window
 from .camera import CameraModel
@@ -32,7 +32,7 @@ class SpaceView:
     """A space as of this update.
 
     `labels` int64 [n] are the hypotheses of the `current` slots; `poses` gives the bodies' poses where
-    the space has any.
+    the space has any, and `motions` the motion of some hypotheses in axes that stay the same.
     """
 
     spec: SpaceSpec
@@ -41,6 +41,7 @@ class SpaceView:
     labels: Labels
     hypotheses: list[Hypothesis]
     poses: Callable[[], Poses | None] | None
+    motions: Callable[[Collection[int]], dict[int, BodyMotion]] | None = None
 
 
 class Linker:

@@ -17,6 +17,7 @@ extent of the scene, so that no parameter has a scale:
 10. Describe the motion of each body (:mod:`.motions`).
 """
 
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,17 @@ from numpy.typing import NDArray
 from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from ..config import FusionConfig, RigidConfig
 from ..matching import continued, largest_total
-from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
+from ..partition import (
+    NO_HYPOTHESIS,
+    BodyMotion,
+    Partition,
+    PoseReference,
+    Previous,
+    Rows,
+    SpaceSpec,
+)
 from ..trajectories.window import Window
+from .anchored import anchored_motions
 from .assignment import (
     LEAST_ENDED_FRAMES,
     SearchResult,
@@ -131,6 +141,18 @@ class RigidMethod:
         `ids` int64 [K] are the hypotheses of the last partition's groups.
         """
         return None if self._last is None else poses_of(*self._last, ids)
+
+    def motions(
+        self, ids: Labels, references: Mapping[int, PoseReference], wanted: Collection[int]
+    ) -> dict[int, BodyMotion]:
+        """Motion of the wanted hypotheses over the window, by id; those without a known motion are left out.
+
+        `ids` int64 [K] are the hypotheses of the last partition's groups.
+        """
+        if self._last is None:
+            return {}
+        known = {one: (k, references[one]) for k, one in enumerate(ids.tolist()) if one in references}
+        return anchored_motions(*self._last, {one: known[one] for one in wanted if one in known})
 
     def state(self) -> dict[str, Any]:
         """The registration of the sources."""

@@ -28,7 +28,7 @@ _ROWS_PER_TRACK = 8
 
 def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult, config: RigidConfig) -> list[Group]:
     """Describe every body of a search; one without a trajectory is left undetermined."""
-    names = _row_names(tracks, frames)
+    names = row_names(tracks, frames)
     labels = found.assignment.labels
     groups = []
     for k in range(len(found.bodies)):
@@ -92,7 +92,7 @@ def _state(frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> 
     return "moving" if gain > costs.opening[k] else "undetermined"
 
 
-def _row_names(tracks: Tracks, frames: Frames) -> Stamps:
+def row_names(tracks: Tracks, frames: Frames) -> Stamps:
     """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
     order = np.argsort(frames.owner, kind="stable")
     owner = frames.owner[order]

@@ -1,0 +1,1 @@
+"""The joints experiment: joints from poses alone, from features, and between bodies that have none."""

@@ -1,0 +1,143 @@
+"""Fits of all kinds in, the probability of each kind out.
+
+A kind costs minus the log likelihood of the states, plus half its parameters times log n (BIC). Where a state
+is free to move, its position has a density too: a normal one whose spread is that of the positions. A joint
+position, or six numbers of a free pair, cost half the log of that variance in units of the noise. A kind is
+therefore as good as it is narrow.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from comotion_schemas.hypotheses import JointKind
+
+from ..arrays import Floats
+from .models import FREE_PARAMETERS, HEAVY, Fit, FixedKind, Model, fit
+from .states import States, turns_between
+
+KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
+# Parameters of a free pair: the mean of six numbers and the spread of each.
+_FREE = 12
+# Successive frames are not independent: so many count as one. Chosen on seed 0 of docs/joints.md.
+_TEMPERATURE = 2.0
+# Singular values below this share of the largest are rounding.
+_RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the states of a pair say.
+
+    Attributes
+    ----------
+    fits
+        The best fit of each kind.
+    probability
+        Of each kind, :data:`KINDS` and ``free``; they add up to one.
+    turn, shift
+        How far the pair has moved: rad and the unit of the space, from end to end.
+    """
+
+    fits: Mapping[FixedKind, Fit]
+    probability: Mapping[JointKind, float]
+    turn: float
+    shift: float
+
+    @property
+    def best(self) -> JointKind:
+        """The most probable kind."""
+        return max(self.probability, key=lambda kind: self.probability[kind])
+
+
+def judge(states: States, known: Mapping[FixedKind, Model]) -> Verdict:
+    """Fit every kind to n > 0 states and weigh them.
+
+    Parameters
+    ----------
+    known
+        Models of the last judgement, from which fits start.
+    """
+    fits = {kind: _best_fit(states, kind, known.get(kind)) for kind in KINDS}
+    costs: dict[JointKind, float] = {kind: _cost(one) for kind, one in fits.items()}
+    costs["free"] = _free_cost(states, fits["fixed"])
+    values = -np.array(list(costs.values()))
+    chances = np.exp(values - values.max())
+    chances /= chances.sum()
+    turn, shift = _extent(states, fits["fixed"].model)
+    return Verdict(fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift)
+
+
+def _best_fit(states: States, kind: FixedKind, known: Model | None) -> Fit:
+    starts = [first_guess(states, kind)] if known is None or kind == "fixed" else [known]
+    return min((fit(states, one) for one in starts), key=lambda one: one.cost)
+
+
+def first_guess(states: States, kind: FixedKind) -> Model:
+    """A model near the states, in closed form."""
+    middle = len(states) // 2
+    R0, p0 = states.R[middle], states.p[middle]
+    turns = turns_between(states.R, R0)
+    if kind == "prismatic":
+        u = _principal(states.p - states.p.mean(0))
+        return Model(kind, R0, p0, u, p0)
+    u = _principal(turns)
+    if kind == "fixed":
+        return Model(kind, R0, p0, u, p0)
+    # (1 - E) c + E p0 = p for all states; along the axis c is where the child is.
+    E = states.R @ R0.T
+    design = np.concatenate([np.eye(3) - E, E], axis=2).reshape(-1, 6)
+    scale = max(float(np.abs(states.p).max()), 1e-6)
+    rows = np.vstack([design, 1e-3 * np.hstack([np.eye(3), np.zeros((3, 3))])])
+    wanted = np.concatenate([states.p.reshape(-1), 1e-3 * states.p.mean(0)]) / scale
+    found = np.linalg.lstsq(rows, wanted, rcond=_RANK)[0] * scale
+    return Model(kind, R0, found[3:], u, found[:3])
+
+
+def _principal(vectors: Floats) -> Floats:
+    """Unit vector along which vectors [n, 3] spread most, towards the later ones."""
+    _, _, axes = np.linalg.svd(vectors, full_matrices=False)
+    u = axes[0]
+    along = vectors @ u
+    half = max(len(along) // 2, 1)
+    return np.asarray(u if along[half:].sum() >= along[:half].sum() else -u, np.float64)
+
+
+def _cost(one: Fit) -> float:
+    n = len(one.q)
+    independent = max(n / _TEMPERATURE, 1.0)
+    total = one.cost / _TEMPERATURE + 0.5 * FREE_PARAMETERS[one.model.kind] * np.log(independent + 1)
+    if one.model.kind != "fixed":
+        spread = 1 + float(np.mean(((one.q - one.q.mean()) / one.q_sigma) ** 2))
+        total += independent * (0.5 * np.log(spread) + _density(1))
+    return float(total)
+
+
+def _free_cost(states: States, one: Fit) -> float:
+    """Cost of states with a normal density in six dimensions around their mean."""
+    n = len(states)
+    independent = max(n / _TEMPERATURE, 1.0)
+    W = np.linalg.cholesky(states.information).transpose(0, 2, 1)
+    R, p = one.model.predicted(one.q)
+    z = (W @ np.hstack([turns_between(states.R, R), states.p - p])[..., None])[..., 0]
+    spreads = np.linalg.eigvalsh(z.T @ z / n)
+    cost = 0.5 * np.log(np.maximum(spreads, 1.0)).sum() + _density(6)
+    return float(independent * cost + 0.5 * _FREE * np.log(independent + 1))
+
+
+def _density(dimensions: int) -> float:
+    """What so many dimensions of a state cost on average when they are as spread as expected."""
+    return float(0.5 * HEAVY * np.log1p(dimensions / HEAVY)) if dimensions == 6 else 0.5
+
+
+def _extent(states: States, middle: Model) -> tuple[float, float]:
+    """Largest turn and shift between states, nearly; by the ends of their principal directions."""
+    turns = turns_between(states.R, middle.R0)
+    return _span(turns), _span(states.p)
+
+
+def _span(vectors: Floats) -> float:
+    along = vectors @ _principal(vectors - vectors.mean(0))
+    low, high = np.quantile(along, [0.02, 0.98])
+    return float(high - low)

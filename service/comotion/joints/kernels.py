@@ -1,0 +1,179 @@
+"""Compiled: in states and a joint, out the normal equations of a step of the joint."""
+
+import numpy as np
+
+from ..arrays import Floats
+from ..compiled import compiled
+from ..rigid.kernels.rotation import rotation_matrix, rotation_vectors
+
+FIXED, PRISMATIC, REVOLUTE = 0, 1, 2
+UNKNOWNS = 10
+"""Turn of R0, shift of p0, shift of c and turn of the axis, of the last two the parts across the axis."""
+# A direction below this squared length, in standard deviations per unit, does not determine a position.
+_NO_DIRECTION = 1e-12
+
+
+@compiled()
+def normal_equations(
+    R: Floats,
+    p: Floats,
+    W: Floats,
+    kind: int,
+    R0: Floats,
+    frame: Floats,
+    q: Floats,
+    heavy: float,
+    left: Floats,
+    right: Floats,
+    residual: Floats,
+    strength: Floats,
+    slope: Floats,
+) -> None:
+    """Normal equations of a step, the positions eliminated.
+
+    Parameters
+    ----------
+    R, p, W
+        float64 [n, 3, 3], [n, 3] and [n, 6, 6], states, and roots of their information (Wᵀ W).
+    kind
+        :data:`FIXED`, :data:`PRISMATIC` or :data:`REVOLUTE`.
+    R0, frame
+        float64 [3, 3] and [5, 3], the joint: orientation; place, axis, point of the axis, and two unit
+        vectors across the axis.
+    q
+        float64 [n], positions.
+    heavy
+        Squared residual at which a state counts half.
+    left, right
+        Out: float64 [10, 10] and [10], zero before.
+    residual, strength, slope
+        Out: float64 [n, 6], whitened residuals; [n], information on each position; [n, 11], the step of each
+        position is the last of them less the product of the others with the step.
+    """
+    u, c = frame[1], frame[2]
+    J, white = np.zeros((UNKNOWNS + 2, 6)), np.zeros((UNKNOWNS + 2, 6))
+    E, turn = np.eye(3), np.zeros((1, 3, 3))
+    d, moved, wide = frame[0] - c, np.zeros(3), np.zeros((3, 3))
+    for n in range(len(q)):
+        if kind == REVOLUTE:
+            E = rotation_matrix(q[n] * u)
+        _apply(E, d, moved)
+        _turn_left(R[n], E, R0, wide, turn[0])
+        J[:] = 0.0
+        _derivatives(kind, frame, E, d, moved, q[n], J)
+        J[UNKNOWNS + 1, :3] = rotation_vectors(turn)[0]
+        for i in range(3):
+            J[UNKNOWNS + 1, 3 + i] = p[n, i] - c[i] - moved[i] - (q[n] * u[i] if kind == PRISMATIC else 0.0)
+        _whiten(W[n], J, white)
+        squared = 0.0
+        for i in range(6):
+            residual[n, i] = white[UNKNOWNS + 1, i]
+            squared += residual[n, i] * residual[n, i]
+        _eliminate(white, kind, n, strength, slope)
+        _add(white, 1 / (1 + squared / heavy), left, right)
+
+
+@compiled()
+def _turn_left(R: Floats, E: Floats, R0: Floats, wide: Floats, found: Floats) -> None:
+    """R (E R0)^T, in place."""
+    for i in range(3):
+        for j in range(3):
+            wide[i, j] = E[i, 0] * R0[0, j] + E[i, 1] * R0[1, j] + E[i, 2] * R0[2, j]
+    for i in range(3):
+        for j in range(3):
+            found[i, j] = R[i, 0] * wide[j, 0] + R[i, 1] * wide[j, 1] + R[i, 2] * wide[j, 2]
+
+
+@compiled()
+def _whiten(W: Floats, rows: Floats, found: Floats) -> None:
+    """W times each row, in place; W is an upper triangle."""
+    for k in range(len(rows)):
+        for i in range(6):
+            total = 0.0
+            for j in range(i, 6):
+                total += W[i, j] * rows[k, j]
+            found[k, i] = total
+
+
+@compiled()
+def _apply(E: Floats, v: Floats, found: Floats) -> None:
+    """E v, in place."""
+    for i in range(3):
+        found[i] = E[i, 0] * v[0] + E[i, 1] * v[1] + E[i, 2] * v[2]
+
+
+@compiled()
+def _add_cross(a: Floats, b: Floats, factor: float, found: Floats) -> None:
+    """Add a factor of a x b, in place."""
+    found[0] += factor * (a[1] * b[2] - a[2] * b[1])
+    found[1] += factor * (a[2] * b[0] - a[0] * b[2])
+    found[2] += factor * (a[0] * b[1] - a[1] * b[0])
+
+
+@compiled()
+def _derivatives(kind: int, frame: Floats, E: Floats, d: Floats, moved: Floats, q: float, J: Floats) -> None:
+    """Derivatives of a state by the unknowns and, next to last, by the position; zero before; in place."""
+    u, turned, arm = frame[1], np.zeros(3), np.zeros(3)
+    for k in range(3):
+        for i in range(3):
+            J[k, i] = J[3 + k, 3 + i] = E[i, k]
+    if kind == PRISMATIC:
+        J[UNKNOWNS, 3:] = u
+    elif kind == REVOLUTE:
+        J[UNKNOWNS, :3] = u
+        _add_cross(u, moved, 1.0, J[UNKNOWNS, 3:])
+    for k in range(2):
+        across = frame[3 + k]
+        if kind == PRISMATIC:
+            _add_cross(across, u, q, J[8 + k, 3:])
+        elif kind == REVOLUTE:
+            _apply(E, across, turned)
+            for i in range(3):
+                J[8 + k, i] = J[6 + k, 3 + i] = across[i] - turned[i]
+            arm[:] = 0.0
+            _add_cross(across, d, 1.0, arm)
+            _apply(E, arm, turned)
+            for i in range(3):
+                J[8 + k, 3 + i] = -turned[i]
+            _add_cross(across, moved, 1.0, J[8 + k, 3:])
+
+
+@compiled()
+def _eliminate(white: Floats, kind: int, n: int, strength: Floats, slope: Floats) -> None:
+    """Take out of whitened derivatives and residual what the position of the state explains, in place."""
+    direction = white[UNKNOWNS]
+    strength[n] = _NO_DIRECTION
+    for i in range(6):
+        strength[n] += direction[i] * direction[i]
+    for k in range(UNKNOWNS + 1):
+        slope[n, k] = 0.0
+    if kind == FIXED:
+        return
+    for k in range(UNKNOWNS + 2):
+        if k == UNKNOWNS:
+            continue
+        share = 0.0
+        for i in range(6):
+            share += direction[i] * white[k, i]
+        share /= strength[n]
+        slope[n, min(k, UNKNOWNS)] = share
+        for i in range(6):
+            white[k, i] -= share * direction[i]
+
+
+@compiled()
+def _add(white: Floats, weight: float, left: Floats, right: Floats) -> None:
+    """Add a state to the equations, in place."""
+    last = UNKNOWNS + 1
+    for a in range(UNKNOWNS):
+        total = 0.0
+        for i in range(6):
+            total += white[a, i] * white[last, i]
+        right[a] += weight * total
+        for b in range(a + 1):
+            total = 0.0
+            for i in range(6):
+                total += white[a, i] * white[b, i]
+            left[a, b] += weight * total
+            if a != b:
+                left[b, a] += weight * total

@@ -1,0 +1,97 @@
+"""States of a pair in, the few that stand for all that was seen: they outlive the window."""
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Floats, Stamps
+from .states import States, turned, turns_between
+
+# States within a cell are one key state: rad, and share of the child's radius.
+_CELL_TURN = 0.04
+_CELL_SHIFT = 0.1
+# A key state is worth so many of its frames at most: errors that last do not average out.
+_MOST_WEIGHT = 20.0
+
+
+class KeyStates:
+    """At most `most` states of a pair.
+
+    Parameters
+    ----------
+    most
+        Their number.
+
+    Attributes
+    ----------
+    states, weight
+        The states, and float64 [n], how many each stands for.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self.states = States.empty()
+        self.weight: Floats = np.zeros(0)
+
+    def absorb(self, new: States, radius: float) -> None:
+        """Take in states; `radius` is the child's, in the unit of the space."""
+        cell = max(_CELL_SHIFT * radius, 1e-9)
+        for k in range(len(new)):
+            self._add(new.of(slice(k, k + 1)), cell)
+
+    def clear(self) -> None:
+        """Forget them all."""
+        self.states, self.weight = States.empty(), np.zeros(0)
+
+    def _add(self, one: States, cell: float) -> None:
+        distance = _distances(self.states, one, cell)
+        if len(distance) and distance.min() < 1:
+            self._fuse(int(distance.argmin()), one)
+            return
+        self.states = States.joined([self.states, one])
+        self.weight = np.append(self.weight, 1.0)
+        if len(self.weight) > self._most:
+            self._thin(cell)
+
+    def _fuse(self, k: int, one: States) -> None:
+        """Average a state into a key state."""
+        states, count = self.states, float(self.weight[k])
+        share = 1 / (min(count, _MOST_WEIGHT) + 1)
+        states.R[k] = turned(states.R[k], share * turns_between(one.R, states.R[k])[0])
+        states.p[k] += share * (one.p[0] - states.p[k])
+        if count < _MOST_WEIGHT:
+            states.information[k] += one.information[0]
+        self.weight[k] = count + 1
+
+    def _thin(self, cell: float) -> None:
+        """Drop the key state that is nearest to another."""
+        nearest = np.array(
+            [
+                np.partition(_distances(self.states, self.states.of(slice(k, k + 1)), cell), 1)[1]
+                for k in range(len(self.weight))
+            ]
+        )
+        kept = np.arange(len(nearest)) != nearest.argmin()
+        self.states, self.weight = self.states.of(kept), self.weight[kept]
+
+    def state(self) -> dict[str, Floats | Stamps]:
+        """As arrays."""
+        # What is fused into them later must not change what was handed out.
+        return {name: array.copy() for name, array in vars(self.states).items()} | {
+            "weight": self.weight.copy()
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Take up :meth:`state`."""
+        self.states = States(state["stamps"], state["R"], state["p"], state["information"])
+        self.weight = state["weight"]
+
+
+def _distances(states: States, one: States, cell: float) -> Floats:
+    """Distance of states from one state in cells, [n]."""
+    if not len(states):
+        return np.zeros(0)
+    # 3 - tr(R1 R2^T) = 2 (1 - cos): its root is the chord of the turn.
+    chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", states.R, one.R[0]), 0))
+    shift = np.linalg.norm(states.p - one.p[0], axis=1)
+    return np.asarray(np.maximum(chord / _CELL_TURN, shift / cell))

@@ -1,0 +1,227 @@
+"""Motions of two hypotheses in, the joint between them out: one pair over time."""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from comotion_schemas.hypotheses import JointKind
+
+from ..arrays import Floats, Stamps
+from ..config import JointsConfig
+from ..partition import BodyMotion
+from .evidence import KINDS, Verdict, judge
+from .memory import KeyStates
+from .models import FixedKind, Model, joint_position
+from .states import States, relative_states
+
+JOINTS: tuple[JointKind, ...] = KINDS
+# s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
+# median, and by so many times more than the states before.
+_RECENT = 1.0
+_BROKEN = 9.0
+_WORSE = 4.0
+_CONSTRAINTS = {"fixed": 6, "prismatic": 5, "revolute": 5}
+# Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
+# of its slope per s, in errors of a frame.
+_NOW, _SLOPE = 0.82, 4.4
+
+
+class Sigmas(NamedTuple):
+    """One-sigma of the axis (rad), a point of it (across the axis), the position now and its rate."""
+
+    axis: float
+    point: float
+    position: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class Known:
+    """A joint as it was judged last.
+
+    Attributes
+    ----------
+    kind, confidence
+        What it is, and its probability.
+    sigmas
+        Of its axis and position; None where it has none.
+    """
+
+    kind: JointKind = "undetermined"
+    confidence: float = 0.0
+    sigmas: Sigmas | None = None
+
+
+class Pair:
+    """What is known of two hypotheses.
+
+    Parameters
+    ----------
+    parent, child
+        Their ids.
+    point
+        float64 [3], the point of the child whose place is followed, in the child's axes.
+    config
+        Parameters.
+    """
+
+    def __init__(self, parent: int, child: int, point: Floats, config: JointsConfig) -> None:
+        self.parent, self.child, self.point = parent, child, point
+        self._config = config
+        self._keys = KeyStates(config.key_states)
+        self._absorbed_ns = np.iinfo(np.int64).min
+        self._first: States | None = None
+        self._together = False
+        self._candidate: JointKind = "undetermined"
+        self.models: dict[FixedKind, Model] = {}
+        self.known = Known()
+        self.judged_ns: int | None = None
+        self.range: tuple[float, float] = (0.0, 0.0)
+        self.typical_information: Floats = np.eye(6)
+
+    @property
+    def model(self) -> Model | None:
+        """The joint; None where there is none."""
+        kind = _joint_kind(self.known.kind)
+        return None if kind is None else self.models.get(kind)
+
+    def judge(self, parent: BodyMotion, child: BodyMotion) -> None:
+        """Decide anew what the pair is."""
+        stamp_ns = int(parent.stamps[-1])
+        window = relative_states(parent, child, self.point)
+        window = window.of(window.stamps > self._absorbed_ns)
+        states = States.joined([self._keys.states, window])
+        self.judged_ns = stamp_ns
+        if len(window) < 2:
+            return
+        self._together |= _has_moved(child, self._config) and _has_moved(parent, self._config)
+        self.typical_information = window.information[-1]
+        verdict = judge(states, self.models)
+        if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
+            self._begin_again(stamp_ns)
+            return
+        before = self.model
+        self.models = {kind: one.model for kind, one in verdict.fits.items()}
+        self._decide(verdict)
+        if self.model is not None and (before is None or before.kind != self.model.kind):
+            self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
+        self._see(verdict)
+        # What is about to leave the window is remembered.
+        leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
+        if len(leaving):
+            self._keys.absorb(leaving, child.radius or parent.radius)
+            self._absorbed_ns = int(leaving.stamps[-1])
+
+    def position(self, state: States) -> float:
+        """Position of one state on the joint, 0 where the pair was first seen; 0 where there is no joint."""
+        model = self.model
+        if model is None:
+            return 0.0
+        return joint_position(model, state) - self._zero(model)
+
+    def _zero(self, model: Model) -> float:
+        return 0.0 if self._first is None else joint_position(model, self._first)
+
+    def _decide(self, verdict: Verdict) -> None:
+        kind, chance = verdict.best, verdict.probability[verdict.best]
+        apart = verdict.turn >= self._config.least_turn or verdict.shift >= self._config.least_shift
+        told = self._together if kind == "fixed" else apart
+        own = verdict.probability.get(self.known.kind, 0.0)
+        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - self._config.least_confidence:
+            # What speaks against the joint is no better than doubt.
+            self.known = replace(self.known, confidence=own)
+        elif told and chance >= self._config.least_confidence:
+            # A free body may for a moment move as if it had a joint.
+            again = kind in (self._candidate, self.known.kind, "free")
+            self.known = Known(kind, chance, _sigmas(verdict, kind)) if again else Known()
+        else:
+            self.known = Known()
+        self._candidate = kind
+
+    def _see(self, verdict: Verdict) -> None:
+        """Widen the range of the joint."""
+        model = self.model
+        if model is None or model.kind == "fixed":
+            return
+        fit = verdict.fits[model.kind]
+        low, high = np.quantile(fit.q, [0.01, 0.99]) - self._zero(model)
+        self.range = (min(self.range[0], float(low)), max(self.range[1], float(high)))
+
+    def _broken(self, verdict: Verdict, keys: int, age_ns: Stamps) -> bool:
+        kind = _joint_kind(self.known.kind)
+        if kind is None:
+            return False
+        fit = verdict.fits[kind]
+        recent = np.append(np.zeros(keys, np.bool_), age_ns <= _RECENT * 1e9)
+        if recent.all() or not recent.any():
+            return False
+        per_freedom = fit.squared / _CONSTRAINTS[kind]
+        now, before = float(np.median(per_freedom[recent])), float(np.median(per_freedom[~recent]))
+        return now > max(_BROKEN, _WORSE * before)
+
+    def _begin_again(self, stamp_ns: int) -> None:
+        self._keys.clear()
+        self.models, self.known, self._first = {}, Known(), None
+        self._together = False
+        self._absorbed_ns = stamp_ns - int(_RECENT * 1e9)
+
+    def state(self) -> dict[str, Any]:
+        """As plain values and arrays."""
+        return {
+            "parent": self.parent,
+            "child": self.child,
+            "point": self.point,
+            "keys": self._keys.state(),
+            "absorbed_ns": int(self._absorbed_ns),
+            "first": None if self._first is None else dict(vars(self._first)),
+            "together": bool(self._together),
+            "models": [dict(vars(model)) for model in self.models.values()],
+            "known": [self.known.kind, self.known.confidence, self.known.sigmas],
+            "judged_ns": self.judged_ns,
+            "range": list(self.range),
+            "information": self.typical_information,
+        }
+
+    @classmethod
+    def load(cls, state: dict[str, Any], config: JointsConfig) -> "Pair":
+        """Build a pair from :meth:`state`."""
+        pair = cls(int(state["parent"]), int(state["child"]), state["point"], config)
+        pair._keys.load(state["keys"])
+        pair._absorbed_ns = int(state["absorbed_ns"])
+        pair._first = None if state["first"] is None else States(**state["first"])
+        pair._together = bool(state["together"])
+        pair.models = {one["kind"]: Model(**one) for one in state["models"]}
+        kind, confidence, sigma = state["known"]
+        pair.known = Known(kind, float(confidence), None if sigma is None else Sigmas(*sigma))
+        pair.judged_ns = state["judged_ns"]
+        pair.range = (float(state["range"][0]), float(state["range"][1]))
+        pair.typical_information = state["information"]
+        return pair
+
+
+def _joint_kind(kind: JointKind) -> FixedKind | None:
+    return next((one for one in KINDS if one == kind), None)
+
+
+def _sigmas(verdict: Verdict, kind: JointKind) -> Sigmas | None:
+    movable = _joint_kind(kind)
+    if movable is None or movable == "fixed":
+        return None
+    fit = verdict.fits[movable]
+    variance = np.diag(fit.covariance)
+    point = variance[6:8] if kind == "revolute" else variance[3:6]
+    frame = float(np.median(fit.q_sigma))
+    return Sigmas(
+        float(np.sqrt(variance[8:].mean())), float(np.sqrt(point.mean())), _NOW * frame, _SLOPE * frame
+    )
+
+
+def _has_moved(body: BodyMotion, config: JointsConfig) -> bool:
+    """Whether a body has moved in the space, within the window."""
+    if body.static or not body.posed.any():
+        return False
+    R, place = body.R[body.posed], body.R[body.posed] @ body.centre + body.t[body.posed]
+    chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", R, R[-1]), 0)).max()
+    shift = float(np.linalg.norm(place - place[-1], axis=1).max())
+    return bool(chord >= config.least_turn or shift >= config.least_shift)

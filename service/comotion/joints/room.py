@@ -1,0 +1,232 @@
+"""Spaces as of an update in, the joints between their hypotheses and the events of joints out.
+
+Every pair of confirmed hypotheses that may touch is judged in turn, a few at an update. What is published of
+a joint between two judgements follows from the poses and velocities of its hypotheses.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import Event, Hypothesis, Joint, Pose, Twist
+from comotion_schemas.hypotheses import EventKind, JointKind
+
+from ..arrays import Floats
+from ..config import FusionConfig, JointsConfig, to_ns
+from ..linking.linker import SpaceView
+from ..partition import BodyMotion
+from .pair import JOINTS, Pair
+from .states import States
+
+Key = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Pose since birth and velocities of a hypothesis: R [3, 3], t, linear, angular, centroid [3] each."""
+
+    R: Floats
+    t: Floats
+    linear: Floats
+    angular: Floats
+    centroid: Floats
+
+    @classmethod
+    def of(cls, one: Hypothesis) -> "Place | None":
+        """Of a hypothesis as it is published; None where it has no pose."""
+        if one.pose is None:
+            return None
+        R, t = _matrix(one.pose)
+        linear, angular = _velocities(one.twist)
+        return cls(R, t, linear, angular, _three(one.centroid))
+
+    def velocity(self, x: Floats) -> Floats:
+        """Velocity of the point of the body that is at x."""
+        return np.asarray(self.linear + np.cross(self.angular, x - self.centroid))
+
+
+class Joints:
+    """Joints of all spaces, and their memory.
+
+    Parameters
+    ----------
+    config
+        `joints` and `window` matter here.
+    """
+
+    def __init__(self, config: FusionConfig) -> None:
+        self._config: JointsConfig = config.joints
+        self._window_ns = to_ns(config.window)
+        self._pairs: dict[Key, Pair] = {}
+
+    def update(self, stamp_ns: int, views: Sequence[SpaceView]) -> tuple[list[Joint], list[Event]]:
+        """Judge some pairs, and describe all that may touch."""
+        found: list[Joint] = []
+        events: list[Event] = []
+        for view in views:
+            if view.spec.unit == "m" and view.motions is not None and self._config.pairs:
+                joints, changes = self._of_space(stamp_ns, view, view.motions)
+                found += joints
+                events += changes
+        return found, events
+
+    def keep(self, hypotheses: Iterable[int]) -> None:
+        """Forget the pairs of hypotheses that exist no more."""
+        known = set(hypotheses)
+        self._pairs = {key: pair for key, pair in self._pairs.items() if known.issuperset(key)}
+
+    def state(self) -> list[dict[str, Any]]:
+        """As plain values and arrays."""
+        return [pair.state() for pair in self._pairs.values()]
+
+    def load(self, state: list[dict[str, Any]]) -> None:
+        """Take up :meth:`state`."""
+        pairs = [Pair.load(one, self._config) for one in state]
+        self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
+
+    def _of_space(
+        self, stamp_ns: int, view: SpaceView, motions_of: Callable[[Collection[int]], dict[int, BodyMotion]]
+    ) -> tuple[list[Joint], list[Event]]:
+        listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
+        near = _touching(view, list(listed), self._config.reach)
+        due = self._due(near, stamp_ns)
+        motions = motions_of({one for key in due for one in key}) if due else {}
+        events: list[Event] = []
+        for key in due:
+            if motions.keys() >= set(key):
+                events += self._judge(key, motions, listed, stamp_ns)
+            elif key in self._pairs:
+                self._pairs[key].judged_ns = stamp_ns
+        shown = [self._pairs[key] for key in near if key in self._pairs]
+        places = {one: Place.of(h) for one, h in listed.items()}
+        return [_describe(pair, places, view) for pair in shown], events
+
+    def _due(self, near: list[Key], stamp_ns: int) -> list[Key]:
+        """The pairs that were judged longest ago, as many as there is time for."""
+
+        def waiting(key: Key) -> tuple[int, Key]:
+            last = self._pairs[key].judged_ns if key in self._pairs else None
+            return (-(2**62) if last is None else last - stamp_ns, key)
+
+        return sorted(near, key=waiting)[: self._config.pairs]
+
+    def _judge(
+        self, key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis], stamp_ns: int
+    ) -> list[Event]:
+        pair = self._pairs.get(key)
+        if pair is None:
+            parent, child = _roles(key, motions, listed)
+            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy(), self._config)
+        before = pair.known.kind
+        pair.judge(motions[pair.parent], motions[pair.child])
+        now = pair.known.kind
+        if before == now:
+            return []
+        changes: list[tuple[EventKind, JointKind]] = [("released", before), ("joined", now)]
+        return [
+            Event(stamp_ns=stamp_ns, kind=change, hypothesis=pair.parent, others=[pair.child])
+            for change, kind in changes
+            if kind in JOINTS
+        ]
+
+
+def _key(a: int, b: int) -> Key:
+    return (a, b) if a < b else (b, a)
+
+
+def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis]) -> Key:
+    """Parent and child: what rests carries what moves, else the larger one the smaller."""
+    a, b = key
+    if motions[a].static != motions[b].static:
+        return (a, b) if motions[a].static else (b, a)
+    return (a, b) if listed[a].size >= listed[b].size else (b, a)
+
+
+def _touching(view: SpaceView, ids: list[int], reach: float) -> list[Key]:
+    """Pairs whose extents are near each other."""
+    window = view.window
+    boxes = {}
+    for one in ids:
+        slots = view.current[view.labels == one]
+        if len(slots):
+            points = window.positions[slots, window.stop[slots] - 1]
+            boxes[one] = points.min(0), points.max(0)
+    if len(boxes) < 2:
+        return []
+    names = sorted(boxes)
+    low, high = (np.array([boxes[one][k] for one in names]).reshape(len(names), -1) for k in range(2))
+    size = np.linalg.norm(high - low, axis=1)
+    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).clip(0)
+    margin = reach * np.minimum(size[:, None], size[None])
+    near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
+    return [(names[i], names[j]) for i, j in near.tolist()]
+
+
+def _describe(pair: Pair, places: dict[int, Place | None], view: SpaceView) -> Joint:
+    """A joint as it is published."""
+    confidence = min(max(pair.known.confidence, 0.0), 1.0)
+    joint = Joint(
+        parent=pair.parent,
+        child=pair.child,
+        space=view.spec.name,
+        kind=pair.known.kind,
+        confidence=confidence,
+    )
+    parent, child = places[pair.parent], places[pair.child]
+    model, sigmas = pair.model, pair.known.sigmas
+    if model is None or sigmas is None or parent is None or child is None:
+        return joint
+    state = _state_now(pair, parent, child)
+    axis = parent.R @ model.u
+    revolute = model.kind == "revolute"
+    # The point of the axis that is nearest to the child.
+    near = model.c + model.u * (model.u @ (state.p[0] - model.c)) if revolute else state.p[0]
+    point = parent.R @ near + parent.t
+    if revolute:
+        rate = float(axis @ (child.angular - parent.angular))
+    else:
+        rate = float(axis @ (child.velocity(point) - parent.velocity(point)))
+    position, (low, high) = pair.position(state), pair.range
+    if view.spec.dim == 2 and revolute and axis[2] < 0:
+        position, rate, low, high = -position, -rate, -high, -low
+    return replace(
+        joint,
+        axis=None if view.spec.dim == 2 and revolute else axis[: view.spec.dim].tolist(),
+        point=point[: view.spec.dim].tolist(),
+        position=position,
+        rate=rate,
+        lower=min(low, position),
+        upper=max(high, position),
+        sigma_axis=sigmas.axis,
+        sigma_point=sigmas.point,
+        sigma_position=sigmas.position,
+        sigma_rate=sigmas.rate,
+    )
+
+
+def _state_now(pair: Pair, parent: Place, child: Place) -> States:
+    """The state of a pair by its published poses; turn and place weigh like those of a frame."""
+    R = parent.R.T @ child.R
+    p = parent.R.T @ (child.R @ pair.point + child.t - parent.t)
+    return States(np.zeros(1, np.int64), R[None], p[None], pair.typical_information[None])
+
+
+def _matrix(pose: Pose) -> tuple[Floats, Floats]:
+    if isinstance(pose.rotation, list):
+        return np.asarray(Rotation.from_quat(pose.rotation).as_matrix()), np.array(pose.translation)
+    return np.asarray(Rotation.from_rotvec([0, 0, pose.rotation]).as_matrix()), _three(pose.translation)
+
+
+def _velocities(twist: Twist | None) -> tuple[Floats, Floats]:
+    if twist is None:
+        return np.zeros(3), np.zeros(3)
+    if isinstance(twist.angular, list):
+        return np.array(twist.linear), np.array(twist.angular)
+    return _three(twist.linear), np.array([0.0, 0.0, twist.angular])
+
+
+def _three(values: Sequence[float]) -> Floats:
+    return np.array([*values, 0.0][:3])

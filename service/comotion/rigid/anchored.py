@@ -1,0 +1,94 @@
+"""In the result of a search, out the motion of hypotheses in axes that stay the same between updates.
+
+The axes of a body are new at every update. Those of a hypothesis are the axes of the space at its birth, to
+which its pose reference leads.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..arrays import Floats, Stamps
+from ..partition import BodyMotion, PoseReference
+from .assignment import SearchResult
+from .motions import row_names
+from .procrustes import Body, align
+from .resampling import Frames
+from .tracks import Tracks
+
+# rad^-2, information of the prior: a turn that no point fixes is uncertain by a radian.
+_FREE_TURN = 1.0
+# A pose is placed by so many points that the reference knows, or not at all.
+_LEAST_SHARED = 3
+
+
+def anchored_motions(
+    tracks: Tracks, frames: Frames, found: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
+) -> dict[int, BodyMotion]:
+    """Motion of some hypotheses; one whose axes cannot be told is left out.
+
+    Parameters
+    ----------
+    references
+        By hypothesis: the index of its body, and its pose reference, brought up to date.
+    """
+    names = row_names(tracks, frames)
+    motions = {}
+    for one, (k, reference) in references.items():
+        body = found.bodies[k]
+        motion = _at_rest(frames, reference) if body.static else _moving(frames, body, names, reference)
+        if motion is not None:
+            motions[one] = motion
+    return motions
+
+
+def _at_rest(frames: Frames, reference: PoseReference) -> BodyMotion:
+    count = len(frames.stamps)
+    return BodyMotion(
+        stamps=frames.stamps,
+        R=np.tile(reference.R, (count, 1, 1)),
+        t=np.tile(reference.t, (count, 1)),
+        posed=np.ones(count, np.bool_),
+        turn_covariance=np.zeros((count, 3, 3)),
+        place_variance=np.zeros(count),
+        centre=np.zeros(3),
+        radius=0.0,
+        static=True,
+    )
+
+
+def _moving(frames: Frames, body: Body, names: Stamps, reference: PoseReference) -> BodyMotion | None:
+    shared, mine, theirs = np.intersect1d(names[body.rows], reference.rows, return_indices=True)
+    if len(shared) < min(frames.dim, _LEAST_SHARED, len(body.rows)):
+        return None
+    # From the axes of the body to those of the hypothesis.
+    R, t = align(body.template[mine], reference.points[theirs], frames.dim)
+    turn, place = _covariances(frames, body)
+    turned = body.R @ R.T
+    points = body.template @ R.T + t
+    centre = points.mean(0)
+    return BodyMotion(
+        stamps=frames.stamps,
+        R=turned,
+        t=body.t - turned @ t,
+        posed=body.posed,
+        turn_covariance=R @ turn @ R.T,
+        place_variance=place,
+        centre=centre,
+        radius=float(np.sqrt(((points - centre) ** 2).sum(1).mean())),
+        static=False,
+    )
+
+
+def _covariances(frames: Frames, body: Body) -> tuple[Floats, Floats]:
+    """Covariance of a turn in the axes of the body, [F, 3, 3], and variance of the centroid, [F].
+
+    With dx = dt + dθ × r, r about the centroid, the information is Σ w/v for dt and
+    Σ (w/v) (|r|² I - r rᵀ) for dθ. In 2-D nothing turns but about z.
+    """
+    rows = body.rows
+    weight = frames.w[rows] / frames.tolerance[rows, None] * frames.independent[rows, None]
+    r = body.template - body.template.mean(0)
+    moment = (r**2).sum(1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
+    information = (weight.T @ moment.reshape(len(rows), 9)).reshape(-1, 3, 3) + _FREE_TURN * np.eye(3)
+    return np.linalg.inv(information), 1 / np.maximum(weight.sum(0), 1e-12)

@@ -1,0 +1,246 @@
+"""Joints: fits of the models, the choice of a kind, memory, and joints in updates."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion, FusionConfig
+from comotion.config import JointsConfig
+from comotion.joints.evidence import judge
+from comotion.joints.memory import KeyStates
+from comotion.joints.pair import Pair
+from comotion.joints.states import relative_states
+from comotion.partition import BodyMotion
+from comotion_schemas import ObservationBatch, decode, encode
+
+TURN_NOISE, SHIFT_NOISE = np.radians(0.64), 0.0015
+SECOND_NS = 1_000_000_000
+FRAME_NS = SECOND_NS // 15
+
+
+def motion(R, t, *, static=False, start=0):
+    count = len(R)
+    return BodyMotion(
+        stamps=(start + np.arange(count)) * FRAME_NS,
+        R=R,
+        t=t,
+        posed=np.ones(count, bool),
+        turn_covariance=np.zeros((count, 3, 3))
+        if static
+        else np.tile(np.eye(3) * TURN_NOISE**2, (count, 1, 1)),
+        place_variance=np.full(count, 0.0 if static else SHIFT_NOISE**2),
+        centre=np.zeros(3),
+        radius=0.0 if static else 0.1,
+        static=static,
+    )
+
+
+def world(count, start=0):
+    return motion(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), static=True, start=start)
+
+
+AXIS = np.array([0.0, 0.6, 0.8])
+HINGE = np.array([0.4, 0.1, 0.2])
+
+
+def child(kind, q, seed=0, start=0):
+    """A body that moves by positions q on a hinge or a slide, with the noise of a pose."""
+    rng, q = np.random.default_rng(seed), np.asarray(q)
+    R0, p0 = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), np.array([0.6, 0.3, 0.1])
+    E = Rotation.from_rotvec(q[:, None] * AXIS * (kind == "revolute")).as_matrix()
+    p = HINGE + E @ (p0 - HINGE) + q[:, None] * AXIS * (kind == "prismatic")
+    R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (len(q), 3))).as_matrix() @ E @ R0
+    return motion(R, p + rng.normal(0, SHIFT_NOISE, p.shape), start=start)
+
+
+def pair(**changes):
+    return Pair(1, 2, np.zeros(3), JointsConfig(**changes))
+
+
+def judged(body, *, times=2):
+    found = pair()
+    for _ in range(times):
+        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
+    return found
+
+
+def residuals(x, kind, states):
+    """Whitened residuals of R0 (3), p0 (3), axis (3), point (3) and the positions."""
+    u = x[6:9] / np.linalg.norm(x[6:9])
+    q = x[12:]
+    E = Rotation.from_rotvec(q[:, None] * u * (kind == "revolute")).as_matrix()
+    p = x[9:12] + E @ (x[3:6] - x[9:12]) + q[:, None] * u * (kind == "prismatic")
+    R = E @ Rotation.from_rotvec(x[:3]).as_matrix()
+    turns = Rotation.from_matrix(states.R @ R.transpose(0, 2, 1)).as_rotvec()
+    W = np.linalg.cholesky(states.information).transpose(0, 2, 1)
+    return (W @ np.hstack([turns, states.p - p])[..., None]).ravel()
+
+
+@pytest.mark.parametrize(("kind", "reach"), [("revolute", 0.8), ("prismatic", 0.15)])
+def test_a_fit_is_the_one_of_scipy(kind, reach):
+    body = child(kind, np.linspace(0, reach, 10))
+    states = relative_states(world(10), body, np.zeros(3))
+    fit = judge(states, {}).fits[kind]
+    model = fit.model
+    start = np.concatenate([Rotation.from_matrix(model.R0).as_rotvec(), model.p0, model.u, model.c, fit.q])
+    start += np.random.default_rng(1).normal(0, 0.01, len(start))
+    # As in the fit, what is far off counts less.
+    slow = least_squares(residuals, start, args=(kind, states), method="trf", x_scale="jac")
+    u = slow.x[6:9] / np.linalg.norm(slow.x[6:9])
+    assert np.degrees(np.arccos(abs(u @ model.u))) < 0.1
+    assert fit.squared.sum() < 2 * slow.cost * 1.02
+
+
+@pytest.mark.parametrize(
+    ("kind", "reach"),
+    [("revolute", np.radians(20)), ("revolute", 1.5), ("prismatic", 0.05), ("prismatic", 0.3)],
+)
+def test_the_kind_is_known_once_it_has_moved(kind, reach):
+    right = 0
+    for seed in range(5):
+        found = judged(child(kind, np.linspace(0, reach, 60), seed))
+        right += found.known.kind == kind
+        assert np.degrees(np.arccos(abs(found.models[kind].u @ AXIS))) < 3
+    assert right == 5
+
+
+@pytest.mark.parametrize(("kind", "reach"), [("revolute", np.radians(4)), ("prismatic", 0.008)])
+def test_what_has_hardly_moved_is_undetermined(kind, reach):
+    for seed in range(5):
+        assert judged(child(kind, np.linspace(0, reach, 60), seed)).known.kind == "undetermined"
+
+
+def test_a_body_that_drifts_off_is_free():
+    t = np.linspace(0, 4, 60)
+    R = Rotation.from_rotvec(np.column_stack([np.sin(t), 0.3 * t, np.cos(2 * t)])).as_matrix()
+    body = motion(R, np.column_stack([0.2 * t, 0.1 * np.sin(2 * t), 0.05 * t**2]))
+    assert judged(body).known.kind == "free"
+
+
+def test_bodies_that_move_as_one_are_fixed():
+    t = np.linspace(0, 3, 45)
+    R = Rotation.from_rotvec(np.column_stack([0.3 * t, 0 * t, 0 * t])).as_matrix()
+    carrier = motion(R, np.column_stack([0.1 * t, 0 * t, 0 * t]))
+    rng = np.random.default_rng(0)
+    held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
+    held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
+    found = pair()
+    for _ in range(2):
+        found.judge(carrier, held)
+    assert found.known.kind == "fixed"
+
+
+def test_a_joint_is_remembered_when_its_motion_has_left_the_window():
+    found = pair(key_states=10)
+    for first in range(0, 400, 15):
+        q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
+        found.judge(world(150, first), child("revolute", q, seed=first, start=first))
+    assert found.known.kind == "revolute"
+    assert len(found._keys.weight) <= 10
+    # For the last 150 frames it has rested.
+    low, high = found.range
+    assert high - low == pytest.approx(1.2, abs=0.1)
+
+
+def test_a_joint_that_breaks_is_released():
+    q = np.linspace(0, 1.2, 150)
+    found = judged(child("revolute", q))
+    assert found.known.kind == "revolute"
+    body = child("revolute", np.concatenate([q[30:], np.full(30, 1.2)]), start=30)
+    body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
+    found.judge(world(150, 30), body)
+    assert found.known.kind in {"undetermined", "free"}
+
+
+def test_key_states_are_bounded_and_those_alike_are_averaged():
+    keys = KeyStates(5)
+    for seed in range(3):
+        keys.absorb(
+            relative_states(world(40), child("revolute", np.linspace(0, 2, 40), seed), np.zeros(3)), 0.1
+        )
+    assert len(keys.weight) == 5
+    same = KeyStates(5)
+    states = relative_states(world(10), child("revolute", np.zeros(10)), np.zeros(3))
+    same.absorb(states, 1.0)
+    assert same.weight.tolist() == [10]
+    assert same.states.information[0] == pytest.approx(states.information.sum(0))
+
+
+def test_states_err_as_their_information_says():
+    rng = np.random.default_rng(0)
+    Rp, tp = Rotation.from_rotvec([0.4, 0.1, -0.3]).as_matrix(), np.array([0.5, -0.2, 0.1])
+    Rc, tc = Rotation.from_rotvec([-0.2, 0.6, 0.2]).as_matrix(), np.array([0.9, 0.3, 0.4])
+    count = 4000
+    turns = rng.normal(0, 0.01, (2, count, 3))
+    parent = motion(Rotation.from_rotvec(turns[0]).as_matrix() @ Rp, tp + rng.normal(0, 0.002, (count, 3)))
+    body = motion(Rotation.from_rotvec(turns[1]).as_matrix() @ Rc, tc + rng.normal(0, 0.002, (count, 3)))
+    for one in (parent, body):
+        one.turn_covariance[:] = np.eye(3) * 0.01**2
+        one.place_variance[:] = 0.002**2
+    found = relative_states(parent, body, np.array([0.05, 0.0, 0.1]))
+    R = Rp.T @ Rc
+    p = Rp.T @ (Rc @ [0.05, 0.0, 0.1] + tc - tp)
+    errors = np.hstack([Rotation.from_matrix(found.R @ R.T).as_rotvec(), found.p - p])
+    squared = np.einsum("ni,nij,nj->n", errors, found.information, errors).mean()
+    # Lasting errors are part of the information, but not of these states.
+    assert 2.0 < squared < 6.2
+
+
+def door_batches(seconds):
+    rng = np.random.default_rng(3)
+    wall = rng.uniform([-1, -0.2, 0], [1, 0.2, 1], (25, 3))
+    door = rng.uniform([0, 0, 0], [0.4, 0.02, 0.6], (14, 3))
+    for k in range(round(seconds * 15)):
+        angle = 1.2 * np.clip(k / 15 - 1, 0, 3) / 3
+        turned = door @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
+        yield ObservationBatch(
+            source="cam",
+            session="0" * 16,
+            seq=k,
+            space="world",
+            unit="m",
+            dim=3,
+            stamp_ns=k * FRAME_NS,
+            ids=np.arange(39),
+            positions=np.vstack([wall, turned]) + rng.normal(0, 0.002, (39, 3)),
+        )
+
+
+@pytest.fixture(scope="module")
+def door():
+    """Updates of a door that opens by 69 degrees in 3 s, and the fusion after them."""
+    fusion, updates = Fusion(FusionConfig(window=5.0)), []
+    for batch in door_batches(5):
+        fusion.ingest(batch)
+        if batch.seq % 3 == 2:
+            updates.append(fusion.update(batch.stamp_ns))
+    return fusion, updates
+
+
+def test_updates_say_that_a_door_turns_about_its_hinge(door):
+    _, updates = door
+    (joint,) = decode(encode(updates[-1])).joints
+    assert joint.kind == "revolute"
+    assert abs(joint.axis[2]) > 0.999
+    assert np.linalg.norm(joint.point[:2]) < 0.01
+    assert joint.upper - joint.lower == pytest.approx(1.2, abs=0.1)
+    opening = next(u.joints[0] for u in updates if u.joints and u.joints[0].kind == "revolute")
+    assert opening.rate * opening.axis[2] == pytest.approx(0.4, abs=0.1)
+    events = {(e.kind, e.hypothesis, *e.others) for u in updates for e in u.events}
+    assert ("joined", joint.parent, joint.child) in events
+
+
+def test_a_restart_keeps_the_joint(door):
+    fusion, updates = door
+    again = Fusion.restore(fusion.config, fusion.snapshot(clean=True))
+    (joint,) = again.update(updates[-1].published_ns).joints
+    assert joint.kind == "revolute"
+    assert joint.position == pytest.approx(updates[-1].joints[0].position, abs=0.05)
+
+
+def test_no_pairs_no_joints():
+    fusion = Fusion(FusionConfig(joints=JointsConfig(pairs=0)))
+    for batch in door_batches(1):
+        fusion.ingest(batch)
+    assert fusion.update(batch.stamp_ns).joints == []
