@@ -102,7 +102,7 @@ class Joints:
                 self._pairs[key].judged_ns = stamp_ns
         shown = [self._pairs[key] for key in near if key in self._pairs]
         places = {one: Place.of(h) for one, h in listed.items()}
-        return [_describe(pair, places, view) for pair in shown], events
+        return [_describe(pair, places, view) for pair in shown], _merged(events)
 
     def _due(self, near: list[Key], stamp_ns: int) -> list[Key]:
         """The pairs that were judged longest ago, as many as there is time for."""
@@ -131,6 +131,16 @@ class Joints:
             for change, kind in changes
             if kind in JOINTS
         ]
+
+
+def _merged(events: list[Event]) -> list[Event]:
+    """One event for each parent and kind: that is how clients tell events apart."""
+    found: dict[tuple[str, int], Event] = {}
+    for event in events:
+        name = event.kind, event.hypothesis
+        known = found.get(name)
+        found[name] = event if known is None else replace(known, others=known.others + event.others)
+    return list(found.values())
 
 
 def _key(a: int, b: int) -> Key:
