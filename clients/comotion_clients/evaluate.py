@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, ObservationBatch, TruthBatch
-from comotion_schemas.component import Component, new_session_id
+from comotion_schemas.component import Component, viewer_name
 from comotion_schemas.transport import SessionSettings
 
 from .metrics import Score, Truth
@@ -116,7 +116,7 @@ def evaluate(
     options = options or EvaluateOptions()
     presence = Component(
         role="viewer",
-        name=f"evaluate-{new_session_id()[:8]}",
+        name=viewer_name("evaluate", settings),
         scene=scene,
         settings=settings,
         ready_file=options.ready_file,

@@ -13,11 +13,13 @@ import asyncio
 import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeAlias, overload
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
-from comotion_schemas.transport import DEFAULT_ENDPOINT, SessionSettings, TlsFiles, connect
+from comotion_schemas.tls import TlsFiles
+from comotion_schemas.transport import client_settings, connect
 
 from .inbox import Closed
 from .subscription import Counters, M, Subscription
@@ -34,13 +36,12 @@ class Subscribing(Generic[M]):
         self,
         message: type[M],
         scene: str,
-        connect: Endpoints,
+        connect: Endpoints | None,
         timeout: float | None,
         capacity: int | None,
-        tls: TlsFiles | None,
+        tls: TlsFiles | Path | str | None,
     ) -> None:
-        endpoints = (connect,) if isinstance(connect, str) else tuple(connect)
-        self._settings = SessionSettings(connect=endpoints, tls=tls)
+        self._settings = client_settings((connect,) if isinstance(connect, str) else connect, tls)
         self._scene = Keys(scene).scene
         self._message: type[M] = message
         self._timeout = timeout
@@ -79,34 +80,34 @@ class Subscribing(Generic[M]):
 @overload
 def subscribe(
     scene: str = ...,
-    connect: Endpoints = ...,
+    connect: Endpoints | None = ...,
     *,
     timeout: float | None = ...,
     capacity: int | None = ...,
-    tls: TlsFiles | None = ...,
+    tls: TlsFiles | Path | str | None = ...,
 ) -> Subscribing[HypothesisUpdate]: ...
 
 
 @overload
 def subscribe(
     scene: str = ...,
-    connect: Endpoints = ...,
+    connect: Endpoints | None = ...,
     *,
     message: type[M],
     timeout: float | None = ...,
     capacity: int | None = ...,
-    tls: TlsFiles | None = ...,
+    tls: TlsFiles | Path | str | None = ...,
 ) -> Subscribing[M]: ...
 
 
 def subscribe(
     scene: str = DEFAULT_SCENE,
-    connect: Endpoints = DEFAULT_ENDPOINT,
+    connect: Endpoints | None = None,
     *,
     message: type[Any] = HypothesisUpdate,
     timeout: float | None = None,
     capacity: int | None = None,
-    tls: TlsFiles | None = None,
+    tls: TlsFiles | Path | str | None = None,
 ) -> Subscribing[Any]:
     """Subscribe to the hypotheses of a scene, or to another of its messages.
 
@@ -115,7 +116,7 @@ def subscribe(
     scene
         Name of the scene.
     connect
-        Endpoint of the router, or several.
+        Endpoint of the router, or several; None: the router of this machine.
     message
         Message type. HypothesisUpdate: the last update comes at once, and none comes twice or out of
         order. TruthBatch and Status: cached messages come first. ObservationBatch: only new ones.
@@ -124,13 +125,14 @@ def subscribe(
     capacity
         Messages kept for a slow reader; 1: only the newest. None: 64 updates, or more of other types.
     tls
-        Certificates of a mutual TLS link.
+        Certificates of a mutual TLS link, or the folder that ``comotion pki issue`` has written. None: the
+        folder named by ``COMOTION_TLS`` in the environment, if there is one.
 
     Raises
     ------
     TimeoutError
         On entry if no router answers; from the iterator if no message arrives.
     ValueError
-        If the scene name or an endpoint is not valid.
+        If the scene name or an endpoint is not valid, or the folder of the certificate is not.
     """
     return Subscribing(message, scene, connect, timeout, capacity, tls)

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
-from comotion_schemas.component import Component, new_session_id
-from comotion_schemas.transport import SessionSettings, connect
+from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .presence import Presence
 from .scene_model import SceneModel
@@ -98,11 +98,11 @@ def watch(
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    settings, options = settings or SessionSettings(), options or WatchOptions()
+    settings, options = settings or client_settings(), options or WatchOptions()
     if options.once:
         _once(scene, settings, options)
         return
-    name = f"watch-{new_session_id()[:8]}"
+    name = viewer_name("watch", settings)
     presence = Component(
         role="viewer", name=name, scene=scene, settings=settings, ready_file=options.ready_file
     )

@@ -14,6 +14,7 @@ from .commands import (
     demo,
     evaluate,
     fleet,
+    pki,
     record,
     reproduce,
     router,
@@ -56,6 +57,7 @@ app.command("serve", epilog=serve.EPILOG)(serve.serve)
 app.add_typer(source.app, name="source")
 app.add_typer(fleet.app, name="fleet")
 app.command("router", epilog=router.EPILOG)(router.router)
+app.add_typer(pki.app, name="pki")
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("view", epilog=view.EPILOG)(view.view)
 app.command("record", epilog=record.EPILOG)(record.record)

@@ -11,16 +11,16 @@ import sys
 import tomllib
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from .errors import UserError, missing_extra, one_line
+from .network import OPEN_METRICS, require_closed, session_settings
 
-if TYPE_CHECKING:
-    from comotion_schemas.transport import SessionSettings
+__all__ = ["session_settings"]
 
-COMMON = frozenset({"scene", "connect", "listen", "log_level", "json"})
+COMMON = frozenset({"scene", "connect", "listen", "tls", "insecure", "log_level", "json"})
 FREE_TABLES = frozenset({"fusion", "process", "zenoh"})
 _FILE = "comotion.config-file"
 
@@ -55,6 +55,7 @@ def _expose_metrics(ctx: typer.Context, address: str | None) -> str | None:
     from comotion_schemas import metrics
 
     host, port = metrics.parse_address(address)
+    require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=bool(ctx.params.get("insecure")))
     try:
         port = metrics.expose(host, port)
     except ImportError as error:
@@ -83,6 +84,25 @@ Listen = Annotated[
         envvar="COMOTION_LISTEN",
         metavar="ENDPOINT",
         help="Also act as a router, at this endpoint; may be repeated.",
+    ),
+]
+Tls = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls",
+        envvar="COMOTION_TLS",
+        metavar="DIR/NAME",
+        is_eager=True,
+        help="Connect with the certificate in this folder, made by 'comotion pki issue'.",
+    ),
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        envvar="COMOTION_INSECURE",
+        is_eager=True,
+        help="Allow to listen where other machines can connect, without certificates.",
     ),
 ]
 ConfigFile = Annotated[
@@ -138,6 +158,20 @@ Assignments = Annotated[
         help="Set a fusion parameter; may be repeated. 'null' is None; see 'comotion config'.",
     ),
 ]
+
+
+def name_of_certificate(ctx: typer.Context, name: str | None) -> str | None:
+    """Callback of ``--name``: without one, the name in the certificate."""
+    source, tls = ctx.get_parameter_source("name"), ctx.params.get("tls")
+    if tls is None or ctx.resilient_parsing or (source is not None and source.name != "DEFAULT"):
+        return name
+    from comotion_schemas.tls import load_tls
+
+    try:
+        identity = load_tls(tls).identity
+    except ValueError:  # said when the session is opened
+        return name
+    return name if identity is None else identity.name
 
 
 def load_toml(path: Path) -> dict[str, Any]:
@@ -239,15 +273,3 @@ def reject_flags(ctx: typer.Context, names: tuple[str, ...], why: str) -> None:
         if source is not None and source.name == "COMMANDLINE":
             flag = {"assignments": "--set"}.get(name, f"--{name.replace('_', '-')}")
             raise UserError(f"{flag} {why}")
-
-
-def session_settings(connect: list[str] | None, listen: list[str] | None = None) -> "SessionSettings":
-    """Build the session settings of the common options.
-
-    A process that listens is a router, and connects to other routers only if `connect` is given.
-    """
-    from comotion_schemas.transport import SessionSettings
-
-    if listen:
-        return SessionSettings(mode="router", connect=tuple(connect or ()), listen=tuple(listen))
-    return SessionSettings(connect=tuple(connect)) if connect else SessionSettings()

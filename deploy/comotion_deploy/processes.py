@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
+from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.types import is_name
 
 from .errors import UserError
 
 Restart = Literal["always", "on-failure", "never"]
 PYTHON = (sys.executable, "-m")
-_KEYS = frozenset({"run", "command", "restart", "foreground", "env"})
+_KEYS = frozenset({"run", "command", "restart", "foreground", "env", "tls"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +85,7 @@ def _read(name: str, table: Any) -> ProcessSpec:
     options: dict[str, Any] = {
         "restart": _choice(where, table.get("restart", "on-failure")),
         "foreground": _flag(where, table.get("foreground", False)),
-        "env": _env(where, table.get("env", {})),
+        "env": _certificate(where, table) | _env(where, table.get("env", {})),
     }
     if ("run" in table) == ("command" in table):
         raise UserError(f"{where} needs either run (a comotion command) or command (any program)")
@@ -117,6 +118,15 @@ def _flag(where: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise UserError(f"{where}: foreground is true or false")
     return value
+
+
+def _certificate(where: str, table: Mapping[str, Any]) -> dict[str, str]:
+    folder = table.get("tls")
+    if folder is None:
+        return {}
+    if not isinstance(folder, str):
+        raise UserError(f"{where}: tls is the folder of a component, as comotion pki issue makes it")
+    return {ENVIRONMENT: folder}
 
 
 def _env(where: str, value: Any) -> dict[str, str]:

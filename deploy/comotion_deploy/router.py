@@ -1,6 +1,12 @@
 """The router process: Zenoh in router mode."""
 
+import logging
+import signal
 import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +15,21 @@ import zenoh
 from comotion_schemas.component import announce_ready, stop_on_signals
 from comotion_schemas.transport import SessionSettings, open_session
 
-from .errors import UserError
+from .errors import UserError, one_line
 
 ZENOH_TABLES = frozenset({"access_control", "low_pass_filter", "downsampling", "qos"})
 """Tables of the Zenoh configuration that ``[zenoh]`` may set; the session settings fix the others."""
+_POLL_S = 0.2
+_REOPEN_S = 5.0
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RouterSetup:
+    """How a router connects, and the tables of Zenoh's configuration beside that."""
+
+    settings: SessionSettings
+    overrides: dict[str, Any]
 
 
 def zenoh_overrides(table: dict[str, Any], max_message_bytes: int | None) -> dict[str, Any]:
@@ -40,8 +57,10 @@ def zenoh_overrides(table: dict[str, Any], max_message_bytes: int | None) -> dic
     return table | {"low_pass_filter": [rule]}
 
 
-def run_router(settings: SessionSettings, overrides: dict[str, Any], ready_file: Path | None) -> None:
-    """Route messages until SIGINT or SIGTERM.
+def run_router(set_up: Callable[[], RouterSetup], ready_file: Path | None) -> None:
+    """Route messages until SIGINT or SIGTERM; SIGHUP restarts the router with what `set_up` then returns.
+
+    If `set_up` fails at a restart, the router goes on as it is.
 
     Raises
     ------
@@ -49,11 +68,50 @@ def run_router(settings: SessionSettings, overrides: dict[str, Any], ready_file:
         If the router cannot listen, or Zenoh rejects the settings.
     """
     stop = threading.Event()
-    with stop_on_signals(stop):
+    setup = set_up()
+    with stop_on_signals(stop), _hang_up() as asked, ExitStack() as opened:
+        opened.enter_context(_open(setup))
+        with announce_ready(ready_file):
+            while not stop.wait(_POLL_S):
+                if asked():
+                    _restart(opened, set_up)
+
+
+@contextmanager
+def _hang_up() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether SIGHUP has arrived since it was last called."""
+    arrived: list[int] = []
+    previous = signal.signal(signal.SIGHUP, lambda number, _frame: arrived.append(number))
+    try:
+        yield lambda: bool(arrived and arrived.pop())
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+def _restart(opened: ExitStack, set_up: Callable[[], RouterSetup]) -> None:
+    """Replace the open session; nothing happens if the new settings are not valid."""
+    try:
+        setup = set_up()
+    except (UserError, ValueError, OSError) as error:
+        _log.error("not restarted: %s", one_line(error))
+        return
+    opened.close()
+    until = time.monotonic() + _REOPEN_S
+    while True:
         try:
-            session = open_session(settings, overrides)
-        except zenoh.ZError as error:
-            reason = str(error).split(" at /")[0]
-            raise UserError(f"cannot listen at {', '.join(settings.listen)}: {reason}") from None
-        with session, announce_ready(ready_file):
-            stop.wait()
+            opened.enter_context(_open(setup))
+        except UserError:  # the system may still hold the port
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+        else:
+            _log.info("restarted")
+            return
+
+
+def _open(setup: RouterSetup) -> zenoh.Session:
+    try:
+        return open_session(setup.settings, setup.overrides)
+    except zenoh.ZError as error:
+        reason = str(error).split(" at /")[0]
+        raise UserError(f"cannot listen at {', '.join(setup.settings.listen)}: {reason}") from None

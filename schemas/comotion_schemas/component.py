@@ -31,7 +31,7 @@ from . import metrics
 from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
 from .messages import RejectionReason, Role, Status, StatusState
-from .transport import Publisher, SessionSettings, connect, declare_publisher
+from .transport import Publisher, SessionSettings, client_settings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
 _SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
@@ -50,6 +50,14 @@ def _version() -> str:
 def new_session_id() -> str:
     """Draw a random session id of 16 hexadecimal digits."""
     return secrets.token_hex(8)
+
+
+def viewer_name(program: str, settings: SessionSettings | None) -> str:
+    """Name of a viewer: that of its certificate, or without one, of the program with random digits."""
+    tls = (settings or client_settings()).tls
+    if tls is not None and tls.identity is not None:
+        return tls.identity.name
+    return f"{program}-{new_session_id()[:8]}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +161,7 @@ class Component:
     Raises
     ------
     ValueError
-        If the name of the scene or component is not valid.
+        If the name of the scene or component is not valid, or the certificate is for another component.
     SystemExit
         On entry, with status 0, if a signal arrives before a router is available.
     """
@@ -179,7 +187,10 @@ class Component:
         self.last_status: Status | None = None
         self._live_key = self.keys.live(role, name)
         self._has_token = has_token
-        self._settings = settings or SessionSettings()
+        self._settings = settings or client_settings()
+        identity = None if self._settings.tls is None else self._settings.tls.identity
+        if identity is not None:
+            identity.check(role, name, scene)
         self._status = status
         self._ready_file = ready_file
         self._overrides = overrides or {}

@@ -8,6 +8,8 @@ from .types import is_name
 
 ROOT = "comotion/@v1"
 DEFAULT_SCENE = "default"
+TOKEN_NAME_CHARACTERS = 30
+"""So much of the name of a service that stands alone is in its token, before claim and session."""
 
 StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
 QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget"]

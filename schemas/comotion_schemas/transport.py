@@ -5,6 +5,7 @@ Only this module and :mod:`~comotion_schemas.component` import zenoh.
 
 import json
 import logging
+import socket
 import threading
 import time
 from collections.abc import Sequence
@@ -17,8 +18,10 @@ import zenoh.ext
 
 from .keys import Keys, StreamKind
 from .qos import HEARTBEAT_S, QOS, Kind, QoS
+from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_TLS_ENDPOINT = "tls/localhost:7447"
 TRANSPORT_LIMIT = 32 * 1024 * 1024
 """Above the limit of the codec, so that the receiver rejects an oversized message with a reason."""
 LEASE_MS = 2000
@@ -31,25 +34,47 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TlsFiles:
-    """PEM files for mutual TLS."""
-
-    root_ca: Path
-    certificate: Path
-    key: Path
-
-
-@dataclass(frozen=True, kw_only=True)
 class SessionSettings:
     """Endpoints that a process connects to or listens on.
 
     Clients connect to a router; only a router listens.
+
+    Raises
+    ------
+    ValueError
+        If there is a certificate and an endpoint without encryption, or the other way round.
     """
 
     mode: Literal["client", "router"] = "client"
     connect: Sequence[str] = (DEFAULT_ENDPOINT,)
     listen: Sequence[str] = ()
     tls: TlsFiles | None = None
+
+    def __post_init__(self) -> None:
+        require_encryption([*self.connect, *self.listen], wanted=self.tls is not None)
+
+
+def client_settings(
+    connect: Sequence[str] | None = None, tls: TlsFiles | Path | str | None = None
+) -> SessionSettings:
+    """Settings of a client.
+
+    Parameters
+    ----------
+    connect
+        Endpoints of routers; None: the router of this machine.
+    tls
+        Certificates of a mutual TLS link, or the folder that ``comotion pki issue`` has written. None: the
+        folder named by ``COMOTION_TLS`` in the environment, if there is one.
+
+    Raises
+    ------
+    ValueError
+        If the folder is not valid, the certificate has expired, or an endpoint does not fit.
+    """
+    files = find_tls(tls)
+    default = DEFAULT_ENDPOINT if files is None else DEFAULT_TLS_ENDPOINT
+    return SessionSettings(connect=tuple(connect or (default,)), tls=files)
 
 
 class Publisher(Protocol):
@@ -88,20 +113,33 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
             },
         },
     }
+    if settings.mode == "router":
+        # `comotion status` asks routers to describe themselves; nobody may change them.
+        config["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
+        config["metadata"] = {"name": _router_name(settings), "host": socket.gethostname()}
     if settings.tls is not None:
         config["transport"]["link"]["tls"] = _tls(settings)
+        config["transport"]["link"]["protocols"] = list(ENCRYPTED)
     return config
+
+
+def _router_name(settings: SessionSettings) -> str:
+    identity = None if settings.tls is None else settings.tls.identity
+    return "" if identity is None else identity.name
 
 
 def _tls(settings: SessionSettings) -> dict[str, Any]:
     tls = settings.tls
     assert tls is not None  # noqa: S101 - narrowed by the caller
-    role = "connect" if settings.mode == "client" else "listen"
+    # A router that connects to another one needs a certificate in that direction too.
+    directions = ("connect",) if settings.mode == "client" else ("listen", "connect")
     return {
         "root_ca_certificate": str(tls.root_ca),
-        f"{role}_certificate": str(tls.certificate),
-        f"{role}_private_key": str(tls.key),
+        **{f"{direction}_certificate": str(tls.certificate) for direction in directions},
+        **{f"{direction}_private_key": str(tls.key) for direction in directions},
         "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
     }
 
 
@@ -144,6 +182,8 @@ def connect(
     ValueError
         If an endpoint or certificate is wrong.
     """
+    if settings.tls is not None:
+        warn_of_expiry(settings.tls)
     endpoints = ", ".join(settings.connect)
     deadline = None if timeout is None else time.monotonic() + timeout
     # An unlimited connect of Zenoh cannot be interrupted, so short tries run in a loop. Once connected,

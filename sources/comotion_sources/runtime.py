@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
 from comotion_schemas.messages import RejectionReason
-from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
@@ -42,7 +42,10 @@ class SourcePublisher:
     scene
         Name of the scene.
     settings
-        Where to connect.
+        Where to connect, and with what certificate; None: the router of this machine.
+    tls
+        Without `settings`: the folder that ``comotion pki issue`` has written; None: the folder named by
+        ``COMOTION_TLS`` in the environment, if there is one.
     ready_file
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
     rate
@@ -65,6 +68,7 @@ class SourcePublisher:
         dim: int,
         scene: str = DEFAULT_SCENE,
         settings: SessionSettings | None = None,
+        tls: Path | str | None = None,
         ready_file: Path | None = None,
         rate: float = 0.0,
         message: str = "",
@@ -74,7 +78,7 @@ class SourcePublisher:
             role="source",
             name=name,
             scene=scene,
-            settings=settings,
+            settings=settings or client_settings(tls=tls),
             status=self._status,
             ready_file=ready_file,
         )

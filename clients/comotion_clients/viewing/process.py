@@ -25,7 +25,7 @@ from comotion_schemas import (
     Status,
     TruthBatch,
 )
-from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.component import Component, StatusFields, viewer_name
 from comotion_schemas.transport import SessionSettings
 
 from ..presence import Presence
@@ -177,7 +177,7 @@ def view(
     feeds: list[_Feed] = []
     presence = Component(
         role="viewer",
-        name=f"view-{new_session_id()[:8]}",
+        name=viewer_name("view", settings),
         scene=scene,
         settings=settings,
         ready_file=options.ready_file,

@@ -2,13 +2,16 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .. import options
 from ..errors import UserError, missing_extra
 from ..fusion_options import fusion_config
+
+if TYPE_CHECKING:
+    from comotion_schemas.transport import SessionSettings
 
 EPILOG = """
 Examples:
@@ -97,6 +100,7 @@ def evaluate(
     json_: options.Json = False,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
     """Score hypotheses against the truth: NMI, error, number of hypotheses, label switches.
@@ -112,7 +116,7 @@ def evaluate(
     else:
         options.reject_flags(ctx, _OFFLINE_ONLY, "is only for FILES")
     if not files:
-        _live(scene, connect, duration, plot, ready_file, json_=json_)
+        _live(scene, options.session_settings(connect, tls=tls), duration, plot, ready_file, json_=json_)
         return
     from rich.console import Console
 
@@ -138,7 +142,7 @@ def evaluate(
 
 def _live(
     scene: str,
-    connect: list[str] | None,
+    settings: "SessionSettings",
     duration: float | None,
     plot: Path | None,
     ready_file: Path | None,
@@ -150,7 +154,7 @@ def _live(
 
     trace = Trace()
     how = EvaluateOptions(duration=duration, on_update=trace.add, ready_file=ready_file)
-    run = evaluate(scene, options.session_settings(connect), how)
+    run = evaluate(scene, settings, how)
     if plot is not None:
         save_plot(
             plot,

@@ -69,7 +69,13 @@ def record(
         typer.Option("--out", metavar="OUT.mcap", help="Result of --repair or --export."),
     ] = None,
     name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_RECORDER_NAME", help="Name of this recorder.")
+        str,
+        typer.Option(
+            "--name",
+            envvar="COMOTION_RECORDER_NAME",
+            callback=options.name_of_certificate,
+            help="Name of this recorder. With a certificate: its name.",
+        ),
     ] = "recorder",
     scene: options.Scene = "default",
     connect: options.Connect = None,
@@ -77,6 +83,8 @@ def record(
     json_: options.Json = False,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -111,7 +119,7 @@ def record(
             ready_file=ready_file,
         ),
         scene,
-        options.session_settings(connect, listen),
+        options.session_settings(connect, listen, tls, insecure=insecure),
     )
     _print_result(result.as_json(), result.lines(), json_=json_)
 

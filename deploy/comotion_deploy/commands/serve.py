@@ -77,7 +77,8 @@ def serve(
         typer.Option(
             "--name",
             envvar="COMOTION_SERVICE_NAME",
-            help="Name of this service. Default: fusion; with --standby fusion-HOST.",
+            callback=options.name_of_certificate,
+            help="Name of this service. Default: fusion, with --standby fusion-HOST; or the certificate's.",
         ),
     ] = None,
     standby: Annotated[
@@ -108,6 +109,8 @@ def serve(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -128,7 +131,7 @@ def serve(
             config=linked_cameras.with_cameras(fusion_config(ctx, method, assignments), camera),
             scene=scene,
             name=name,
-            settings=options.session_settings(connect, listen),
+            settings=options.session_settings(connect, listen, tls, insecure=insecure),
             clock=clock.value,
             state=None if no_state else kept,
             state_interval=state_interval,

@@ -59,6 +59,8 @@ def external_camera(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -83,6 +85,8 @@ def external_camera(
         markers=None if marker_size is None else MarkerOptions(marker_size, dictionary),
     )
     connection = Connection(
-        scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file
+        scene=scene,
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
+        ready_file=ready_file,
     )
     run(what, settings, connection)

@@ -42,6 +42,8 @@ def klt(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -63,6 +65,8 @@ def klt(
         share_preview=share_preview,
     )
     connection = Connection(
-        scene=scene, settings=options.session_settings(connect, listen), ready_file=ready_file
+        scene=scene,
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
+        ready_file=ready_file,
     )
     run(what, settings, connection)

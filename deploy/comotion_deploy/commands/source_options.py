@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from .. import options
+
 
 class StampChoice(StrEnum):
     """Stamps of recorded data: the time of publication, or those of the recording."""
@@ -13,12 +15,21 @@ class StampChoice(StrEnum):
     ORIGINAL = "original"
 
 
-Name = Annotated[str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the source.")]
+Name = Annotated[
+    str,
+    typer.Option(
+        "--name",
+        envvar="COMOTION_SOURCE_NAME",
+        callback=options.name_of_certificate,
+        help="Name of the source. With a certificate: its name.",
+    ),
+]
 Names = Annotated[
     str | None,
     typer.Option(
         "--name",
         envvar="COMOTION_SOURCE_NAME",
+        callback=options.name_of_certificate,
         help="Name of the source; with several, NAME-1, NAME-2, ... Default: that of the command.",
     ),
 ]

@@ -106,6 +106,8 @@ def proprioception(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -125,7 +127,7 @@ def proprioception(
         name=name,
         space=space,
         scene=scene,
-        settings=options.session_settings(connect, listen),
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
         ready_file=ready_file,
     )
 

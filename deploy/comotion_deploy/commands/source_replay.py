@@ -86,6 +86,8 @@ def replay(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -101,7 +103,7 @@ def replay(
             {"speed": speed, "loop": loop, "start": start, "end": end, "duration": duration},
             stamps,
             start_at,
-            (scene, options.session_settings(connect, listen), ready_file),
+            (scene, options.session_settings(connect, listen, tls, insecure=insecure), ready_file),
         )
         return
     options.reject_flags(ctx, _MCAP_ONLY, "is only for a recorded scene (.mcap)")
@@ -129,7 +131,7 @@ def replay(
         streams,
         process.schedule(speed=speed, stamps=stamps.value, loop=loop, duration=duration, start_at=when),
         scene=scene,
-        settings=options.session_settings(connect, listen),
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
         ready_file=ready_file,
     )
 

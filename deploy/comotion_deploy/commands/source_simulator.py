@@ -73,6 +73,8 @@ def simulator(
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -99,7 +101,7 @@ def simulator(
         player.Schedule(start_at=player.parse_start(start_at), loop=loop, duration=duration),
         name=name,
         scene=scene,
-        settings=options.session_settings(connect, listen),
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
         ready_file=ready_file,
         publish_sigma=publish_sigma,
     )

@@ -58,13 +58,21 @@ def workcell(
         str, typer.Option("--camera", help="The camera for --write-tum, with options after '?'.")
     ] = "a",
     name: Annotated[
-        str, typer.Option("--name", envvar="COMOTION_SOURCE_NAME", help="Name of the stream of joint states.")
+        str,
+        typer.Option(
+            "--name",
+            envvar="COMOTION_SOURCE_NAME",
+            callback=options.name_of_certificate,
+            help="Name of the stream of joint states. With a certificate: its name.",
+        ),
     ] = "workcell",
     scene: options.Scene = "default",
     connect: options.Connect = None,
     listen: options.Listen = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
+    insecure: options.Insecure = False,
     _log_level: options.Log = options.LogLevel.INFO,
     _metrics: options.Metrics = None,
 ) -> None:
@@ -86,7 +94,7 @@ def workcell(
         duration=duration,
         name=name,
         scene=scene,
-        settings=options.session_settings(connect, listen),
+        settings=options.session_settings(connect, listen, tls, insecure=insecure),
         ready_file=ready_file,
     )
 

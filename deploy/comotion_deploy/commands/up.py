@@ -22,6 +22,8 @@ The file is the --config of every process it starts; its tables process.NAME des
 
   restart = 'on-failure'   (default; or 'always', 'never')
 
+  tls = 'pki/cam'   (its certificate, see 'comotion pki')
+
   foreground = true   (owns the terminal; everything stops when it ends)
 """
 

@@ -13,6 +13,7 @@ from ..errors import UserError, missing_extra
 
 if TYPE_CHECKING:
     from comotion_clients.viewing.sink import Destination, RerunSink
+    from comotion_schemas.transport import SessionSettings
 
 EPILOG = """
 Examples:
@@ -76,6 +77,7 @@ def view(
     json_: options.Json = False,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
     """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun.
@@ -105,13 +107,15 @@ def view(
     if recording is not None:
         _show_recording(recording, where, duration)
     else:
-        _show_scene(where, scene, connect, duration, ready_file, json_=json_)
+        _show_scene(
+            where, scene, options.session_settings(connect, tls=tls), duration, ready_file, json_=json_
+        )
 
 
 def _show_scene(
     where: "Destination",
     scene: str,
-    connect: list[str] | None,
+    settings: "SessionSettings",
     duration: float | None,
     ready_file: Path | None,
     *,
@@ -129,7 +133,7 @@ def _show_scene(
     with RerunSink(where) as sink:
         _print_address(sink)
         how = ViewOptions(duration=duration, ready_file=ready_file)
-        result = run(sink, scene, options.session_settings(connect), how)
+        result = run(sink, scene, settings, how)
     if json_:
         print(json.dumps(asdict(result), indent=2))
     else:

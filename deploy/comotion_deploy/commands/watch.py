@@ -55,6 +55,7 @@ def watch(
     json_: options.Json = False,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
+    tls: options.Tls = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
     """Show the current sources, hypotheses, tracks and events of a scene.
@@ -66,4 +67,4 @@ def watch(
     how = WatchOptions(
         once=once, json=json_, sort=sort.value, pose=pose, timeout=timeout, ready_file=ready_file
     )
-    watch(scene, options.session_settings(connect), how)
+    watch(scene, options.session_settings(connect, tls=tls), how)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
-from comotion_schemas.transport import TlsFiles
+from comotion_schemas.tls import TlsFiles
 
 if TYPE_CHECKING:  # the extra `cluster` need not be installed
     from etcd3gw.client import Etcd3Client

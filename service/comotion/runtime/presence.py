@@ -24,7 +24,7 @@ from zenoh import SampleKind
 from zenoh.handlers import RingChannel
 
 from comotion_schemas.component import Component
-from comotion_schemas.keys import last_chunk
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, last_chunk
 from comotion_schemas.transport import LEASE_MS
 
 _SECOND_NS = 1_000_000_000
@@ -34,7 +34,6 @@ _PATIENCE_S = LEASE_MS / 1000 + 1.0
 _POLL_S = 0.02
 # Until the tokens of all others have come in; and until one that was cut off has withdrawn its own.
 _SETTLE_NS = _SECOND_NS
-_NAME_CHARACTERS = 30
 _RING = 256
 _MAX_OTHERS = 256
 _TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-[0-9a-f]{16}")
@@ -205,7 +204,7 @@ class Presence:
 
     def _claim(self) -> None:
         component = self._component
-        name = f"{component.name[:_NAME_CHARACTERS]}-{time.time_ns():016x}-{component.session_id}"
+        name = f"{component.name[:TOKEN_NAME_CHARACTERS]}-{time.time_ns():016x}-{component.session_id}"
         self._own = Claim.read(name)
         self._token = component.session.liveliness().declare_token(component.keys.live("service", name))
 

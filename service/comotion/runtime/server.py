@@ -23,7 +23,8 @@ from comotion_schemas import (
     metrics,
 )
 from comotion_schemas.component import Component, StatusFields, new_session_id
-from comotion_schemas.transport import SessionSettings, TlsFiles
+from comotion_schemas.tls import TlsFiles
+from comotion_schemas.transport import SessionSettings
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion

@@ -1,0 +1,258 @@
+"""The private authority in a folder: issues certificates and checks them. Needs the extra `secure`.
+
+::
+
+    DIR/ca.crt, DIR/ca.key    the authority; its key stays here
+    DIR/NAME/                 a component's folder, see comotion_schemas.tls
+
+A router trusts a certificate that this authority has signed and whose folder is here: to withdraw one, remove
+its folder and restart the routers.
+"""
+
+import os
+import secrets
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from comotion_schemas.tls import (
+    CA_FILE,
+    CERTIFICATE_FILE,
+    IDENTITY_FILE,
+    KEY_FILE,
+    Identity,
+    identity_as_json,
+)
+
+from .certificates import (
+    begin_certificate,
+    general_name,
+    grant_of,
+    key_usage,
+    pem_of_key,
+    read_certificate,
+    read_key,
+)
+from .grants import Grant
+
+CA_KEY_FILE = "ca.key"
+CA_DAYS = 3650
+DAYS = 365
+_OWN_ONLY = 0o600
+
+
+@dataclass(frozen=True, kw_only=True)
+class Issued:
+    """One component's folder: its grant and validity, and why its certificate is not valid, if so."""
+
+    folder: Path
+    grant: Grant | None
+    not_after: datetime | None
+    problem: str = ""
+
+
+class Authority:
+    """The authority of a folder.
+
+    Raises
+    ------
+    ValueError
+        If the folder has none, or its files are malformed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.certificate = read_certificate(folder / CA_FILE)
+
+    @classmethod
+    def create(cls, folder: Path, days: int = CA_DAYS) -> "Authority":
+        """Create an authority in a folder, which is made if need be.
+
+        Raises
+        ------
+        ValueError
+            If the folder has one.
+        """
+        if (folder / CA_KEY_FILE).exists() or (folder / CA_FILE).exists():
+            raise ValueError(f"{folder} has an authority already")
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        key = ec.generate_private_key(ec.SECP256R1())
+        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"comotion {secrets.token_hex(4)}")])
+        builder = begin_certificate(name, name, key.public_key(), datetime.now(UTC) + timedelta(days=days))
+        builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        builder = builder.add_extension(key_usage(signs=True), critical=True)
+        certificate = builder.sign(key, hashes.SHA256())
+        _write(folder / CA_KEY_FILE, pem_of_key(key))
+        _write(folder / CA_FILE, certificate.public_bytes(serialization.Encoding.PEM), 0o644)
+        return cls(folder)
+
+    def issue(
+        self, grant: Grant, *, hosts: Sequence[str] = (), days: float = DAYS, renew: bool = False
+    ) -> Path:
+        """Issue a certificate and write the folder of the component.
+
+        Parameters
+        ----------
+        grant
+            What it allows; its common name is replaced by a new one, or with `renew` by the previous one.
+        hosts
+            Names and addresses of a router.
+        days
+            Time of validity.
+        renew
+            Replace the certificate of the component.
+
+        Returns
+        -------
+        The folder.
+
+        Raises
+        ------
+        ValueError
+            If there is such a component already, or with `renew` none; or the authority's key is missing.
+        """
+        folder = self.folder / grant.name
+        if folder.exists() != renew:
+            raise ValueError(
+                f"{folder} exists; see --renew" if not renew else f"there is no {folder} to renew"
+            )
+        common_name = self._common_name(folder, grant, renew=renew)
+        grant = replace(grant, common_name=common_name)
+        not_after = min(
+            datetime.now(UTC) + timedelta(days=days), self.certificate.not_valid_after_utc
+        ).replace(microsecond=0)
+        key = ec.generate_private_key(ec.SECP256R1())
+        certificate = self._sign(grant, key, not_after, hosts)
+        partial = self.folder / f".{grant.name}.{secrets.token_hex(4)}"
+        partial.mkdir(mode=0o700)
+        _write(partial / KEY_FILE, pem_of_key(key))
+        _write(partial / CERTIFICATE_FILE, certificate.public_bytes(serialization.Encoding.PEM), 0o644)
+        _write(partial / CA_FILE, self.certificate.public_bytes(serialization.Encoding.PEM), 0o644)
+        _write(partial / IDENTITY_FILE, identity_as_json(_identity(grant, not_after)).encode(), 0o644)
+        if renew:
+            shutil.rmtree(folder)
+        partial.rename(folder)
+        return folder
+
+    def issued(self) -> list[Issued]:
+        """Read and check the certificates of all components, by name."""
+        folders = sorted(p.parent for p in self.folder.glob(f"[!.]*/{CERTIFICATE_FILE}"))
+        found = [self._check(folder) for folder in folders]
+        return _without_doubles(found)
+
+    def _common_name(self, folder: Path, grant: Grant, *, renew: bool) -> str:
+        if not renew:
+            # A name that was used before must not revive an old certificate, so part of it is random.
+            return f"{grant.name[:47]}.{secrets.token_hex(8)}"
+        previous = self._check(folder).grant
+        if previous is None:
+            raise ValueError(f"{folder}: its certificate cannot be read; remove the folder and issue anew")
+        return previous.common_name
+
+    def _sign(
+        self, grant: Grant, key: ec.EllipticCurvePrivateKey, not_after: datetime, hosts: Sequence[str]
+    ) -> x509.Certificate:
+        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, grant.common_name)])
+        names: list[x509.GeneralName] = [general_name(host) for host in hosts]
+        names += [x509.UniformResourceIdentifier(uri) for uri in grant.uris()]
+        usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
+        if grant.role == "router":
+            usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
+        ca_key = read_key(self.folder / CA_KEY_FILE)
+        issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(ca_key.public_key())
+        return (
+            begin_certificate(name, self.certificate.subject, key.public_key(), not_after)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(key_usage(signs=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+            .add_extension(x509.SubjectAlternativeName(names), critical=False)
+            .add_extension(issuer, critical=False)
+            .sign(ca_key, hashes.SHA256())
+        )
+
+    def _check(self, folder: Path) -> Issued:
+        try:
+            certificate = read_certificate(folder / CERTIFICATE_FILE)
+            self._verify(certificate)
+            grant = grant_of(certificate)
+        except ValueError as error:
+            return Issued(folder=folder, grant=None, not_after=None, problem=str(error))
+        problem = ""
+        if grant.name != folder.name:
+            problem = f"it is the certificate of {grant.name!r}"
+        elif certificate.not_valid_after_utc <= datetime.now(UTC):
+            problem = "it has expired"
+        return Issued(folder=folder, grant=grant, not_after=certificate.not_valid_after_utc, problem=problem)
+
+    def _verify(self, certificate: x509.Certificate) -> None:
+        try:
+            certificate.verify_directly_issued_by(self.certificate)
+        except (ValueError, TypeError, InvalidSignature):
+            raise ValueError("it was signed by another authority") from None
+
+
+def export(folder: Path, name: str, out: Path) -> list[Path]:
+    """Copy what the host of one component needs, without the keys of others.
+
+    A component needs its own folder; a router also the certificates of all components.
+
+    Returns
+    -------
+    The folders written.
+
+    Raises
+    ------
+    ValueError
+        If there is no such component, or the destination has one.
+    """
+    issued = {entry.folder.name: entry for entry in Authority(folder).issued()}
+    if name not in issued:
+        raise ValueError(f"{folder} has no component {name!r}; see 'comotion pki list {folder}'")
+    if (out / name).exists():
+        raise ValueError(f"{out / name} exists")
+    out.mkdir(mode=0o700, parents=True, exist_ok=True)
+    shutil.copytree(folder / name, out / name)
+    grant = issued[name].grant
+    if grant is None or grant.role != "router":
+        return [out / name]
+    shutil.copy2(folder / CA_FILE, out / CA_FILE)
+    others = [entry for entry in issued if entry != name]
+    for other in others:
+        (out / other).mkdir(mode=0o700, exist_ok=True)
+        shutil.copy2(folder / other / CERTIFICATE_FILE, out / other / CERTIFICATE_FILE)
+    return [out / entry for entry in (name, *others)]
+
+
+def _without_doubles(entries: list[Issued]) -> list[Issued]:
+    """Trust none of several components with the same common name: their rules would add up."""
+    names = [entry.grant.common_name for entry in entries if entry.grant is not None and not entry.problem]
+    return [
+        replace(entry, problem="another component has its common name")
+        if entry.grant is not None and not entry.problem and names.count(entry.grant.common_name) > 1
+        else entry
+        for entry in entries
+    ]
+
+
+def _identity(grant: Grant, not_after: datetime) -> Identity:
+    return Identity(
+        role=grant.role,
+        name=grant.name,
+        scene=grant.scene,
+        sources=grant.sources,
+        expires_s=int(not_after.timestamp()),
+    )
+
+
+def _write(path: Path, content: bytes, mode: int = _OWN_ONLY) -> None:
+    """Write a new file that is never readable by others, not even for a moment."""
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+        file.write(content)

@@ -1,0 +1,105 @@
+"""Grant: what one certificate allows, and its spelling as URIs in the certificate. Pure."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from comotion_schemas.tls import ANY_SCENE
+from comotion_schemas.types import is_name
+
+CertificateRole = Literal["source", "service", "viewer", "recorder", "router"]
+ROLES: tuple[CertificateRole, ...] = get_args(CertificateRole)
+DEFAULT_RATE = 250.0
+"""Hz; a source that publishes faster packs several instants in one batch."""
+_URN = "urn:comotion:"
+_COMMON_NAME = re.compile(r"[a-z0-9_.-]{1,64}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grant:
+    """What the holder of a certificate may do.
+
+    Attributes
+    ----------
+    role, name
+        Role and name of the component.
+    scene
+        Its scene; ``*``: every scene.
+    sources
+        Names under which a source publishes.
+    joints
+        Names of the joint states that a source follows.
+    rate
+        Most messages per second of each stream of a source; 0: no limit.
+    common_name
+        Common name of the certificate, by which the router knows the component.
+
+    Raises
+    ------
+    ValueError
+        If a name is malformed, or a field does not fit the role.
+    """
+
+    role: CertificateRole
+    name: str
+    common_name: str
+    scene: str = "default"
+    sources: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    rate: float = DEFAULT_RATE
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES:
+            raise ValueError(f"role {self.role!r} is none of {', '.join(ROLES)}")
+        for name in (self.name, *self.sources, *self.joints):
+            if not is_name(name):
+                raise ValueError(f"name {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
+        if self.scene != ANY_SCENE and not is_name(self.scene):
+            raise ValueError(f"scene {self.scene!r} is neither a name nor {ANY_SCENE!r}")
+        if (self.role == "source") != bool(self.sources):
+            raise ValueError("a source publishes under one name or more, other roles under none")
+        if self.joints and self.role != "source":
+            raise ValueError(f"a {self.role} does not follow joint states")
+        if not 0 <= self.rate < 1e6:
+            raise ValueError(f"rate {self.rate} is not within 0..1000000 Hz")
+        if not _COMMON_NAME.fullmatch(self.common_name):
+            raise ValueError(f"common name {self.common_name!r} is malformed")
+
+    def uris(self) -> list[str]:
+        """Return the URIs in the certificate's subject alternative name."""
+        pairs = [("role", self.role), ("name", self.name), ("scene", self.scene)]
+        pairs += [("source", name) for name in self.sources]
+        pairs += [("joints", name) for name in self.joints]
+        pairs.append(("rate", f"{self.rate:g}"))
+        return [f"{_URN}{key}:{value}" for key, value in pairs]
+
+
+def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
+    """Build the grant of a certificate from its URIs.
+
+    Raises
+    ------
+    ValueError
+        If they are not those of a grant.
+    """
+    found: dict[str, list[str]] = {}
+    for uri in uris:
+        if not uri.startswith(_URN):
+            raise ValueError(f"unknown URI {uri!r}")
+        key, _, value = uri.removeprefix(_URN).partition(":")
+        found.setdefault(key, []).append(value)
+    if sorted(set(found) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
+        raise ValueError("it does not say role, name, scene and rate")
+    role = next((known for known in ROLES if [known] == found["role"]), None)
+    if role is None or any(len(found[key]) != 1 for key in ("name", "scene", "rate")):
+        raise ValueError("role, name, scene or rate is unknown or given twice")
+    return Grant(
+        role=role,
+        name=found["name"][0],
+        common_name=common_name,
+        scene=found["scene"][0],
+        sources=tuple(found.get("source", ())),
+        joints=tuple(found.get("joints", ())),
+        rate=float(found["rate"][0]),
+    )
