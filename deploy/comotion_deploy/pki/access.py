@@ -129,7 +129,7 @@ def _service(grant: Grant, scene: str) -> list[Rule]:
     queries, short = [f"{scene}/query/*"], grant.name[:TOKEN_NAME_CHARACTERS]
     read = [f"{scene}/obs/*", *_with_cache(f"{scene}/status/*"), *_with_cache(f"{scene}/hypotheses")]
     presence = [f"{scene}/live/*/*", f"{scene}/*/*/@adv/**", f"{scene}/*/@adv/**"]
-    # A service that stands alone adds claim and session to its token; the agent of a host numbers its services.
+    # A service that stands alone adds claim and session to its token; the agent of a host numbers services.
     names = [grant.name, f"{grant.name}-$*"]
     tokens = [*(f"{scene}/live/service/{name}" for name in names), f"{scene}/live/service/{short}-$*"]
     rules: list[Rule] = [
