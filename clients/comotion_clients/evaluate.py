@@ -9,10 +9,11 @@ from typing import Any, TypeAlias
 
 import zenoh
 
-from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, ObservationBatch, TruthBatch
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import Component, viewer_name
 from comotion_schemas.transport import SessionSettings
 
+from .joint_rows import plain
 from .metrics import Score, Truth
 from .progress import reporting
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
@@ -43,7 +44,10 @@ class EvaluateOptions:
 
 @dataclass(frozen=True)
 class LiveRun:
-    """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates."""
+    """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates.
+
+    `joints` are those of the last update.
+    """
 
     summary: Summary
     scores: list[Score]
@@ -51,6 +55,7 @@ class LiveRun:
     spaces: dict[str, SpaceRef]
     lost: int
     invalid: dict[str, int]
+    joints: list[Joint]
 
 
 class _Feed:
@@ -59,6 +64,7 @@ class _Feed:
     def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
         self.tally = Tally(Truth())
         self.first_at: float | None = None
+        self.joints: list[Joint] = []
         self._scored_ns: int | None = None
         self._on_update = on_update
         self.observed = Observed()
@@ -83,6 +89,7 @@ class _Feed:
             # last state.
             if update.stamp_ns != self._scored_ns:
                 self._scored_ns = update.stamp_ns
+                self.joints = update.joints
                 self._on_update(update, self.tally.add(update, self.observed))
 
     def close(self) -> None:
@@ -156,6 +163,7 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
         spaces=dict(feed.observed.spaces),
         lost=feed.updates.counters.lost,
         invalid=dict(feed.updates.counters.invalid),
+        joints=feed.joints,
     )
 
 
@@ -193,5 +201,6 @@ def as_json(run: LiveRun) -> dict[str, Any]:
         **finite_or_none(asdict(run.summary)),
         "lost": run.lost,
         "invalid": run.invalid,
+        "joints": [plain(joint) for joint in run.joints],
         "over_time": [finite_or_none(asdict(score)) for score in run.scores],
     }

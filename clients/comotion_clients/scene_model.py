@@ -13,6 +13,7 @@ import numpy as np
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.sequence import SequenceCounter
 
+from .joint_rows import joint_row
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
 
 RATE_SPAN_S = 3.0
@@ -164,6 +165,7 @@ class SceneModel:
             sources=self._source_rows(now),
             hypotheses=[] if update is None else self._hypothesis_rows(update),
             events=[] if update is None else self._event_rows(update),
+            joints=[] if update is None else [joint_row(joint) for joint in update.joints],
         )
 
     def _service_row(self, now: float) -> ServiceRow:

@@ -1,7 +1,9 @@
 """The rows of a scene snapshot: plain values for `comotion watch` and `comotion view`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from .joint_rows import JointRow
 
 SourceState = Literal["ok", "silent", "stalled", "gone"]
 ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
@@ -91,6 +93,7 @@ class Snapshot:
     sources: list[SourceRow]
     hypotheses: list[HypothesisRow]
     events: list[EventRow]
+    joints: list[JointRow] = field(default_factory=list)
 
     @property
     def current(self) -> int:

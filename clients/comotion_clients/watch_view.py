@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .colours import hex_colour
+from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
 
 Sort = Literal["size", "name", "age"]
@@ -28,7 +29,10 @@ _STATE_STYLES = {
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"} | {
     "absent": "yellow",
     "returned": "green",
+    "joined": "green",
+    "released": "magenta",
 }
+_JOINT_WORDS = {"fixed": "fixed to", "prismatic": "slides on", "revolute": "turns on"}
 _MAX_EVENT_ROWS = 4
 _COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")
 
@@ -122,7 +126,20 @@ def _head(snapshot: Snapshot) -> list[Text]:
     absent = f", {count} absent" if count else ""
     second = Text(f"{snapshot.tracks} tracks in {snapshot.current} hypotheses{absent}{undetermined}   ")
     second.append_text(_problems(service))
-    return [first, second]
+    return [first, second, *_joints(snapshot.joints)]
+
+
+def _joints(joints: Sequence[JointRow]) -> list[Text]:
+    """A line about the joints that are known; none without."""
+    known = [row for row in joints if row.kind in _JOINT_WORDS]
+    if not known:
+        return []
+    line = Text("joints   ", style="bold dim")
+    for row in known:
+        line.append("●", style=hex_colour(row.child))
+        position = "" if row.position == "-" else f", {row.position.partition(' ±')[0]}{row.unit}"
+        line.append(f" {row.child} {_JOINT_WORDS[row.kind]} {row.parent}{position}   ")
+    return [line]
 
 
 def _problems(service: ServiceRow) -> Text:
@@ -161,7 +178,8 @@ def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:
 def describe(event: EventRow) -> Text:
     """Format an event."""
     others = ", ".join(str(other) for other in event.others)
-    words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
+    words = {"split": f" from {others}", "released": f" from {others}"}.get(event.kind, "")
+    words = words or {"merged": f" with {others}", "joined": f" with {others}"}.get(event.kind, "")
     return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {event.hypothesis}{words}")
 
 

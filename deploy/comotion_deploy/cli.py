@@ -14,6 +14,7 @@ from .commands import (
     demo,
     evaluate,
     fleet,
+    joints,
     pki,
     record,
     reproduce,
@@ -62,6 +63,7 @@ app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("view", epilog=view.EPILOG)(view.view)
 app.command("record", epilog=record.EPILOG)(record.record)
 app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
+app.command("joints", epilog=joints.EPILOG)(joints.joints)
 app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.add_typer(reproduce.app, name="reproduce")
 app.command("bench", epilog=bench.EPILOG)(bench.bench)

@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from comotion import FusionConfig
+from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary, finite_or_none
-from comotion_schemas import HypothesisUpdate, encode
+from comotion_schemas import HypothesisUpdate, Joint, encode
 
 from .inputs import Input
 from .offline import OnUpdate, Run, run_offline
@@ -35,7 +36,7 @@ _MEANS = (
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates."""
+    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates; joints of the last."""
 
     name: str
     seed: int | None
@@ -44,6 +45,7 @@ class Evaluated:
     ms_p99: float
     seconds: float
     digest: str
+    joints: list[Joint]
 
     def values(self) -> dict[str, Any]:
         """Convert to plain numbers."""
@@ -111,6 +113,7 @@ def _evaluated(one: Input, run: Run, digest: str) -> Evaluated:
         ms_p99=float(np.percentile(run.update_ms, 99)),
         seconds=float(run.seconds[-1]),
         digest=digest,
+        joints=run.joints,
     )
 
 
@@ -180,6 +183,7 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
                 "seconds": r.seconds,
                 **finite_or_none(r.values()),
                 "updates_sha256": r.digest,
+                "joints": [plain(joint) for joint in r.joints],
             }
             for r in results
         ],

@@ -13,7 +13,7 @@ from comotion import Fusion, FusionConfig
 from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
-from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
+from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 
 Message: TypeAlias = TruthBatch | ObservationBatch
 
@@ -52,6 +52,8 @@ class Run:
         Coordinate space of every source.
     stats
         The core's counters at the end.
+    joints
+        Those of the last update.
     """
 
     summary: Summary
@@ -61,6 +63,7 @@ class Run:
     truth: Truth
     spaces: dict[str, SpaceRef]
     stats: Stats
+    joints: list[Joint]
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -81,6 +84,7 @@ class _Offline:
     observed: Observed = field(default_factory=Observed)
     times: list[float] = field(default_factory=list)
     busy: float = 0.0
+    last: HypothesisUpdate | None = None
 
     def ingest(self, batch: ObservationBatch) -> None:
         begun = time.perf_counter()
@@ -90,7 +94,7 @@ class _Offline:
 
     def update(self, now_ns: int) -> None:
         begun = time.perf_counter()
-        update = self.fusion.update(now_ns)
+        self.last = update = self.fusion.update(now_ns)
         self.times.append((self.busy + time.perf_counter() - begun) * 1e3)
         self.busy = 0.0
         self.on_update(update, self.tally.add(update, self.observed))
@@ -168,7 +172,22 @@ def run_offline(
         truth=truth,
         spaces=dict(offline.observed.spaces),
         stats=offline.fusion.stats,
+        joints=[] if offline.last is None else offline.last.joints,
     )
+
+
+def last_update(
+    messages: Iterable[Incoming], config: FusionConfig, duration: float | None = None
+) -> HypothesisUpdate:
+    """Run messages through the core and return the last update; as :func:`run_offline`."""
+    found: list[HypothesisUpdate] = []
+
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        del score
+        found[:] = [update]
+
+    run_offline(messages, config, duration=duration, on_update=on_update)
+    return found[0]
 
 
 def _over(time_ns: int, end_ns: int | None) -> bool:

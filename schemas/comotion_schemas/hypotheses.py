@@ -1,6 +1,7 @@
 """The message of the service: HypothesisUpdate (``comotion.HypothesisUpdate/1``)."""
 
 import math
+from dataclasses import field
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -259,8 +260,8 @@ class HypothesisUpdate:
     track_position: PointColumn
     hypotheses: list[Hypothesis]
     events: list[Event]
-    joints: list[Joint] = Field(default_factory=list)
-    frames: dict[SpaceName, Pose] = Field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
+    frames: dict[SpaceName, Pose] = field(default_factory=dict)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -157,6 +157,9 @@ class _Exporter:
         poses = foxglove.poses(update, space, scale)
         self._put(f"/hypotheses/{space}", "foxglove.PosesInFrame", log_ns, poses)
         self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, foxglove.labels(update, space, scale))
+        joints = foxglove.joints(update, space, scale)
+        if joints["entities"]:
+            self._put(f"/joints/{space}", "foxglove.SceneUpdate", log_ns, joints)
 
     def _scale(self, space: str) -> float:
         units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}

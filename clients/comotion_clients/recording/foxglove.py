@@ -5,15 +5,18 @@ import base64
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Preview, Status
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
 
 from ..colours import colour, colours
+from ..joint_lines import joint_lines
 from .foxglove_schemas import UNUSED, Json
 
 PIXEL_M = 0.001
 """A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""
 _FLOAT32, _UINT8, _UINT32 = 7, 1, 5  # foxglove.PackedElementField, NumericType
 _INFO = 2  # foxglove.Log, Level
+_LINE_LIST = 2  # foxglove.LinePrimitive, Type
+_AXIS_M = 0.15  # of an axis that is drawn, to each side
 _BOX_ALPHA = 0.2
 _POINT = np.dtype(
     [
@@ -117,11 +120,47 @@ def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
                 "arrows": _arrows(h, scale),
                 "cubes": _cubes(h, scale),
                 "texts": [_label(h, scale)],
+                "lines": [],
                 **{name: [] for name in UNUSED},
             }
             for h in update.hypotheses
             if h.space == space
         ],
+    }
+
+
+def joints(update: HypothesisUpdate, space: str, scale: float) -> Json:
+    """Axis, and arc or rail, of every joint of one space, shown for three periods."""
+    bodies = {h.id: h for h in update.hypotheses if h.space == space}
+    found = [(j, bodies[j.child]) for j in update.joints if j.child in bodies and j.point is not None]
+    return {
+        "deletions": [],
+        "entities": [
+            {
+                "timestamp": time_of(update.stamp_ns),
+                "frame_id": space,
+                "id": f"joint-{joint.parent}-{joint.child}",
+                "lifetime": time_of(3 * update.period_ns),
+                "frame_locked": False,
+                "lines": [_line(joint, body, scale)],
+                **{name: [] for name in ("arrows", "cubes", "texts", *UNUSED)},
+            }
+            for joint, body in found
+        ],
+    }
+
+
+def _line(joint: Joint, body: Hypothesis, scale: float) -> Json:
+    ends = joint_lines(joint, body, _AXIS_M / scale) * scale
+    return {
+        "type": _LINE_LIST,
+        "pose": _pose([0.0, 0.0, 0.0], _IDENTITY),
+        "thickness": 2.0,
+        "scale_invariant": True,
+        "points": [_xyz(point) for point in ends.reshape(-1, ends.shape[2]).tolist()],
+        "color": _colour(joint.child),
+        "colors": [],
+        "indices": [],
     }
 
 

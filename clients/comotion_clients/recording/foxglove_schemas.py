@@ -57,8 +57,19 @@ _ARROW = _object(
     head_diameter=_NUMBER,
     color=_COLOUR,
 )
+_LINE = _object(
+    "foxglove.LinePrimitive",
+    type=_ENUM,
+    pose=_POSE,
+    thickness=_NUMBER,
+    scale_invariant={"type": "boolean"},
+    points=_array(_object("foxglove.Point3", x=_NUMBER, y=_NUMBER, z=_NUMBER)),
+    color=_COLOUR,
+    colors=_array(_COLOUR),
+    indices=_array(_COUNT),
+)
 _CUBE = _object("foxglove.CubePrimitive", pose=_POSE, size=_VECTOR, color=_COLOUR)
-UNUSED = ("metadata", "spheres", "cylinders", "lines", "triangles", "models")
+UNUSED = ("metadata", "spheres", "cylinders", "triangles", "models")
 """Primitives of a scene entity that stay empty."""
 _ENTITY = _object(
     "foxglove.SceneEntity",
@@ -70,6 +81,7 @@ _ENTITY = _object(
     arrows=_array(_ARROW),
     cubes=_array(_CUBE),
     texts=_array(_LABEL),
+    lines=_array(_LINE),
     # Viewers require these fields.
     **{name: _array({"type": "object"}) for name in UNUSED},
 )

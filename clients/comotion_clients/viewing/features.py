@@ -9,7 +9,7 @@ from comotion_schemas import HypothesisUpdate
 
 from ..colours import colours
 from ..scoring import SpaceRef, spaces_of
-from .hypotheses import axis_length, draw_hypotheses
+from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
 from .shapes import Axes, Cleared, Colours, Points, Positions, Segments, Shape, SpaceView
 from .trails import Trails
@@ -88,6 +88,7 @@ class Features:
             shades.append(points.colours[moved])
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
+        shapes += draw_joints(space.view.path, here, update.joints, space.axis)
         return shapes + draw_hypotheses(space.view.path, here, space.axis)
 
 

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import Hypothesis
+from comotion_schemas import Hypothesis, Joint
 
 from ..colours import colours, legible
-from .shapes import Arrows, Boxes, Points, Positions, Shape
+from ..joint_lines import joint_lines
+from .shapes import Arrows, Boxes, Points, Positions, Segments, Shape
 
 # Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.
 AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
@@ -61,6 +62,27 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
         _angular_velocities(path, hypotheses, centroids, shades, axis),
         _boxes(path, hypotheses, shades, dim),
     ]
+
+
+def draw_joints(
+    path: str, hypotheses: Sequence[Hypothesis], joints: Sequence[Joint], axis: float
+) -> list[Shape]:
+    """Draw the joints of one space in the colours of their children: axis, arc or rail; none: no shape."""
+    by_id = {h.id: h for h in hypotheses}
+    drawn = [
+        (joint.child, joint_lines(joint, by_id[joint.child], 2 * axis))
+        for joint in joints
+        if joint.child in by_id and joint.point is not None
+    ]
+    if not drawn:
+        return []
+    ends = np.concatenate([lines for _, lines in drawn])
+    shades = np.repeat(
+        colours(np.array([child for child, _ in drawn], np.uint32)),
+        [len(lines) for _, lines in drawn],
+        axis=0,
+    )
+    return [Segments(f"{path}/joints", ends, shades)]
 
 
 def labels(path: str, ids: NDArray[np.uint32], positions: Positions, words: tuple[str, ...]) -> Points:

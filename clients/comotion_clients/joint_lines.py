@@ -1,0 +1,64 @@
+"""A joint -> lines to draw: its axis, and arc (hinge) or rail (slide) over the range seen. Pure."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import Hypothesis, Joint
+
+_PIECES = 16
+# rad; a hinge that has hardly turned still has a visible arc.
+_LEAST_ARC = 0.05
+
+Lines = NDArray[np.float32]
+
+
+def joint_lines(joint: Joint, child: Hypothesis, length: float) -> Lines:
+    """Line segments of a joint, float32 [n, 2, dim]; none without an axis or a point.
+
+    A hinge is its axis, and an arc around it from the lower to the upper position with a spoke to the
+    child's place now. A slide is a rail from where the child was at the lower position to the upper one.
+
+    Parameters
+    ----------
+    joint
+        The joint.
+    child
+        Its child, as of the same update.
+    length
+        Of the axis to each side, in the unit of the space.
+    """
+    dim = len(child.centroid)
+    if joint.point is None or joint.position is None or joint.lower is None or joint.upper is None:
+        return np.zeros((0, 2, dim), np.float32)
+    point, low, high = _in_space(joint.point), joint.lower - joint.position, joint.upper - joint.position
+    axis = np.array([0.0, 0.0, 1.0]) if joint.axis is None else _in_space(joint.axis)
+    if joint.kind == "prismatic":
+        strips = [point + np.outer([low, high], axis), point + np.outer([-length, length], axis) / 4]
+    else:
+        strips = [*_arc(axis, point, _in_space(child.centroid), low, high)]
+        if dim == 3:
+            strips.append(point + np.outer([-length, length], axis))
+    pieces = [np.stack([strip[:-1], strip[1:]], axis=1) for strip in strips]
+    return np.concatenate(pieces)[..., :dim].astype(np.float32)
+
+
+def _arc(
+    axis: NDArray[np.float64],
+    point: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    low: float,
+    high: float,
+) -> list[NDArray[np.float64]]:
+    arm = centre - point
+    arm = arm - axis * (axis @ arm)
+    if not np.linalg.norm(arm) > 0:
+        return []
+    base = centre - arm
+    angles = np.linspace(min(low, -_LEAST_ARC), max(high, _LEAST_ARC), _PIECES)
+    arc = base + Rotation.from_rotvec(angles[:, None] * axis).apply(arm)
+    return [arc, np.stack([base, centre])]
+
+
+def _in_space(values: list[float]) -> NDArray[np.float64]:
+    return np.array([*values, 0.0][:3])

@@ -1,0 +1,82 @@
+"""Joints of an update -> rows of text, plain values, or a table."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from comotion_schemas import HypothesisUpdate, Joint
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint as text: `position` (± one-sigma), `rate` and `range` in `unit`, degrees for hinges."""
+
+    parent: int
+    child: int
+    kind: str
+    confidence: float
+    axis: str
+    position: str
+    rate: str
+    range: str
+    unit: str
+
+
+def joint_row(joint: Joint) -> JointRow:
+    """Format a joint."""
+    return JointRow(
+        parent=joint.parent,
+        child=joint.child,
+        kind=joint.kind,
+        confidence=joint.confidence,
+        axis="-" if joint.axis is None else " ".join(f"{x:.2f}" for x in joint.axis),
+        position=_amount(joint, joint.position, joint.sigma_position),
+        rate=_amount(joint, joint.rate),
+        range="-"
+        if joint.lower is None or joint.upper is None
+        else f"{_amount(joint, joint.lower)} to {_amount(joint, joint.upper)}",
+        unit="°" if joint.kind == "revolute" else " m",
+    )
+
+
+def _amount(joint: Joint, value: float | None, sigma: float | None = None) -> str:
+    if value is None:
+        return "-"
+    hinge = joint.kind == "revolute"
+    factor, digits = (float(np.degrees(1)), 1) if hinge else (1.0, 3)
+    spread = "" if sigma is None else f" ± {factor * sigma:.{digits}f}"
+    return f"{factor * value:.{digits}f}{spread}"
+
+
+def table(joints: Sequence[Joint]) -> Table:
+    """Build a table with one row per joint, the surest kinds first."""
+    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for title in ("parent", "child", "kind", "conf", "axis", "position", "rate per s", "range seen"):
+        found.add_column(title, no_wrap=True)
+    for row in map(joint_row, sorted(joints, key=_order)):
+        found.add_row(
+            str(row.parent),
+            str(row.child),
+            row.kind,
+            f"{row.confidence:.2f}",
+            row.axis,
+            *(text if text == "-" else f"{text}{row.unit}" for text in (row.position, row.rate, row.range)),
+        )
+    return found
+
+
+def _order(joint: Joint) -> tuple[bool, int, int]:
+    return joint.kind in {"free", "undetermined"}, joint.parent, joint.child
+
+
+def as_json(update: HypothesisUpdate) -> dict[str, Any]:
+    """Convert the joints of an update to plain values; what is unknown is left out."""
+    return {"stamp_ns": update.stamp_ns, "joints": [plain(joint) for joint in update.joints]}
+
+
+def plain(joint: Joint) -> dict[str, Any]:
+    """Convert a joint to plain values; what is unknown is left out."""
+    return {name: value for name, value in asdict(joint).items() if value is not None}

@@ -1,0 +1,163 @@
+"""An update -> URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
+
+Every link has the axes of the space at the stamp of the update, and its origin where its joint is. Position 0
+of every joint is that of the update. What has no joint floats; what rests is fixed to the root, which is the
+space. A link has the extent of its hypothesis, and a mass of 1 kg: masses cannot be seen.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint
+
+_MASS = 1.0
+# m; least size of a link, so that its inertia is above zero.
+_LEAST = 0.01
+_KINDS = {"fixed": "fixed", "prismatic": "prismatic", "revolute": "revolute"}
+# URDF requires limits of effort and velocity: none are known.
+_UNLIMITED = "1000"
+
+
+def to_urdf(update: HypothesisUpdate, space: str | None = None, name: str = "comotion") -> str:
+    """Describe the hypotheses of a 3-D metric space as a tree of links and joints.
+
+    Parameters
+    ----------
+    update
+        With `joints`.
+    space
+        Name of the space; None: the only one in which hypotheses have a pose in 3-D.
+    name
+        Name of the robot.
+
+    Returns
+    -------
+    str
+        An XML document.
+
+    Raises
+    ------
+    ValueError
+        If there is no such space, or several where none is named.
+    """
+    found = [h for h in update.hypotheses if h.pose is not None and len(h.centroid) == 3 and h.confirmed]
+    spaces = sorted({h.space for h in found})
+    if space is None and len(spaces) > 1:
+        raise ValueError(f"there are several spaces; choose one of {', '.join(spaces)}")
+    if not spaces or (space is not None and space not in spaces):
+        raise ValueError(f"no hypothesis has a pose in 3-D in {'the update' if space is None else space}")
+    chosen = space or spaces[0]
+    bodies = {h.id: h for h in found if h.space == chosen}
+    robot = ET.Element("robot", name=name)
+    ET.SubElement(robot, "link", name=chosen)
+    origins: dict[int | None, Sequence[float]] = {None: [0.0, 0.0, 0.0]}
+    for parent, body, joint in _tree(bodies, update.joints):
+        at = list(joint.point) if joint is not None and joint.point is not None else list(body.centroid)
+        origins[body.id] = at
+        _add_link(robot, body, at)
+        base = origins[parent]
+        _add_joint(robot, chosen if parent is None else link_name(parent), body, joint, _minus(at, base))
+    ET.indent(robot)
+    return ET.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def link_name(hypothesis: int) -> str:
+    """Name of the link of a hypothesis."""
+    return f"hypothesis-{hypothesis}"
+
+
+def _tree(
+    bodies: dict[int, Hypothesis], joints: Sequence[Joint]
+) -> list[tuple[int | None, Hypothesis, Joint | None]]:
+    """(parent, body, joint) of every body, parents first; the surest joints where there is a choice."""
+    known = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
+    above: dict[int, Joint] = {}
+    for joint in sorted(known, key=lambda j: (-j.confidence, j.parent, j.child)):
+        if joint.child not in above and not _is_above(joint.child, joint.parent, above):
+            above[joint.child] = joint
+    ordered: list[tuple[int | None, Hypothesis, Joint | None]] = []
+    waiting = sorted(bodies)
+    placed: set[int] = set()
+    while waiting:
+        ready = [one for one in waiting if one not in above or above[one].parent in placed]
+        for one in ready:
+            link = above.get(one)
+            ordered.append((None if link is None else link.parent, bodies[one], link))
+        placed.update(ready)
+        waiting = [one for one in waiting if one not in placed]
+    return ordered
+
+
+def _is_above(one: int, other: int, above: dict[int, Joint]) -> bool:
+    """Whether the chain of parents of `other` leads to `one`: a joint would close a circle."""
+    while other in above:
+        other = above[other].parent
+        if other == one:
+            return True
+    return False
+
+
+def _add_joint(
+    robot: ET.Element, parent: str, body: Hypothesis, joint: Joint | None, at: Sequence[float]
+) -> None:
+    rest = "fixed" if body.state == "static" else "floating"
+    kind = rest if joint is None else _KINDS[joint.kind]
+    element = ET.SubElement(robot, "joint", name=f"joint-{body.id}", type=kind)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=link_name(body.id))
+    ET.SubElement(element, "origin", xyz=_text(at), rpy="0 0 0")
+    if joint is None or joint.axis is None:
+        return
+    ET.SubElement(element, "axis", xyz=_text(joint.axis))
+    now = joint.position or 0.0
+    ET.SubElement(
+        element,
+        "limit",
+        lower=_number((joint.lower if joint.lower is not None else now) - now),
+        upper=_number((joint.upper if joint.upper is not None else now) - now),
+        effort=_UNLIMITED,
+        velocity=_UNLIMITED,
+    )
+
+
+def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> None:
+    link = ET.SubElement(robot, "link", name=link_name(body.id))
+    box = body.box or Box(center=list(body.centroid), half=[_LEAST] * 3, rotation=[0.0, 0.0, 0.0, 1.0])
+    size = [max(2 * half, _LEAST) for half in box.half]
+    place = {"xyz": _text(_minus(box.center, origin)), "rpy": _text(_rpy(box.rotation))}
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", place)
+    ET.SubElement(inertial, "mass", value=_number(_MASS))
+    moments = [_MASS / 12 * (sum(s**2 for s in size) - own**2) for own in size]
+    ET.SubElement(
+        inertial,
+        "inertia",
+        {name: _number(value) for name, value in zip(("ixx", "iyy", "izz"), moments, strict=True)}
+        | {"ixy": "0", "ixz": "0", "iyz": "0"},
+    )
+    visual = ET.SubElement(link, "visual")
+    ET.SubElement(visual, "origin", place)
+    ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_text(size))
+
+
+def _rpy(rotation: list[float] | float) -> list[float]:
+    """Roll, pitch and yaw of a quaternion."""
+    if not isinstance(rotation, list):
+        return [0.0, 0.0, rotation]
+    found: list[float] = Rotation.from_quat(rotation).as_euler("xyz").tolist()
+    return found
+
+
+def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def _text(values: Sequence[float]) -> str:
+    return " ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    return f"{value if math.isfinite(value) else 0.0:.9g}"

@@ -1,0 +1,161 @@
+"""What clients make of joints: URDF, lines, rows."""
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from comotion_clients.joint_lines import joint_lines
+from comotion_clients.joint_rows import as_json, joint_row
+from comotion_clients.recording import foxglove
+from comotion_clients.scene_model import SceneModel
+from comotion_clients.urdf import to_urdf
+from comotion_clients.viewing.hypotheses import draw_joints
+from comotion_clients.watch_view import render
+from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
+
+IDENTITY = [0.0, 0.0, 0.0, 1.0]
+
+
+def body(one, centre, state="moving"):
+    return Hypothesis(
+        id=one,
+        space="world",
+        size=5,
+        born_ns=0,
+        state=state,
+        centroid=centre,
+        pose=Pose(translation=[0.0, 0.0, 0.0], rotation=IDENTITY),
+        box=Box(center=centre, half=[0.2, 0.01, 0.3], rotation=IDENTITY),
+    )
+
+
+DOOR = Joint(
+    parent=1,
+    child=2,
+    space="world",
+    kind="revolute",
+    confidence=0.99,
+    axis=[0.0, 0.0, 1.0],
+    point=[1.0, 0.5, 0.3],
+    position=0.5,
+    rate=0.1,
+    lower=0.0,
+    upper=1.2,
+    sigma_position=0.01,
+)
+# A drawer in the door: its chain is longer.
+DRAWER = Joint(
+    parent=2,
+    child=3,
+    space="world",
+    kind="prismatic",
+    confidence=0.98,
+    axis=[0.0, 1.0, 0.0],
+    point=[1.2, 0.5, 0.3],
+    position=0.1,
+    rate=0.0,
+    lower=0.0,
+    upper=0.3,
+)
+FREE = Joint(parent=1, child=4, space="world", kind="free", confidence=1.0)
+
+
+def update(joints, **changes):
+    return HypothesisUpdate(
+        scene="default",
+        session="0" * 16,
+        seq=0,
+        stamp_ns=10**9,
+        published_ns=10**9,
+        period_ns=10**8,
+        sources=[],
+        track_source=[],
+        track_id=[],
+        track_hypothesis=[],
+        track_confidence=[],
+        track_position=[],
+        hypotheses=[
+            body(1, [0.5, 0.0, 0.0], "static"),
+            body(2, [1.2, 0.5, 0.3]),
+            body(3, [1.3, 0.6, 0.3]),
+            body(4, [0.0, 2.0, 0.0]),
+        ],
+        events=[],
+        joints=joints,
+        **changes,
+    )
+
+
+def test_mujoco_reads_the_urdf_and_moves_the_joints():
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(to_urdf(update([DOOR, DRAWER, FREE])))
+    data = mujoco.MjData(model)
+    assert model.joint("joint-2").type == mujoco.mjtJoint.mjJNT_HINGE
+    assert model.joint("joint-3").type == mujoco.mjtJoint.mjJNT_SLIDE
+    assert model.joint("joint-4").type == mujoco.mjtJoint.mjJNT_FREE
+    assert model.joint("joint-2").range == pytest.approx([-0.5, 0.7])
+    data.qpos[model.joint("joint-2").qposadr] = np.pi / 2
+    data.qpos[model.joint("joint-3").qposadr] = 0.1
+    mujoco.mj_kinematics(model, data)
+    # The drawer was 0.2 m beside the hinge along x, and moves along its own y, now -x.
+    assert data.body("hypothesis-3").xpos == pytest.approx([0.9, 0.7, 0.3])
+
+
+def test_a_circle_of_joints_becomes_a_tree():
+    mujoco = pytest.importorskip("mujoco")
+    circle = Joint(parent=3, child=2, space="world", kind="fixed", confidence=0.5)
+    back = Joint(parent=3, child=1, space="world", kind="fixed", confidence=0.5)
+    model = mujoco.MjModel.from_xml_string(to_urdf(update([DOOR, back])))
+    assert model.nbody > 1
+    assert "floating" in to_urdf(update([circle]))
+
+
+def test_no_urdf_without_a_pose():
+    with pytest.raises(ValueError, match="no hypothesis"):
+        to_urdf(
+            update(
+                [],
+            ),
+            "elsewhere",
+        )
+
+
+def test_the_lines_of_a_hinge_keep_their_distance_from_it():
+    lines = joint_lines(DOOR, body(2, [1.2, 0.5, 0.3]), 0.1)
+    arc = lines[:15].reshape(-1, 3)
+    assert np.linalg.norm(arc[:, :2] - [1.0, 0.5], axis=1) == pytest.approx(np.full(30, 0.2), abs=1e-6)
+    # From -0.5 to 0.7 rad against where it is now.
+    angles = np.arctan2(arc[:, 1] - 0.5, arc[:, 0] - 1.0)
+    assert (angles.min(), angles.max()) == pytest.approx((-0.5, 0.7), abs=1e-5)
+    rail = joint_lines(DRAWER, body(3, [1.3, 0.6, 0.3]), 0.1)
+    assert rail[0, :, 1] == pytest.approx([0.4, 0.7])
+    assert len(joint_lines(FREE, body(4, [0.0, 0.0, 0.0]), 0.1)) == 0
+
+
+def test_viewers_and_exports_draw_joints():
+    shown = update([DOOR, DRAWER, FREE])
+    (shape,) = draw_joints("space", shown.hypotheses, shown.joints, 0.1)
+    assert shape.path == "space/joints"
+    assert len(shape.ends) == len(shape.colours)
+    assert draw_joints("space", shown.hypotheses, [FREE], 0.1) == []
+    entities = foxglove.joints(shown, "world", 1.0)["entities"]
+    assert [entity["id"] for entity in entities] == ["joint-1-2", "joint-2-3"]
+    assert len(entities[0]["lines"][0]["points"]) % 2 == 0
+
+
+def test_watch_shows_joints_in_degrees_and_metres():
+    model = SceneModel("default")
+    model.on_update(update([DOOR, DRAWER, FREE]), arrived=0.0)
+    console = Console(width=100)
+    with console.capture() as captured:
+        console.print(render(model.snapshot(0.0), 100, 30, "size"))
+    assert "2 turns on 1, 28.6°" in captured.get()
+    assert "3 slides on 2, 0.100 m" in captured.get()
+
+
+def test_rows_and_json_leave_out_what_is_unknown():
+    assert joint_row(DOOR).position == "28.6 ± 0.6"
+    assert joint_row(FREE).position == "-"
+    door, _, free = as_json(update([DOOR, DRAWER, FREE]))["joints"]
+    assert door["upper"] == 1.2
+    assert "axis" not in free
