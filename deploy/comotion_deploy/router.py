@@ -12,7 +12,8 @@ from typing import Any
 
 import zenoh
 
-from comotion_schemas.component import announce_ready, stop_on_signals
+from comotion_schemas.component import stop_on_signals
+from comotion_schemas.readiness import announce_ready, beat
 from comotion_schemas.transport import SessionSettings, open_session
 
 from .errors import UserError, one_line
@@ -73,6 +74,7 @@ def run_router(set_up: Callable[[], RouterSetup], ready_file: Path | None) -> No
         opened.enter_context(_open(setup))
         with announce_ready(ready_file):
             while not stop.wait(_POLL_S):
+                beat(ready_file)
                 if asked():
                     _restart(opened, set_up)
 

@@ -31,6 +31,7 @@ from . import metrics
 from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
 from .messages import RejectionReason, Role, Status, StatusState
+from .readiness import announce_ready, beat
 from .transport import Publisher, SessionSettings, client_settings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
@@ -62,7 +63,10 @@ def viewer_name(program: str, settings: SessionSettings | None) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StatusFields:
-    """The fields of Status that a component provides; :class:`Component` adds the others."""
+    """The fields of Status that a component provides; :class:`Component` adds the others.
+
+    `hangs` is not sent: while it is true, supervisors hear that the process is not alive.
+    """
 
     state: StatusState = "ok"
     rates: dict[str, float] = field(default_factory=dict)
@@ -73,6 +77,7 @@ class StatusFields:
     replica: Literal["", "active", "standby"] = ""
     epoch: int = 0
     clock_offsets: dict[str, float] = field(default_factory=dict)
+    hangs: bool = False
 
 
 @contextmanager
@@ -114,23 +119,6 @@ def _set_on_signal(reader: int, stop: threading.Event) -> None:
     while numbers := os.read(reader, 64):
         if not _SIGNALS.isdisjoint(numbers):
             stop.set()
-
-
-@contextmanager
-def announce_ready(ready_file: Path | None) -> Iterator[None]:
-    """Signal readiness by a file or the line ``ready``; the file is removed at the end."""
-    if ready_file is None:
-        print("ready", flush=True)  # noqa: T201 - the contract with launchers and scripts
-        yield
-        return
-    # Replace in one step: readers never find an incomplete file.
-    partial = ready_file.with_name(f".{ready_file.name}.{os.getpid()}")
-    partial.write_text(f"{os.getpid()}\n")
-    partial.replace(ready_file)
-    try:
-        yield
-    finally:
-        ready_file.unlink(missing_ok=True)
 
 
 class Component:
@@ -194,6 +182,7 @@ class Component:
         self._status = status
         self._ready_file = ready_file
         self._overrides = overrides or {}
+        self._hangs = False
         self._exit = ExitStack()
         self._session: zenoh.Session | None = None
 
@@ -245,6 +234,7 @@ class Component:
         except Exception as error:  # an error in the callback must not end the Status thread
             _log.exception("the status of %s could not be determined", self.name)
             fields = StatusFields(state="degraded", message=f"status unavailable: {error!r}"[:500])
+        self._hangs = fields.hangs
         return Status(
             component=self.name,
             role=self.role,
@@ -285,6 +275,8 @@ class Component:
         while True:
             self.last_status = self.status()
             publisher.put(encode(self.last_status))
+            if not self._hangs:
+                beat(self._ready_file)
             due = max(due + STATUS_PERIOD_S, time.monotonic())
             if closing.wait(due - time.monotonic()):
                 return

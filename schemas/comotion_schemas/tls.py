@@ -14,7 +14,6 @@ because Zenoh drops what the router denies without an error.
 import json
 import logging
 import os
-import re
 import stat
 import time
 from collections.abc import Sequence
@@ -74,8 +73,9 @@ class Identity:
         if role != self.role and not (self.role == "source" and role == "viewer"):
             raise ValueError(f"{own} is not for a {role}")
         names = self.sources if self.role == "source" else (self.name,)
-        numbered = self.role == "service" and re.fullmatch(rf"{self.name}-[0-9]+", name)
-        if name not in names and not numbered:
+        # An agent numbers the services that it starts.
+        derived = self.role == "service" and name.startswith(f"{self.name}-")
+        if name not in names and not derived:
             raise ValueError(f"{own} is for the name {' or '.join(names)}, not {name!r}")
         if self.scene not in (ANY_SCENE, scene):
             raise ValueError(f"{own} is for the scene {self.scene!r}, not {scene!r}")

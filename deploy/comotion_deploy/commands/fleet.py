@@ -49,6 +49,7 @@ def fleet(
         str | None, typer.Option("--name", help="Name of the agent.  \\[default: the name of the host]")
     ] = None,
     connect: options.Connect = None,
+    tls: options.Tls = None,
     log: Annotated[Path | None, typer.Option("--log", help="File for the lines of the processes.")] = None,
     ready_file: options.ReadyFile = None,
     _log_level: options.Log = options.LogLevel.INFO,
@@ -59,7 +60,8 @@ def fleet(
         return
     if capacity is None:
         raise typer.BadParameter("an agent needs it", param_hint="--capacity")
-    from comotion_schemas.component import announce_ready, stop_on_signals
+    from comotion_schemas.component import stop_on_signals
+    from comotion_schemas.readiness import announce_ready
 
     from ..fleet.agent import Agent
     from ..log_lines import LogLines
@@ -67,6 +69,7 @@ def fleet(
     agent = name or re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48]
     stop = threading.Event()
     served = [word for endpoint in connect or () for word in ("--connect", endpoint)]
+    served += [] if tls is None else ["--tls", str(tls)]
     with ExitStack() as stack:
         folder = stack.enter_context(TemporaryDirectory(prefix="comotion-fleet-"))
         lines = stack.enter_context(LogLines([agent], log))

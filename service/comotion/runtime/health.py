@@ -169,4 +169,4 @@ class Watchdog:
         silence = 0 if alive_ns is None else time.monotonic_ns() - alive_ns
         if silence <= _HANGING_NS:
             return fields
-        return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s")
+        return replace(fields, state="stalled", message=f"no update for {silence / 1e9:.1f} s", hangs=True)
