@@ -17,7 +17,7 @@ $(STAMP): pyproject.toml requirements.txt
 	@echo "setting up $(VENV), once: a minute or two"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record]' --group dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record,video]' --group dev
 	@touch $@
 
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end
@@ -30,6 +30,7 @@ check: setup  ## lint, format, types, import rules
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy --config-file tests/typing/mypy.ini
 	$(BIN)/lint-imports
 
 format: setup  ## apply lint fixes and formatting

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas.colours import Palette
 from comotion_schemas.sequence import SequenceCounter
 
 from .joint_rows import joint_row
@@ -94,6 +95,7 @@ class SceneModel:
 
     def __init__(self, scene: str) -> None:
         self.scene = scene
+        self.palette = Palette()
         self._sources: dict[str, _Source] = {}
         self._units: dict[str, str] = {}
         self._updates = Stream()
@@ -128,6 +130,7 @@ class SceneModel:
         lost = self._sequences.sight("hypotheses", update.session, update.seq).lost
         self._updates.arrive(lost, arrived)
         self._update, self._service_gone = update, False
+        self.palette.see(update.hypotheses)
         new = [e for e in update.events if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
         for key in list(self._events)[:-EVENTS_KEPT]:
@@ -242,6 +245,7 @@ class SceneModel:
                     linked=list(h.linked or ()),
                     confirmed=h.confirmed,
                     absent=bool(h.absent),
+                    colour=self.palette.colour(h.id),
                     turning=None if twist is None else float(np.linalg.norm(twist.angular)),
                     translation=None if pose is None else list(pose.translation),
                     rotation=None if pose is None else _rotation_vector(pose.rotation),

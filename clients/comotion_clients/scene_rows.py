@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from comotion_schemas.colours import GREY, RGB
+
 from .joint_rows import JointRow
 
 SourceState = Literal["ok", "silent", "stalled", "gone"]
@@ -52,6 +54,7 @@ class HypothesisRow:
     translation: list[float] | None = None
     rotation: list[float] | None = None
     extent: list[float] | None = None
+    colour: RGB = GREY
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from .colours import hex_colour
+from comotion_schemas.colours import GREY, as_hex
+
 from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
 
@@ -126,17 +127,18 @@ def _head(snapshot: Snapshot) -> list[Text]:
     absent = f", {count} absent" if count else ""
     second = Text(f"{snapshot.tracks} tracks in {snapshot.current} hypotheses{absent}{undetermined}   ")
     second.append_text(_problems(service))
-    return [first, second, *_joints(snapshot.joints)]
+    return [first, second, *_joints(snapshot.joints, snapshot.hypotheses)]
 
 
-def _joints(joints: Sequence[JointRow]) -> list[Text]:
+def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> list[Text]:
     """A line about the joints that are known; none without."""
     known = [row for row in joints if row.kind in _JOINT_WORDS]
     if not known:
         return []
+    colours = {row.id: row.colour for row in hypotheses}
     line = Text("joints   ", style="bold dim")
     for row in known:
-        line.append("●", style=hex_colour(row.child))
+        line.append("●", style=as_hex(colours.get(row.child, GREY)))
         position = "" if row.position == "-" else f", {row.position.partition(' ±')[0]}{row.unit}"
         line.append(f" {row.child} {_JOINT_WORDS[row.kind]} {row.parent}{position}   ")
     return [line]
@@ -194,7 +196,7 @@ def _name(row: SourceRow) -> Text:
 
 
 def _swatch(row: HypothesisRow) -> Text:
-    return Text("●", style=hex_colour(row.id))
+    return Text("●", style=as_hex(row.colour))
 
 
 def _state(row: SourceRow) -> Text:
@@ -312,7 +314,7 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
     """Convert a snapshot to plain values for JSON; unknown values are None."""
     found = _plain(asdict(snapshot))
     for row in found["hypotheses"]:
-        row["colour"] = hex_colour(row["id"])
+        row["colour"] = as_hex(row["colour"])
     assert isinstance(found, dict)  # noqa: S101 - for the type checker
     return found
 

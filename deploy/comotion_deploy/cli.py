@@ -19,6 +19,7 @@ from .commands import (
     record,
     reproduce,
     router,
+    segment,
     serve,
     source,
     up,
@@ -59,6 +60,7 @@ app.add_typer(source.app, name="source")
 app.add_typer(fleet.app, name="fleet")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.add_typer(pki.app, name="pki")
+app.command("segment", epilog=segment.EPILOG)(segment.segment)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("view", epilog=view.EPILOG)(view.view)
 app.command("record", epilog=record.EPILOG)(record.record)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from comotion_clients.colours import GREY, HUES, colour, marker
 from comotion_clients.metrics import Score, Truth, contingency
 from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, HUES, RGB, Palette, colour, marker
 
 from .trace import Moment, Trace, main_space, moment_of
 
@@ -69,19 +69,32 @@ def save_plot(
     if space is None:
         raise ValueError("there is nothing to plot: no update lists a track")
     moments = [moment_of(update, truth, spaces, space) for update in updates]
+    colours = _colours(updates)
     has_truth = any((moment.objects >= 0).any() for moment in moments)
     # The layout does not see the labels of 3-D axes.
     layout = ConstrainedLayoutEngine(hspace=0.02 if space.dim == 2 else 0.08)
     figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout=layout)
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=14)
-    _RunFigure(figure, space, moments, scores, truth, has_truth).draw()
+    _RunFigure(figure, space, moments, colours, scores, truth, has_truth).draw()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
 
-def object_colours(moment: Moment) -> dict[int, tuple[float, float, float]]:
-    """Colour of each true object: that of the hypothesis it matches best, so that errors are visible."""
+def _colours(updates: Sequence[HypothesisUpdate]) -> list[dict[int, RGB]]:
+    """Colours of the hypotheses of every update."""
+    palette, found = Palette(), []
+    for update in updates:
+        palette.see(update.hypotheses)
+        found.append({h.id: palette.colour(h.id) for h in update.hypotheses} | {UNDETERMINED: GREY})
+    return found
+
+
+def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, tuple[float, float, float]]:
+    """Colour of each true object: that of the hypothesis it matches best, so that errors are visible.
+
+    `colours` are those of the hypotheses.
+    """
     labels, objects = moment.hypotheses, moment.objects
     scored = (objects >= 0) & (labels != UNDETERMINED)
     found: dict[int, tuple[int, int, int]] = {}
@@ -91,9 +104,8 @@ def object_colours(moment: Moment) -> dict[int, tuple[float, float, float]]:
         ids, numbers = np.unique(labels[scored]), np.unique(objects[scored])
         shared = counts[rows, columns] > 0
         pairs = zip(rows[shared].tolist(), columns[shared].tolist(), strict=True)
-        found = {int(numbers[column]): colour(int(ids[row])) for row, column in pairs}
-    used = {colour(label) for label in np.unique(labels).tolist()}
-    free = [hue for hue in HUES if hue not in used]
+        found = {int(numbers[column]): colours[int(ids[row])] for row, column in pairs}
+    free = [hue for hue in COLOURS if hue not in set(colours.values())]
     for number in np.unique(objects[objects >= 0]).tolist():
         if number not in found:
             found[number] = free.pop(0) if free else colour(number)
@@ -110,11 +122,13 @@ class _RunFigure:
         figure: Any,
         space: SpaceRef,
         moments: Sequence[Moment],
+        colours: Sequence[Mapping[int, RGB]],
         scores: Sequence[Score],
         truth: Truth,
         has_truth: bool,
     ) -> None:
         self._figure, self._space, self._moments = figure, space, moments
+        self._colours = colours
         self._scores, self._truth, self._has_truth = scores, truth, has_truth
         filled = [m.stamp_ns for m in moments if m.tracks]
         self._start_ns = min([*filled, *(score.stamp_ns for score in scores if score.scored)])
@@ -146,11 +160,12 @@ class _RunFigure:
         moment = self._moments[index]
         labels = moment.objects if truth else moment.hypotheses
         trails = self._trails(index)
-        objects = object_colours(moment) if truth else {}
+        shown = self._colours[index]
+        objects = object_colours(moment, shown) if truth else {}
         for label in np.unique(labels).tolist():
             members = np.flatnonzero(labels == label)
             rgb, shape, name = (
-                self._object_style(label, objects) if truth else _hypothesis_style(label, len(members))
+                self._object_style(label, objects) if truth else _hypothesis_style(label, len(members), shown)
             )
             axes.plot(*broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
             points = moment.positions[members].T
@@ -232,9 +247,13 @@ class _RunFigure:
         axes.grid(visible=True, alpha=0.3)
 
 
-def _hypothesis_style(label: int, count: int) -> tuple[tuple[float, float, float], str, str]:
+def _hypothesis_style(
+    label: int, count: int, colours: Mapping[int, RGB]
+) -> tuple[tuple[float, float, float], str, str]:
     name = "undetermined" if label == UNDETERMINED else f"{label}"
-    return _unit_rgb(colour(label)), marker(label), f"{name} ({count})"
+    if colours[label] == BACKGROUND:
+        name += " at rest"
+    return _unit_rgb(colours[label]), marker(label), f"{name} ({count})"
 
 
 def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:

@@ -2,17 +2,19 @@
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
 from comotion_schemas.messages import RejectionReason
+from comotion_schemas.rows import usable_rows
 from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
@@ -41,11 +43,16 @@ class SourcePublisher:
         The coordinate space of the positions.
     scene
         Name of the scene.
+    connect
+        Endpoint of the router, or several, as in ``comotion_clients.subscribe``; None: that of this machine.
     settings
-        Where to connect, and with what certificate; None: the router of this machine.
+        Where to connect, and with what certificate, instead of `connect` and `tls`.
     tls
         Without `settings`: the folder that ``comotion pki issue`` has written; None: the folder named by
         ``COMOTION_TLS`` in the environment, if there is one.
+    drop_invalid
+        Leave out rows with a position that is not finite (``non-finite``) or a negative id (``range``) and
+        count them in :attr:`dropped` and in Status. Otherwise such a row is an error.
     ready_file
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
     rate
@@ -67,18 +74,24 @@ class SourcePublisher:
         unit: Unit,
         dim: int,
         scene: str = DEFAULT_SCENE,
+        connect: str | Sequence[str] | None = None,
         settings: SessionSettings | None = None,
         tls: Path | str | None = None,
+        drop_invalid: bool = False,
         ready_file: Path | None = None,
         rate: float = 0.0,
         message: str = "",
     ) -> None:
+        if connect is not None and settings is not None:
+            raise ValueError("give connect or settings, not both")
+        endpoints = (connect,) if isinstance(connect, str) else connect
         self.name = name
+        self._drop_invalid = drop_invalid
         self.component = Component(
             role="source",
             name=name,
             scene=scene,
-            settings=settings or client_settings(tls=tls),
+            settings=settings or client_settings(endpoints, tls),
             status=self._status,
             ready_file=ready_file,
         )
@@ -94,6 +107,11 @@ class SourcePublisher:
         self._reported = (time.monotonic(), 0)
         self._last_put: float | None = None
         self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
+
+    @property
+    def dropped(self) -> dict[RejectionReason, int]:
+        """Rows that were left out, by reason."""
+        return dict(self._rejected)
 
     @property
     def stop(self) -> threading.Event:
@@ -142,9 +160,9 @@ class SourcePublisher:
         Parameters
         ----------
         ids
-            Unsigned integers [N]; an id must never be reused for another feature.
+            Integers [N] at or above 0; an id must never be reused for another feature.
         positions
-            float [N, dim], finite, in the unit of the source.
+            float [N, dim], finite, in the unit of the source. Not finite and negative: see `drop_invalid`.
         stamp_ns
             Acquisition time, nanoseconds since the Unix epoch; None: now.
         sigma
@@ -158,19 +176,22 @@ class SourcePublisher:
 
         Raises
         ------
-        pydantic.ValidationError
+        ValueError
             If the arrays are malformed; nothing is published then.
         """
+        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        for reason, count in rows.dropped.items():
+            self._rejected[reason] = self._rejected.get(reason, 0) + count
         stamp = time.time_ns() if stamp_ns is None else stamp_ns
         self.put(
             self.builder.observation(
                 stamp_ns=stamp,
-                ids=ids,
-                positions=positions,
-                sigma=sigma,
-                quaternions=quaternions,
+                ids=rows.ids,
+                positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
+                sigma=rows.sigma,
+                quaternions=None if quaternions is None else np.asarray(quaternions)[rows.kept],
                 ended=ended,
-                stamps_ns=stamps_ns,
+                stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns)[rows.kept],
             )
         )
 

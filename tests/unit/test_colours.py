@@ -1,12 +1,13 @@
 """Colours of hypotheses: stable, distinct, and so for the colour-blind too."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from comotion_clients.colours import GREY, HUES, colour, colours, hex_colour, marker
-from comotion_schemas import UNDETERMINED
+from comotion_schemas import UNDETERMINED, Box, Hypothesis
+from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, Palette, as_hex, colour, marker
 
 # Machado, Oliveira and Fernandes (2009), severity 1.0, on linear RGB.
 DEFICIENCIES = {
@@ -41,35 +42,76 @@ def lab(rgb: tuple[int, int, int], deficiency: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
+def body(one: int, state: str = "moving", size: int = 5, space: str = "world") -> Hypothesis:
+    return Hypothesis(id=one, space=space, size=size, born_ns=0, state=state, centroid=[0.0, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("deficiency", DEFICIENCIES)
-def test_hues_are_told_apart(deficiency: str) -> None:
+def test_colours_are_told_apart(deficiency: str) -> None:
     # A difference of 2.3 is just noticeable; 10 is seen at a glance.
-    for one, other in combinations([*HUES, GREY], 2):
+    for one, other in combinations([*COLOURS, GREY, BACKGROUND], 2):
         assert np.linalg.norm(lab(one, deficiency) - lab(other, deficiency)) > 10, (one, other)
 
 
-def test_a_colour_stays_with_its_id_and_neighbours_differ() -> None:
-    assert colour(3) == colour(3)
-    assert len({(colour(i), marker(i)) for i in range(105)}) == 105
-    assert len({colour(i) for i in range(21)}) == 21
+def test_visible_hypotheses_never_share_a_colour() -> None:
+    palette = Palette()
+    ids = [1, 1 + len(COLOURS), 1 + 2 * len(COLOURS), 2, 7]
+    palette.see([body(i) for i in ids])
+    assert len({palette.colour(i) for i in ids}) == len(ids)
+    assert palette.colour(1) == colour(1)
+    many = list(range(100, 100 + len(COLOURS)))
+    palette.see([body(i) for i in many])
+    assert len({palette.colour(i) for i in many}) == len(COLOURS)
+
+
+def test_a_colour_stays_while_its_hypothesis_is_listed() -> None:
+    palette, rng = Palette(), np.random.default_rng(0)
+    listed, before = set(), {}
+    for step in range(200):
+        listed = {i for i in listed if rng.random() > 0.1} | {step * 7 % 50}
+        palette.see([body(i) for i in listed])
+        now = {i: palette.colour(i) for i in listed}
+        assert len(set(now.values())) == len(listed)
+        assert all(now[i] == before[i] for i in listed & before.keys())
+        before = now
+
+
+def test_the_largest_at_rest_is_the_background_of_its_space() -> None:
+    palette = Palette()
+    palette.see([body(1, "undetermined", 30), body(2, "undetermined", 4), body(3, "static", space="b")])
+    assert palette.colour(1) == palette.colour(3) == BACKGROUND
+    assert palette.colour(2) == colour(2)
+    palette.see([body(1, "static", 20), body(4, "static", 40), body(3, "static", space="b")])
+    assert palette.colour(4) == colour(4)
+    palette.see([body(1, "moving", 20)])
+    assert palette.colour(1) == colour(1)
+
+
+def test_a_moving_camera_has_a_background_too() -> None:
+    wide = Box(center=[0.0, 0.0], half=[300.0, 200.0], rotation=0.0)
+    image = [
+        replace(body(1, size=9), centroid=[0.0, 0.0], box=replace(wide, half=[30.0, 20.0])),
+        replace(body(2, size=5), centroid=[0.0, 0.0], box=wide),
+    ]
+    palette = Palette()
+    palette.see(image)
+    assert palette.colour(2) == BACKGROUND
+    assert palette.colour(1) == colour(1)
 
 
 def test_undetermined_is_grey_and_nothing_else_is() -> None:
-    assert colour(UNDETERMINED) == GREY
-    assert all(len(set(colour(i))) > 1 for i in range(21))
+    assert colour(UNDETERMINED) == Palette().colour(UNDETERMINED) == GREY
+    assert all(len(set(rgb)) > 1 for rgb in COLOURS)
     assert marker(UNDETERMINED) not in {marker(i) for i in range(105)}
+    assert len({(colour(i), marker(i)) for i in range(5 * len(COLOURS))}) == 5 * len(COLOURS)
 
 
 def test_arrays_and_hex_agree_with_the_scalar() -> None:
+    palette = Palette()
+    palette.see([body(0), body(5)])
     ids = np.array([0, 5, UNDETERMINED, 4_000_000_000, 5], np.uint32)
-    table = colours(ids)
+    table = palette.colours(ids)
     assert table.dtype == np.uint8
-    assert [tuple(row) for row in table.tolist()] == [colour(int(i)) for i in ids]
-    assert hex_colour(0) == "#0072b2"
-    assert colours(np.zeros(0, np.uint32)).shape == (0, 3)
-
-
-@pytest.mark.parametrize("deficiency", DEFICIENCIES)
-def test_shades_of_later_ids_differ_noticeably(deficiency: str) -> None:
-    for one, other in combinations([colour(i) for i in (*range(21), UNDETERMINED)], 2):
-        assert np.linalg.norm(lab(one, deficiency) - lab(other, deficiency)) > 2.3, (one, other)
+    assert [tuple(row) for row in table.tolist()] == [palette.colour(int(i)) for i in ids]
+    assert palette.hex(0) == as_hex((0, 114, 178)) == "#0072b2"
+    assert palette.colours(np.zeros(0, np.uint32)).shape == (0, 3)

@@ -12,6 +12,7 @@ from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
 from comotion_clients.watch_view import render
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
+from comotion_schemas.colours import Palette
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
@@ -134,11 +135,11 @@ def test_the_lines_of_a_hinge_keep_their_distance_from_it():
 
 def test_viewers_and_exports_draw_joints():
     shown = update([DOOR, DRAWER, FREE])
-    (shape,) = draw_joints("space", shown.hypotheses, shown.joints, 0.1)
+    (shape,) = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette())
     assert shape.path == "space/joints"
     assert len(shape.ends) == len(shape.colours)
-    assert draw_joints("space", shown.hypotheses, [FREE], 0.1) == []
-    entities = foxglove.joints(shown, "world", 1.0)["entities"]
+    assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []
+    entities = foxglove.joints(shown, "world", 1.0, Palette())["entities"]
     assert [entity["id"] for entity in entities] == ["joint-1-2", "joint-2-3"]
     assert len(entities[0]["lines"][0]["points"]) % 2 == 0
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from comotion import FusionConfig
-from comotion_clients.colours import colour
 from comotion_clients.metrics import Truth
 from comotion_experiments.offline import Run, run_offline
 from comotion_experiments.plot import Trace, object_colours, save_plot
 from comotion_experiments.trace import moment_of
+from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
 cv2 = pytest.importorskip("cv2")
@@ -23,6 +23,13 @@ def run(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, T
     sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
     messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
     return run_offline(messages, CONFIG, duration=duration, on_update=trace.add), trace
+
+
+def palette_of(trace: Trace) -> Palette:
+    palette = Palette()
+    for update in trace.updates:
+        palette.see(update.hypotheses)
+    return palette
 
 
 @pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
@@ -43,7 +50,8 @@ def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
     # Some points have the colour of a hypothesis.
     blue, green, red = image[..., 0], image[..., 1], image[..., 2]
     ids = np.unique(trace.updates[-1].track_hypothesis).tolist()
-    for wanted in (colour(i) for i in ids):
+    palette = palette_of(trace)
+    for wanted in (palette.colour(i) for i in ids):
         assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20
 
 
@@ -51,10 +59,12 @@ def test_an_object_has_the_colour_of_its_hypothesis() -> None:
     done, trace = run("fig4_1", 4.0)
     (space,) = done.spaces.values()
     last = moment_of(trace.updates[-1], done.truth, done.spaces, space)
-    colours = object_colours(last)
+    palette = palette_of(trace)
+    shown = {h.id: palette.colour(h.id) for h in trace.updates[-1].hypotheses}
+    colours = object_colours(last, shown)
     for number in (0, 1):
         (hypothesis,) = np.unique(last.hypotheses[last.objects == number]).tolist()
-        assert colours[number] == pytest.approx([value / 255 for value in colour(hypothesis)])
+        assert colours[number] == pytest.approx([value / 255 for value in shown[hypothesis]])
 
 
 def test_a_long_trace_is_thinned_evenly() -> None:

@@ -1,4 +1,4 @@
-"""The chain from a real video to hypotheses, judged by labels drawn by hand; and the preview's colours."""
+"""The chain from a real video to hypotheses, judged by labels drawn by hand."""
 
 import os
 from pathlib import Path
@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_clients.colours import colour as colour_of_clients
 from comotion_clients.metrics import misclassification, nmi
 from comotion_schemas.types import UNDETERMINED
 from comotion_sources.cameras import Frame, open_frames
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker
 from comotion_sources.klt.observer import Observer, choose_space
-from comotion_sources.klt.preview import colour
 
 NEAR = 8.0  # px
 
@@ -60,8 +58,3 @@ def test_the_drawers_of_a_real_video_are_separated() -> None:
     assert len(scores) >= 7
     assert np.median(scores) > 0.8
     assert np.median(errors) < 0.06
-
-
-def test_the_preview_has_the_colours_of_the_other_tools() -> None:
-    for hypothesis in [*range(50), UNDETERMINED]:
-        assert colour(hypothesis)[::-1] == colour_of_clients(hypothesis)

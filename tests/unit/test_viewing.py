@@ -5,7 +5,6 @@ import pickle
 import numpy as np
 import pytest
 
-from comotion_clients.colours import GREY, colour, legible
 from comotion_clients.scoring import SETTLE_S, SpaceRef
 from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
 from comotion_clients.viewing.features import Features
@@ -38,6 +37,7 @@ from comotion_schemas import (
     TruthBatch,
     Twist,
 )
+from comotion_schemas.colours import COLOURS, GREY, Palette, colour, legible
 
 SESSION, OTHER = "0123456789abcdef", "f" * 16
 S = 10**9
@@ -168,7 +168,7 @@ def test_frames_turn_with_the_body_in_3d() -> None:
     turned = hypothesis(
         4, centroid=[1.0, 2.0, 3.0], pose=Pose(translation=[0.0, 0.0, 0.0], rotation=[0.0, 0.0, half, half])
     )
-    shapes = draw_hypotheses("p", [turned, hypothesis(5)], 0.5)
+    shapes = draw_hypotheses("p", [turned, hypothesis(5)], 0.5, Palette())
     frames = one(shapes, Arrows, "p/frames")
     assert frames.origins.tolist() == [[1, 2, 3]] * 3
     assert frames.vectors == pytest.approx(np.array([[0, 0.5, 0], [-0.5, 0, 0], [0, 0, 0.5]]), abs=1e-6)
@@ -179,7 +179,7 @@ def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    found = one(draw_hypotheses("p", bodies, 0.5), Boxes, "p/boxes")
+    found = one(draw_hypotheses("p", bodies, 0.5, Palette()), Boxes, "p/boxes")
     assert found.centers.tolist() == [[1, 2, 3]]
     assert found.colours.tolist() == [list(colour(4))]
     np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
@@ -189,7 +189,7 @@ def test_twist_arrows_show_the_way_of_a_second_and_the_axis() -> None:
     moving = hypothesis(4, twist=Twist(linear=[0.3, 0.0, 0.0], angular=[0.0, 0.0, 2.0]))
     racing = hypothesis(5, twist=Twist(linear=[0.0, 9.0, 0.0], angular=[100.0, 0.0, 0.0]))
     resting = hypothesis(6, twist=Twist(linear=[0.001, 0.0, 0.0], angular=[0.0, 0.0, 0.01]))
-    shapes = draw_hypotheses("p", [moving, racing, resting, hypothesis(7)], 0.5)
+    shapes = draw_hypotheses("p", [moving, racing, resting, hypothesis(7)], 0.5, Palette())
     linear, angular = one(shapes, Arrows, "p/twist/linear"), one(shapes, Arrows, "p/twist/angular")
     assert linear.vectors == pytest.approx(np.array([[0.3, 0, 0], [0, 2.0, 0]]))  # at most four axes long
     assert linear.colours.tolist() == [list(colour(4)), list(colour(5))]
@@ -204,7 +204,7 @@ def test_in_2d_a_turn_is_the_way_of_the_tip_of_the_x_axis() -> None:
         pose=Pose(translation=[0.0, 0.0], rotation=np.pi / 2),
         twist=Twist(linear=[0.0, 0.0], angular=-1.0),
     )
-    spin = one(draw_hypotheses("p", [turning], 0.5), Arrows, "p/twist/angular")
+    spin = one(draw_hypotheses("p", [turning], 0.5, Palette()), Arrows, "p/twist/angular")
     assert spin.origins == pytest.approx(np.array([[1.0, 1.5]]))
     assert spin.vectors == pytest.approx(np.array([[0.5, 0.0]]))
 
@@ -269,7 +269,7 @@ def test_an_update_that_repeats_its_stamp_is_not_drawn_again_but_its_events_are_
     assert picture.on_update(update([1]), 0.1) == []
     born = Event(stamp_ns=S, kind="split", hypothesis=7, others=[1])
     (moment,) = picture.on_update(update([1], events=[born]), 0.2)
-    assert moment.shapes == [Entry("log", "hypothesis 7 split from 1", colour=legible(7))]
+    assert moment.shapes == [Entry("log", "hypothesis 7 split from 1", colour=legible(colour(7)))]
 
 
 def test_stalls_and_losses_are_logged_once() -> None:
@@ -319,8 +319,8 @@ def test_every_name_has_a_path_of_its_own() -> None:
 
 
 def test_words_are_legible_on_dark_and_on_light() -> None:
-    for number in [*range(21), UNDETERMINED]:
-        red, green, blue = legible(number)
+    for shade in [*COLOURS, GREY]:
+        red, green, blue = legible(shade)
         assert 0.44 < (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255 < 0.61
 
 

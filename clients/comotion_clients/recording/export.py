@@ -4,7 +4,7 @@
 |---|---|
 | ``/features/<space>`` | foxglove.PointCloud, coloured by hypothesis |
 | ``/hypotheses/<space>`` | foxglove.PosesInFrame: centroid, and rotation since birth |
-| ``/labels/<space>`` | foxglove.SceneUpdate: id, state, size and velocity |
+| ``/labels/<space>`` | foxglove.SceneUpdate: id, state, size, velocity and box |
 | ``/tf`` | foxglove.FrameTransforms: frames ``hypothesis-<id>`` |
 | ``/images/<source>`` | foxglove.CompressedImage, where previews were recorded |
 | ``/events`` | foxglove.Log |
@@ -31,6 +31,7 @@ from comotion_schemas import (
     Status,
     TruthBatch,
 )
+from comotion_schemas.colours import Palette
 from comotion_schemas.recording import SCHEMA_ENCODING
 
 from ..metrics import Truth
@@ -104,6 +105,7 @@ class _Exporter:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._observed = Observed()
+        self._palette = Palette()
         self._tally = Tally(Truth())
         self._written_events: set[tuple[int, str, int]] = set()
 
@@ -128,6 +130,7 @@ class _Exporter:
         self._writer.finish()
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
+        self._palette.see(update.hypotheses)
         score = self._tally.add(update, self._observed)
         scored = score.scored > 0 and not math.isnan(score.nmi)
         self._put(
@@ -152,12 +155,13 @@ class _Exporter:
         scale = self._scale(space)
         members = np.array([name == space for name in space_of], bool)
         rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
-        cloud = foxglove.point_cloud(update, space, rows, scale)
+        cloud = foxglove.point_cloud(update, space, rows, scale, self._palette)
         self._put(f"/features/{space}", "foxglove.PointCloud", log_ns, cloud)
         poses = foxglove.poses(update, space, scale)
         self._put(f"/hypotheses/{space}", "foxglove.PosesInFrame", log_ns, poses)
-        self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, foxglove.labels(update, space, scale))
-        joints = foxglove.joints(update, space, scale)
+        labels = foxglove.labels(update, space, scale, self._palette)
+        self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, labels)
+        joints = foxglove.joints(update, space, scale, self._palette)
         if joints["entities"]:
             self._put(f"/joints/{space}", "foxglove.SceneUpdate", log_ns, joints)
 

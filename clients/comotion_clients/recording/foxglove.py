@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
+from comotion_schemas.colours import RGB, Palette
 
-from ..colours import colour, colours
 from ..joint_lines import joint_lines
 from .foxglove_schemas import UNUSED, Json
 
@@ -40,7 +40,9 @@ def time_of(stamp_ns: int) -> Json:
     return {"sec": sec, "nsec": nsec}
 
 
-def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float) -> Json:
+def point_cloud(
+    update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float, palette: Palette
+) -> Json:
     """Build the point cloud of one space, coloured by hypothesis.
 
     Parameters
@@ -53,12 +55,14 @@ def point_cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp], sc
         intp [M], tracks of the space.
     scale
         Metres per unit of the space.
+    palette
+        Has seen the update.
     """
     points = np.zeros(len(rows), _POINT)
     positions = np.nan_to_num(update.track_position[rows] * np.float32(scale))
     points["x"], points["y"], points["z"] = positions.T
     hypotheses = update.track_hypothesis[rows]
-    points["red"], points["green"], points["blue"] = colours(hypotheses).T
+    points["red"], points["green"], points["blue"] = palette.colours(hypotheses).T
     points["alpha"] = 255
     points["hypothesis"], points["confidence"] = hypotheses, update.track_confidence[rows]
     return {
@@ -105,7 +109,7 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> Json:
     }
 
 
-def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
+def labels(update: HypothesisUpdate, space: str, scale: float, palette: Palette) -> Json:
     """Id, state, size, velocity and box of every hypothesis, shown for three periods."""
     lifetime = time_of(3 * update.period_ns)
     return {
@@ -117,9 +121,9 @@ def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
                 "id": f"hypothesis-{h.id}",
                 "lifetime": lifetime,
                 "frame_locked": False,
-                "arrows": _arrows(h, scale),
-                "cubes": _cubes(h, scale),
-                "texts": [_label(h, scale)],
+                "arrows": _arrows(h, scale, _colour(palette.colour(h.id))),
+                "cubes": _cubes(h, scale, _colour(palette.colour(h.id))),
+                "texts": [_label(h, scale, _colour(palette.colour(h.id)))],
                 "lines": [],
                 **{name: [] for name in UNUSED},
             }
@@ -129,7 +133,7 @@ def labels(update: HypothesisUpdate, space: str, scale: float) -> Json:
     }
 
 
-def joints(update: HypothesisUpdate, space: str, scale: float) -> Json:
+def joints(update: HypothesisUpdate, space: str, scale: float, palette: Palette) -> Json:
     """Axis, and arc or rail, of every joint of one space, shown for three periods."""
     bodies = {h.id: h for h in update.hypotheses if h.space == space}
     found = [(j, bodies[j.child]) for j in update.joints if j.child in bodies and j.point is not None]
@@ -142,7 +146,7 @@ def joints(update: HypothesisUpdate, space: str, scale: float) -> Json:
                 "id": f"joint-{joint.parent}-{joint.child}",
                 "lifetime": time_of(3 * update.period_ns),
                 "frame_locked": False,
-                "lines": [_line(joint, body, scale)],
+                "lines": [_line(joint, body, scale, _colour(palette.colour(joint.child)))],
                 **{name: [] for name in ("arrows", "cubes", "texts", *UNUSED)},
             }
             for joint, body in found
@@ -150,7 +154,7 @@ def joints(update: HypothesisUpdate, space: str, scale: float) -> Json:
     }
 
 
-def _line(joint: Joint, body: Hypothesis, scale: float) -> Json:
+def _line(joint: Joint, body: Hypothesis, scale: float, colour: Json) -> Json:
     ends = joint_lines(joint, body, _AXIS_M / scale) * scale
     return {
         "type": _LINE_LIST,
@@ -158,7 +162,7 @@ def _line(joint: Joint, body: Hypothesis, scale: float) -> Json:
         "thickness": 2.0,
         "scale_invariant": True,
         "points": [_xyz(point) for point in ends.reshape(-1, ends.shape[2]).tolist()],
-        "color": _colour(joint.child),
+        "color": colour,
         "colors": [],
         "indices": [],
     }
@@ -247,8 +251,8 @@ def _turned(rotation: list[float] | float) -> Json:
     return {"x": 0.0, "y": 0.0, "z": float(np.sin(rotation / 2)), "w": float(np.cos(rotation / 2))}
 
 
-def _colour(hypothesis: int) -> Json:
-    red, green, blue = colour(hypothesis)
+def _colour(rgb: RGB) -> Json:
+    red, green, blue = rgb
     return {"r": red / 255, "g": green / 255, "b": blue / 255, "a": 1.0}
 
 
@@ -258,18 +262,18 @@ def _word(hypothesis: Hypothesis) -> str:
     return hypothesis.state if hypothesis.confirmed else f"{hypothesis.state}, unconfirmed"
 
 
-def _label(hypothesis: Hypothesis, scale: float) -> Json:
+def _label(hypothesis: Hypothesis, scale: float, colour: Json) -> Json:
     return {
         "pose": _pose(_position(hypothesis, scale), _IDENTITY),
         "billboard": True,
         "font_size": 14.0,
         "scale_invariant": True,
-        "color": _colour(hypothesis.id),
+        "color": colour,
         "text": f"{hypothesis.id}: {_word(hypothesis)}, {hypothesis.size}",
     }
 
 
-def _cubes(hypothesis: Hypothesis, scale: float) -> list[Json]:
+def _cubes(hypothesis: Hypothesis, scale: float, colour: Json) -> list[Json]:
     """The box of a body; that of what is at rest would surround the scene."""
     box = hypothesis.box
     if box is None or hypothesis.state == "static" or hypothesis.absent:
@@ -278,12 +282,12 @@ def _cubes(hypothesis: Hypothesis, scale: float) -> list[Json]:
         {
             "pose": _pose([value * scale for value in box.center], _turned(box.rotation)),
             "size": _xyz([2 * scale * value for value in box.half]),
-            "color": _colour(hypothesis.id) | {"a": _BOX_ALPHA},
+            "color": colour | {"a": _BOX_ALPHA},
         }
     ]
 
 
-def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
+def _arrows(hypothesis: Hypothesis, scale: float, colour: Json) -> list[Json]:
     """Arrow along the velocity; its length is the distance moved in 0.5 s."""
     if hypothesis.twist is None or hypothesis.absent:
         return []
@@ -298,7 +302,7 @@ def _arrows(hypothesis: Hypothesis, scale: float) -> list[Json]:
             "shaft_diameter": 0.05 * length,
             "head_length": 0.2 * length,
             "head_diameter": 0.12 * length,
-            "color": _colour(hypothesis.id),
+            "color": colour,
         }
     ]
 

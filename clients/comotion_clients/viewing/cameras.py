@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview
+from comotion_schemas.colours import Palette
 
-from ..colours import colours
 from .hypotheses import labels
 from .paths import Paths
 from .shapes import CameraView, Image, Moment, Points, Segments, Shape
@@ -26,9 +26,10 @@ _LABELLED = 3
 
 
 class Cameras:
-    """Delays previews and draws them when they are due."""
+    """Delays previews and draws them when they are due; `palette` has seen the updates."""
 
-    def __init__(self) -> None:
+    def __init__(self, palette: Palette | None = None) -> None:
+        self._palette = palette or Palette()
         self._paths = Paths("cameras")
         self._names: list[str] = []
         self._trails: dict[str, Trails] = {}
@@ -62,18 +63,27 @@ class Cameras:
             self._names.append(name)
         path = self._paths(name)
         hypotheses = _hypotheses(preview, update)
-        shades = colours(hypotheses)
+        shades = self._palette.colours(hypotheses)
         trails = self._trails.setdefault(name, Trails())
         moved, ends = trails.step(preview.session, preview.stamp_ns, preview.ids, preview.pixels)
         shapes: list[Shape] = [
             Image(f"{path}/image", preview.image),
             Segments(f"{path}/trails", ends, shades[moved]),
             Points(f"{path}/features", preview.pixels, shades, values={"feature": preview.ids}),
-            _labels(f"{path}/hypotheses", preview, hypotheses),
+            self._labels(f"{path}/hypotheses", preview, hypotheses),
         ]
         # A camera with a wrong clock may have a stamp that the service never reaches.
         newest = preview.stamp_ns if update is None else update.stamp_ns
         return Moment(min(preview.stamp_ns, newest), shapes)
+
+    def _labels(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
+        """Labels with hypothesis ids at the median position of their features."""
+        shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
+        shown = shown[counts >= _LABELLED]
+        middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
+        positions = np.array(middles, np.float32).reshape(-1, 2)
+        inks = [self._palette.legible(h) for h in shown.tolist()]
+        return labels(path, inks, positions, tuple(map(str, shown.tolist())))
 
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
@@ -92,12 +102,3 @@ def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np
         same = ids[at] == preview.ids
         found[same] = update.track_hypothesis[rows[at[same]]]
     return found
-
-
-def _labels(path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
-    """Labels with hypothesis ids at the median position of their features."""
-    shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
-    shown = shown[counts >= _LABELLED]
-    middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
-    positions = np.array(middles, np.float32).reshape(-1, 2)
-    return labels(path, shown, positions, tuple(map(str, shown.tolist())))

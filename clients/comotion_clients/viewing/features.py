@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from comotion_schemas import HypothesisUpdate
+from comotion_schemas.colours import Palette
 
-from ..colours import colours
 from ..scoring import SpaceRef, spaces_of
 from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
@@ -27,9 +27,13 @@ class _Space:
 
 
 class Features:
-    """Draws updates in order; stores the last position of each feature for the trails."""
+    """Draws updates in order; stores the last position of each feature for the trails.
 
-    def __init__(self) -> None:
+    `palette` has seen the updates.
+    """
+
+    def __init__(self, palette: Palette | None = None) -> None:
+        self._palette = palette or Palette()
         self._spaces: dict[str, _Space] = {}
         self._paths = Paths("spaces")
         self._trails: dict[str, Trails] = {}
@@ -77,7 +81,7 @@ class Features:
         ends: list[Positions] = [np.empty((0, 2, dim), np.float32)]
         shades: list[Colours] = [np.empty((0, 3), np.uint8)]
         for number in sources:
-            points = _points(update, space, number)
+            points = _points(update, space, number, self._palette)
             trails = self._trails.setdefault(points.path, Trails())
             session = update.sources[number].session
             moved, segments = trails.step(
@@ -88,17 +92,17 @@ class Features:
             shades.append(points.colours[moved])
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
-        shapes += draw_joints(space.view.path, here, update.joints, space.axis)
-        return shapes + draw_hypotheses(space.view.path, here, space.axis)
+        shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette)
+        return shapes + draw_hypotheses(space.view.path, here, space.axis, self._palette)
 
 
-def _points(update: HypothesisUpdate, space: _Space, number: int) -> Points:
+def _points(update: HypothesisUpdate, space: _Space, number: int, palette: Palette) -> Points:
     """The features of one source."""
     rows = update.track_source == number
     return Points(
         space.sources(update.sources[number].name),
         np.nan_to_num(update.track_position[rows, : space.ref.dim]),
-        colours(update.track_hypothesis[rows]),
+        palette.colours(update.track_hypothesis[rows]),
         values={"feature": update.track_id[rows], "confidence": update.track_confidence[rows]},
     )
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event
+from comotion_schemas import Event
+from comotion_schemas.colours import GREY, HUES, RGB, Palette, legible
 
-from ..colours import HUES, RGB, colour, colours, legible
 from ..scene_rows import HypothesisRow, Snapshot, SourceRow
 from ..watch_view import duration, number
 from .hypotheses import labels
@@ -94,22 +94,22 @@ class Health:
         return [Entry(_LOG, f"{more} lost of {who}", "WARN", _ALARM)] if more > 0 else []
 
 
-def event_entry(event: Event) -> Entry:
+def event_entry(event: Event, palette: Palette) -> Entry:
     """Build the log entry of an event, in the colour of its hypothesis."""
     others = ", ".join(map(str, event.others))
     words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
-    return Entry(_LOG, f"hypothesis {event.hypothesis} {event.kind}{words}", colour=legible(event.hypothesis))
+    return Entry(
+        _LOG, f"hypothesis {event.hypothesis} {event.kind}{words}", colour=palette.legible(event.hypothesis)
+    )
 
 
 def _sizes(snapshot: Snapshot) -> list[Shape]:
     """Curves of the number of features per hypothesis."""
     shapes: list[Shape] = [
-        Number(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", colour(row.id))
-        for row in snapshot.hypotheses
+        Number(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", row.colour) for row in snapshot.hypotheses
     ]
     if snapshot.tracks:
-        undetermined = colour(UNDETERMINED)
-        shapes.append(Number("sizes/undetermined", snapshot.undetermined, "undetermined", undetermined))
+        shapes.append(Number("sizes/undetermined", snapshot.undetermined, "undetermined", GREY))
     return shapes
 
 
@@ -123,10 +123,10 @@ def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
     slots = np.arange(len(shown))
     column, row = slots % LEGEND.columns, slots // LEGEND.columns
     positions = np.stack([LEGEND.width * column, row], axis=1).astype(np.float32)
-    ids = np.array([row.id for row in shown], np.uint32)
+    shades = np.array([row.colour for row in shown], np.uint8).reshape(-1, 3)
     return [
-        Points("legend/dots", positions, colours(ids), radius=7.0),
-        labels("legend/words", ids, positions, tuple(words)),
+        Points("legend/dots", positions, shades, radius=7.0),
+        labels("legend/words", [legible(row.colour) for row in shown], positions, tuple(words)),
     ]
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Hypothesis, Joint
+from comotion_schemas.colours import RGB, Palette
 
-from ..colours import colours, legible
 from ..joint_lines import joint_lines
 from .shapes import Arrows, Boxes, Points, Positions, Segments, Shape
 
@@ -40,7 +40,9 @@ def axis_length(positions: Positions, before: float) -> float:
     return length
 
 
-def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) -> list[Shape]:
+def draw_hypotheses(
+    path: str, hypotheses: Sequence[Hypothesis], axis: float, palette: Palette
+) -> list[Shape]:
     """Draw the hypotheses of one space, with axes of length `axis`.
 
     The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
@@ -51,8 +53,9 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
     ids = np.array([h.id for h in hypotheses], np.uint32)
     dim = len(hypotheses[0].centroid) if hypotheses else 3
     centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
-    shades = colours(ids)
-    words = labels(f"{path}/hypotheses", ids, centroids, tuple(label(h) for h in hypotheses))
+    shades = palette.colours(ids)
+    inks = [palette.legible(h.id) for h in hypotheses]
+    words = labels(f"{path}/hypotheses", inks, centroids, tuple(label(h) for h in hypotheses))
     rows = [k for k, h in enumerate(hypotheses) if not h.absent]
     hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
     return [
@@ -65,7 +68,7 @@ def draw_hypotheses(path: str, hypotheses: Sequence[Hypothesis], axis: float) ->
 
 
 def draw_joints(
-    path: str, hypotheses: Sequence[Hypothesis], joints: Sequence[Joint], axis: float
+    path: str, hypotheses: Sequence[Hypothesis], joints: Sequence[Joint], axis: float, palette: Palette
 ) -> list[Shape]:
     """Draw the joints of one space in the colours of their children: axis, arc or rail; none: no shape."""
     by_id = {h.id: h for h in hypotheses}
@@ -78,28 +81,28 @@ def draw_joints(
         return []
     ends = np.concatenate([lines for _, lines in drawn])
     shades = np.repeat(
-        colours(np.array([child for child, _ in drawn], np.uint32)),
+        palette.colours(np.array([child for child, _ in drawn], np.uint32)),
         [len(lines) for _, lines in drawn],
         axis=0,
     )
     return [Segments(f"{path}/joints", ends, shades)]
 
 
-def labels(path: str, ids: NDArray[np.uint32], positions: Positions, words: tuple[str, ...]) -> Points:
+def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[str, ...]) -> Points:
     """Build labels without points.
 
     Parameters
     ----------
     path
         Path of the shape.
-    ids
-        uint32 [N], hypotheses, for the colours.
+    inks
+        N legible colours.
     positions
         float32 [N, dim].
     words
         N texts.
     """
-    shades = np.array([legible(h) for h in ids.tolist()], np.uint8).reshape(-1, 3)
+    shades = np.array(inks, np.uint8).reshape(-1, 3)
     return Points(path, positions, shades, radius=0.0, labels=words)
 
 

@@ -31,8 +31,8 @@ class ScenePicture:
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
         self._observed = Observed()
-        self._features = Features()
-        self._cameras = Cameras()
+        self._features = Features(self.model.palette)
+        self._cameras = Cameras(self.model.palette)
         self._health = Health()
         self._health_at = -float("inf")
         self._drawn_ns: int | None = None
@@ -73,7 +73,10 @@ class ScenePicture:
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
         """Draw an update and its new events; an update that repeats a stamp is not drawn again."""
-        moments = [Moment(e.stamp_ns, [event_entry(e)]) for e in self.model.on_update(update, arrived)]
+        moments = [
+            Moment(e.stamp_ns, [event_entry(e, self.model.palette)])
+            for e in self.model.on_update(update, arrived)
+        ]
         if update.stamp_ns == self._drawn_ns or not _has_time(update):
             return moments
         self._drawn_ns = update.stamp_ns

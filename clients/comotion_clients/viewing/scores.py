@@ -1,8 +1,8 @@
 """Score curves: updates and truth -> NMI and misclassification over time, per space. Pure."""
 
 from comotion_schemas import HypothesisUpdate
+from comotion_schemas.colours import HUES
 
-from ..colours import HUES
 from ..metrics import TrackIds, Truth, score_update
 from ..scoring import Observed
 from .paths import Paths

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import RGB
+from comotion_schemas.colours import RGB
 
 TRAIL_S = 2.0
 Axes = Literal["z-up", "optical", "y-up", "image"]

@@ -1,5 +1,6 @@
 """Options of the camera sources, and their conversion."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,6 +97,12 @@ PreviewPath = Annotated[
         help="Write an annotated video, or PNG images to a folder, with features coloured by hypothesis.",
     ),
 ]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite", envvar="COMOTION_OVERWRITE", help="Remove the frames of an earlier run from a folder."
+    ),
+]
 SharePreview = Annotated[
     float,
     typer.Option(
@@ -142,6 +149,26 @@ ClockOffset = Annotated[
         help="Added to every stamp, for a camera with a known clock offset.",
     ),
 ]
+
+
+def clear_frames(folder: Path | None, *, overwrite: bool) -> None:
+    """Remove the frames that an earlier run has written; on a terminal, ask before.
+
+    Raises
+    ------
+    UserError
+        If there are any, and nobody has agreed to remove them.
+    """
+    from comotion_sources.klt.picture_file import frames_in
+
+    frames = [] if folder is None else frames_in(folder)
+    if not frames:
+        return
+    held = f"{folder} holds {len(frames)} frames of an earlier run"
+    if not overwrite and not (sys.stdin.isatty() and typer.confirm(f"{held}. Remove them?", err=True)):
+        raise UserError(f"{held}: --overwrite removes them")
+    for frame in frames:
+        frame.unlink()
 
 
 def tracker_config(

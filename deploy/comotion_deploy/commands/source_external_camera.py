@@ -48,6 +48,7 @@ def external_camera(
     space: camera.Space = None,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
+    overwrite: camera.Overwrite = False,
     share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
@@ -70,6 +71,7 @@ def external_camera(
     from comotion_sources.klt.process import run
     from comotion_sources.markers import MarkerOptions
 
+    camera.clear_frames(preview, overwrite=overwrite)
     settings = CameraOptions(
         name=name,
         tracker=camera.tracker_config(max_features, respawn_every, tracker),

@@ -31,6 +31,7 @@ def klt(
     space: camera.Space = None,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
+    overwrite: camera.Overwrite = False,
     share_preview: camera.SharePreview = 5.0,
     realtime: camera.Realtime = True,
     loop: camera.Loop = False,
@@ -52,6 +53,7 @@ def klt(
     from comotion_sources.klt.pacing import Pacing
     from comotion_sources.klt.process import run
 
+    camera.clear_frames(preview, overwrite=overwrite)
     settings = CameraOptions(
         name=name,
         tracker=camera.tracker_config(max_features, respawn_every, tracker),

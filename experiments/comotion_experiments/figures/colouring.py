@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from comotion_clients.colours import GREY, HUES, MARKERS, RGB, colour
 from comotion_schemas import UNDETERMINED
+from comotion_schemas.colours import GREY, HUES, MARKERS, RGB, colour
 
 from .runs import SeedRun
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from comotion import FusionConfig
 from comotion.config import LinkingConfig
-from comotion_clients.colours import colour
 from comotion_clients.metrics import bodies_of
 from comotion_schemas import HypothesisUpdate
+from comotion_schemas.colours import Palette
 from comotion_sources.workcell import Scene, Viewpoint
 
 from ..fusion.study import in_time_order
@@ -49,6 +49,7 @@ def save_picture(
     sources = record(scene, seed, setup, cache)
     cameras = config.linking.cameras | {PLAIN_SPACE: plain_camera(scene, seed, setup)}
     last: list[HypothesisUpdate] = []
+    palette = Palette()
     run_offline(
         in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]),
         config.model_copy(update={"linking": LinkingConfig(cameras=cameras)}),
@@ -56,9 +57,10 @@ def save_picture(
         duration=seconds,
         on_update=lambda update, _: last.append(update),
     )
-    update = last[-1]
+    for update in last:
+        palette.see(update.hypotheses)
     images = [
-        _draw(Viewpoint(Scene.named(scene, seed), camera, setup.size), update, source)
+        _draw(Viewpoint(Scene.named(scene, seed), camera, setup.size), update, source, palette)
         for camera, source in (("a", DEPTH_CAMERA), ("b", PLAIN_CAMERA))
     ]
     _, encoded = cv2.imencode(".jpg", np.hstack(images), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
@@ -66,7 +68,7 @@ def save_picture(
     path.write_bytes(encoded.tobytes())
 
 
-def _draw(view: Viewpoint, update: HypothesisUpdate, source: str) -> NDArray[np.uint8]:
+def _draw(view: Viewpoint, update: HypothesisUpdate, source: str, palette: Palette) -> NDArray[np.uint8]:
     configuration = view.scene.configuration(update.stamp_ns * 1e-9)
     image = np.array(view.frame(configuration, update.stamp_ns).image)
     bodies = bodies_of(update)
@@ -76,7 +78,7 @@ def _draw(view: Viewpoint, update: HypothesisUpdate, source: str) -> NDArray[np.
     if source == DEPTH_CAMERA:
         flat = view.intrinsics.project(view.extrinsics.inverse().apply(points))
     for place, one in zip(flat, update.track_hypothesis[mine].tolist(), strict=True):
-        bgr = colour(bodies.get(one, one))[::-1]
+        bgr = palette.colour(bodies.get(one, one))[::-1]
         centre = (round(float(place[0])), round(float(place[1])))
         thickness = cv2.FILLED if one in bodies else 1
         cv2.circle(image, centre, _RADIUS, bgr, thickness, cv2.LINE_AA)

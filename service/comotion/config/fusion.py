@@ -25,25 +25,26 @@ class FusionConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Method = Field("comotion", description="how hypotheses are inferred")
+    method: Method = Field(default="comotion", description="how hypotheses are inferred")
     window: Annotated[float, Field(gt=0, le=600)] = Field(
-        10.0, description="s; observations older than this leave the trajectories"
+        default=10.0, description="s; observations older than this leave the trajectories"
     )
-    period: Annotated[float, Field(ge=0.005, le=60)] = Field(0.1, description="s between updates")
+    period: Annotated[float, Field(ge=0.005, le=60)] = Field(default=0.1, description="s between updates")
     allowed_lateness: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.2, description="s behind the watermark up to which an observation is still inserted"
+        default=0.2, description="s behind the watermark up to which an observation is still inserted"
     )
     max_lag: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.5, description="s the watermark may stay behind the clock for a slow source"
+        default=0.5, description="s the watermark may stay behind the clock for a slow source"
     )
     source_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
-        1.0, description="s without data after which a source no longer holds the watermark"
+        default=1.0, description="s without data after which a source no longer holds the watermark"
     )
     track_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
-        0.5, description="s without observation after which a trajectory is outdated (or 3 source periods)"
+        default=0.5,
+        description="s without observation after which a trajectory is outdated (or 3 source periods)",
     )
     max_tracks: Annotated[int, Field(ge=1, le=100_000)] = Field(
-        5000, description="trajectories kept at once; further ones are refused"
+        default=5000, description="trajectories kept at once; further ones are refused"
     )
 
     thesis: ThesisConfig = Field(

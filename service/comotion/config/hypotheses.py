@@ -11,16 +11,16 @@ class HypothesesConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     confirm: Annotated[float, Field(ge=0, le=60)] = Field(
-        0.5, description="s that a hypothesis, a loss or a return must last until it makes an event"
+        default=0.5, description="s that a hypothesis, a loss or a return must last until it makes an event"
     )
     members: Annotated[int, Field(ge=2, le=1000)] = Field(
-        3,
+        default=3,
         description="current members that confirm a hypothesis; 2 in a space with less than twice as many "
         "trajectories",
     )
     memory: Annotated[float, Field(ge=0, le=86_400)] = Field(
-        60.0, description="s for which a hypothesis without current members is remembered"
+        default=60.0, description="s for which a hypothesis without current members is remembered"
     )
     remembered: Annotated[int, Field(ge=0, le=1000)] = Field(
-        32, description="hypotheses without current members that are remembered in a space"
+        default=32, description="hypotheses without current members that are remembered in a space"
     )

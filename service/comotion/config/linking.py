@@ -24,10 +24,10 @@ class Camera(BaseModel):
     fy: Positive = Field(description="px; focal length")
     cx: Finite = Field(description="px; principal point")
     cy: Finite = Field(description="px; principal point")
-    distortion: tuple[Finite, ...] = Field((), description="k1, k2, p1, p2, k3 ... as in OpenCV")
+    distortion: tuple[Finite, ...] = Field(default=(), description="k1, k2, p1, p2, k3 ... as in OpenCV")
     translation: tuple[Finite, Finite, Finite] = Field(description="m; where the camera is")
     quaternion: tuple[Finite, Finite, Finite, Finite] = Field(description="x, y, z, w; camera to frame")
-    frame: str = Field("world", description="metric space that translation and quaternion lead to")
+    frame: str = Field(default="world", description="metric space that translation and quaternion lead to")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

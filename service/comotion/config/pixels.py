@@ -22,93 +22,111 @@ class PixelsConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     key_frames: Annotated[int, Field(ge=2, le=1000)] = Field(
-        24, description="instants of the window that trajectories are compared at"
+        default=24, description="instants of the window that trajectories are compared at"
     )
     least_seen: Annotated[int, Field(ge=1, le=1000)] = Field(
-        4, description="key frames that a trajectory must be seen in to be compared"
+        default=4, description="key frames that a trajectory must be seen in to be compared"
     )
     most_tracks: Count = Field(
-        1200, description="most trajectories that are compared; the others follow their neighbours"
+        default=1200, description="most trajectories that are compared; the others follow their neighbours"
     )
     ended_share: Weight = Field(
-        0.5, description="most ended trajectories that are compared, as a share of the current ones"
+        default=0.5, description="most ended trajectories that are compared, as a share of the current ones"
     )
     few_tracks: Count = Field(
-        400, description="number of compared trajectories up to which `ended_share` sets no limit"
+        default=400, description="number of compared trajectories up to which `ended_share` sets no limit"
     )
     steps: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
-        (1, 4, 12), description="key frames; lengths of the frame pairs in which motion is measured"
+        default=(1, 4, 12), description="key frames; lengths of the frame pairs in which motion is measured"
     )
-    local_motions: Count = Field(600, description="number of local affine motions")
+    local_motions: Count = Field(default=600, description="number of local affine motions")
     members: Annotated[int, Field(ge=3, le=1000)] = Field(
-        8, description="trajectories that each local motion is fitted to"
+        default=8, description="trajectories that each local motion is fitted to"
     )
     reaches: Annotated[tuple[Count, ...], Field(min_length=1)] = Field(
-        (16, 32),
+        default=(16, 32),
         description="numbers of nearest trajectories from which the members are drawn; each serves "
         "an even share of the local motions",
     )
     motion_weight: Weight = Field(
-        10.0, description="weight of a difference in displacement against a distance in the image"
+        default=10.0, description="weight of a difference in displacement against a distance in the image"
     )
-    ridge: Positive = Field(25.0, description="px²; regularisation of a local motion, per member")
-    cap: Positive = Field(400.0, description="px²; squared residual from which on it costs no more")
+    ridge: Positive = Field(default=25.0, description="px²; regularisation of a local motion, per member")
+    cap: Positive = Field(default=400.0, description="px²; squared residual from which on it costs no more")
     noise_factor: Positive = Field(
-        32.0, description="width of the preference kernel, as a multiple of the typical best residual"
+        default=32.0, description="width of the preference kernel, as a multiple of the typical best residual"
     )
-    noise_floor: Positive = Field(0.05, description="px²; added to the width of the preference kernel")
+    noise_floor: Positive = Field(
+        default=0.05, description="px²; added to the width of the preference kernel"
+    )
     coverage_power: Annotated[int, Field(ge=0, le=20)] = Field(
-        3, description="power of the share of motion that a trajectory was seen in, in the evidence of a pair"
+        default=3,
+        description="power of the share of motion that a trajectory was seen in, in the evidence of a pair",
     )
     completion_rank: Annotated[int, Field(ge=1, le=100)] = Field(
-        6, description="rank of the completion of unseen positions"
+        default=6, description="rank of the completion of unseen positions"
     )
     completion_rounds: Annotated[int, Field(ge=0, le=1000)] = Field(
-        40, description="iterations of the completion of unseen positions"
+        default=40, description="iterations of the completion of unseen positions"
     )
     ranks: Annotated[tuple[Annotated[int, Field(ge=1, le=100)], ...], Field(min_length=1)] = Field(
-        (5, 6, 8, 10), description="numbers of singular vectors over which the shape interaction is averaged"
+        default=(5, 6, 8, 10),
+        description="numbers of singular vectors over which the shape interaction is averaged",
     )
-    preference_floor: Floor = Field(0.001, description="added to the preference kernel of a pair")
-    interaction_floor: Floor = Field(0.01, description="added to the mean shape interaction of a pair")
-    rank_floor: Floor = Field(0.001, description="added to the shape interaction of a pair at each rank")
-    evidence_floor: Floor = Field(0.0005, description="evidence of a pair that no local motion covers")
+    preference_floor: Floor = Field(default=0.001, description="added to the preference kernel of a pair")
+    interaction_floor: Floor = Field(
+        default=0.01, description="added to the mean shape interaction of a pair"
+    )
+    rank_floor: Floor = Field(
+        default=0.001, description="added to the shape interaction of a pair at each rank"
+    )
+    evidence_floor: Floor = Field(
+        default=0.0005, description="evidence of a pair that no local motion covers"
+    )
     supercluster_similarity: Share = Field(
-        0.08, description="mean similarity down to which trajectories are linked into superclusters"
+        default=0.08, description="mean similarity down to which trajectories are linked into superclusters"
     )
     merge_similarity: Floor = Field(
-        0.0075,
+        default=0.0075,
         description="mean similarity at which superclusters merge if the smaller has `merge_size` members",
     )
     merge_size: Count = Field(
-        40, description="members; the threshold grows with the root of the smaller one's size over this"
+        default=40,
+        description="members; the threshold grows with the root of the smaller one's size over this",
     )
-    merge_cap: Count = Field(100, description="members from which on the threshold grows no more")
+    merge_cap: Count = Field(default=100, description="members from which on the threshold grows no more")
     merge_range: tuple[Positive, Positive] = Field(
-        (0.15, 6.0),
+        default=(0.15, 6.0),
         description="multiples of the threshold below which no superclusters merge, and from which on all do",
     )
     boundary_distance: Weight = Field(
-        0.86, description="weight of log(1 + distance in px) of two groups in the evidence that they are one"
+        default=0.86,
+        description="weight of log(1 + distance in px) of two groups in the evidence that they are one",
     )
-    boundary_least: Finite = Field(0.55, description="nat; taken from the evidence that two groups are one")
+    boundary_least: Finite = Field(
+        default=0.55, description="nat; taken from the evidence that two groups are one"
+    )
     ratio_weight: Weight = Field(
-        0.3, description="weight of the log multiple of the threshold in the evidence that two groups are one"
+        default=0.3,
+        description="weight of the log multiple of the threshold in the evidence that two groups are one",
     )
     epipolar_weight: Weight = Field(
-        1.08, description="evidence needed per log ratio of two groups' joint epipolar residual to their own"
+        default=1.08,
+        description="evidence needed per log ratio of two groups' joint epipolar residual to their own",
     )
-    epipolar_limits: tuple[Finite, Finite] = Field((-0.2, 2.5), description="nat; limits of that log ratio")
+    epipolar_limits: tuple[Finite, Finite] = Field(
+        default=(-0.2, 2.5), description="nat; limits of that log ratio"
+    )
     epipolar_unknown: Finite = Field(
-        0.3, description="nat; that log ratio where the epipolar geometry cannot be estimated"
+        default=0.3, description="nat; that log ratio where the epipolar geometry cannot be estimated"
     )
-    smallest: Count = Field(5, description="members below which a group dissolves")
+    smallest: Count = Field(default=5, description="members below which a group dissolves")
     smallest_share: Share = Field(
-        0.02, description="share of the compared trajectories below which a group dissolves"
+        default=0.02, description="share of the compared trajectories below which a group dissolves"
     )
     held_together: Weight = Field(
-        0.5, description="nat; added to the evidence of two groups that were one hypothesis before"
+        default=0.5, description="nat; added to the evidence of two groups that were one hypothesis before"
     )
     held_apart: Weight = Field(
-        0.25, description="nat; taken from the evidence of two groups that were two hypotheses before"
+        default=0.25, description="nat; taken from the evidence of two groups that were two hypotheses before"
     )

@@ -13,41 +13,44 @@ class RigidConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     frame_rate: Annotated[float, Field(gt=0, le=200)] = Field(
-        15.0, description="Hz; rate of the common frames that trajectories are interpolated to"
+        default=15.0, description="Hz; rate of the common frames that trajectories are interpolated to"
     )
     rigidity_motion: Positive = Field(
-        0.01, description="share; a body may deform by this share of a trajectory's rms displacement"
+        default=0.01, description="share; a body may deform by this share of a trajectory's rms displacement"
     )
-    rigidity_extent: Positive = Field(0.0015, description="share; ... but not by more than this of the scene")
+    rigidity_extent: Positive = Field(
+        default=0.0015, description="share; ... but not by more than this of the scene"
+    )
     looseness: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.8, description="how far a body's tolerance follows its own residual; 0: not at all"
+        default=0.8, description="how far a body's tolerance follows its own residual; 0: not at all"
     )
     residual_cap: Positive = Field(
-        16.0,
+        default=16.0,
         description="squared residual per dimension, in tolerances, from which on it costs no more",
     )
     outlier_share: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.5, description="share of the cap that a frame of an outlier costs"
+        default=0.5, description="share of the cap that a frame of an outlier costs"
     )
     pose_price: Positive = Field(
-        0.6, description="half nats that a degree of freedom of a pose must gain beyond the noise it fits"
+        default=0.6,
+        description="half nats that a degree of freedom of a pose must gain beyond the noise it fits",
     )
-    birth_price: Positive = Field(15.0, description="nat; price of a hypothesis beside its poses")
+    birth_price: Positive = Field(default=15.0, description="nat; price of a hypothesis beside its poses")
     membership_price: Annotated[float, Field(ge=0, le=100)] = Field(
-        1.5,
+        default=1.5,
         description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
         "which trajectories they are",
     )
     stay: Annotated[float, Field(ge=0, le=100)] = Field(
-        2.0, description="nat; preference of a trajectory for its hypothesis"
+        default=2.0, description="nat; preference of a trajectory for its hypothesis"
     )
     prior_weight: Annotated[float, Field(ge=0, le=10)] = Field(
-        1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
+        default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
     )
-    prior_floor: Positive = Field(6.0, description="nat; most that the spatial prior may cost")
+    prior_floor: Positive = Field(default=6.0, description="nat; most that the spatial prior may cost")
     noise_pool: Positive = Field(
-        6.0, description="samples that the noise of a source is worth beside a trajectory's own"
+        default=6.0, description="samples that the noise of a source is worth beside a trajectory's own"
     )
     min_samples: Annotated[int, Field(ge=2, le=100)] = Field(
-        5, description="frames from which on a trajectory takes part in finding hypotheses"
+        default=5, description="frames from which on a trajectory takes part in finding hypotheses"
     )

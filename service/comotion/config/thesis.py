@@ -21,19 +21,19 @@ class ThesisConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     sigma_switch: Positive | None = Field(
-        None,
+        default=None,
         description="m or px; standard deviation of a distance where the affinity is 0.5; "
         "null: 0.02 m or 8 px",
     )
     v_move: Positive | Literal["auto"] | None = Field(
-        "auto",
+        default="auto",
         description="m/s or px/s; speed at which a feature weighs 0.9; "
         "auto: 0.1 m/s or 20 px/s, null: equal weights",
     )
     stop_affinity: Annotated[float, Field(ge=0, lt=1)] = Field(
-        0.4, description="a cluster is split while its smallest affinity is not above this"
+        default=0.4, description="a cluster is split while its smallest affinity is not above this"
     )
-    clustering: Clustering = Field("divisive-kmeans", description="how the affinities are clustered")
+    clustering: Clustering = Field(default="divisive-kmeans", description="how the affinities are clustered")
 
     def switch_for(self, unit: Unit) -> float:
         """Standard deviation where the affinity is 0.5, in `unit`."""

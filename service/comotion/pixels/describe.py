@@ -46,9 +46,10 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
 
 
 def _state(steps: Floats, members: int) -> HypothesisState:
-    if 2 * len(steps) < members:
+    if not len(steps) or 2 * len(steps) < members:
         return "undetermined"
-    return "moving" if np.sqrt((steps**2).sum(axis=1).mean()) > _AT_REST_PX else "static"
+    # The median: a few members that belong to others do not make a body move.
+    return "moving" if np.median(np.linalg.norm(steps, axis=1)) > _AT_REST_PX else "static"
 
 
 def _twist(position: Floats, velocity: Floats) -> Twist | None:

@@ -43,6 +43,9 @@ class VideoFile:
         capture = self._open()
         stated = float(capture.get(cv2.CAP_PROP_FPS))
         self.rate: float | None = stated if 0 < stated <= 1000 else DEFAULT_RATE
+        count = float(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        # What the container states; some state nothing.
+        self.frames: int | None = round(count) if 0 < count < 1e9 else None
         capture.release()
         self.counters = {"unreadable": 0}
         self._closed = False
@@ -104,6 +107,7 @@ class ImageFiles:
 
     def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:
         self._files = sorted(files, key=_natural)
+        self.frames: int | None = len(self._files)
         self.rate: float | None = rate or DEFAULT_RATE
         self.counters = {"unreadable": 0}
         self._closed = False

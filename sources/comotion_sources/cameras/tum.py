@@ -66,6 +66,7 @@ class TumFolder:
         self._depths = _Nearest(_listing(folder, "depth.txt"))
         if not self._images:
             raise CameraError(f"{folder / 'rgb.txt'}: lists no image")
+        self.frames: int | None = len(self._images)
         self.intrinsics = _read_intrinsics(folder / "camera_info.yaml")
         self.extrinsics = _read_still_pose(folder / "groundtruth.txt")
         self.objects: Mapping[int, str] = _read_names(folder / "objects.txt")

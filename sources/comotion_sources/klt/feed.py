@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from comotion_schemas import DecodeError, HypothesisUpdate, Keys, decode_as
+from comotion_schemas import DecodeError, Hypothesis, HypothesisUpdate, Keys, decode_as
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import UNDETERMINED
 
@@ -32,6 +32,8 @@ class HypothesisFeed:
         self._subscriber: Any = declare_subscriber(session, keys.hypotheses, "hypotheses", ring)
         self.stamp_ns: int | None = None
         """Watermark of the newest update; None before the first."""
+        self.listed: list[Hypothesis] = []
+        """All hypotheses of that update."""
         self._hypotheses: dict[int, int] = {}
 
     def poll(self) -> None:
@@ -53,7 +55,7 @@ class HypothesisFeed:
         self._subscriber.undeclare()
 
     def _apply(self, update: HypothesisUpdate) -> None:
-        self.stamp_ns = update.stamp_ns
+        self.stamp_ns, self.listed = update.stamp_ns, update.hypotheses
         mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == self._source]
         rows = np.isin(update.track_source, mine)
         pairs = zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)

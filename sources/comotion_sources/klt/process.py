@@ -11,12 +11,14 @@ from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, CameraError, Frame, SceneCamera
+from .drawing import Annotator
 from .feed import HypothesisFeed
 from .marker_output import MarkerOutput
 from .observer import Observer
 from .options import CameraOptions, Connection, space_of
 from .pacing import Pacer
-from .preview import DelayedPreview, PreviewFile
+from .picture_file import NO_ENCODER, PictureFile
+from .preview import DelayedPreview
 from .publisher import CameraPublisher, PreviewStream
 from .tracker import Tracker, Tracks
 
@@ -42,7 +44,7 @@ def run(what: str, options: CameraOptions, connection: Connection) -> None:
     ------
     CameraError
         If the camera or recording cannot be opened or read.
-        brationError
+    CalibrationError
         If the calibration is missing or does not fit the images.
     ValueError
         If the name of the scene or source is not valid.
@@ -122,8 +124,12 @@ class CameraProcess:
             self._feed = HypothesisFeed(component.session, component.keys, *identity)
             stack.callback(self._feed.close)
             feed = self._feed
-            file = PreviewFile(options.preview, rate)
-            self._preview = DelayedPreview(file, feed.hypothesis, lambda: feed.stamp_ns)
+            file = PictureFile(options.preview, rate)
+            if file.codec == "mpeg4":
+                _log.warning("%s: %s", options.preview, NO_ENCODER)
+            self._preview = DelayedPreview(
+                file, Annotator(self._space), feed.hypothesis, lambda: feed.listed, lambda: feed.stamp_ns
+            )
             stack.callback(self._preview.close)
         self._attach()
         # Closing the camera ends its wait for a frame.

@@ -91,13 +91,18 @@ class Body(_Part):
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
     object: Annotated[str, Field(min_length=1, max_length=64)] | None = Field(
-        None, description="name of the true object, for bodies that are one object. Default: the body's name"
+        default=None,
+        description="name of the true object, for bodies that are one object. Default: the body's name",
     )
     features: Annotated[int, Field(ge=0, le=100_000)]
-    poses: Annotated[int, Field(ge=0, le=1000)] = Field(0, description="additional 6-DoF features (3-D)")
+    poses: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=0, description="additional 6-DoF features (3-D)"
+    )
     size: list[Positive] | Range
     sigma: NotNegative = Field(description="noise of an observation, one sigma per axis")
-    pose_sigma: NotNegative = Field(0.01, description="rad; noise of an observed orientation, per axis")
+    pose_sigma: NotNegative = Field(
+        default=0.01, description="rad; noise of an observed orientation, per axis"
+    )
     motion: Motion = Rest()
 
 

@@ -1,0 +1,145 @@
+"""``comotion segment``: a video in, a video out, offline."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import options
+from ..errors import UserError
+from ..fusion_options import fusion_config
+from . import camera_options as camera
+
+if TYPE_CHECKING:
+    from comotion_experiments.segment import Progress, Segmented
+
+EPILOG = """
+Examples:
+
+  comotion segment drawer.mp4   # writes drawer-segmented.mp4
+
+  comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
+
+  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
+
+  comotion segment "workcell:truck/a?duration=5" --json
+"""
+
+
+def segment(
+    ctx: typer.Context,
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="WHAT",
+            help="A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            envvar="COMOTION_OUT",
+            metavar="FILE.mp4|DIR",
+            help="Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv or "
+            "--json is given.",
+        ),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option(
+            "--csv",
+            envvar="COMOTION_CSV",
+            metavar="FILE.csv",
+            help="Table: frame, time, feature, x, y, hypothesis (-1: undetermined), confidence.",
+        ),
+    ] = None,
+    rate: camera.Rate = None,
+    max_features: camera.MaxFeatures = 400,
+    respawn_every: camera.RespawnEvery = 15,
+    tracker: camera.Tracker = None,
+    calibration: camera.CalibrationFile = None,
+    extrinsics: camera.ExtrinsicsFile = None,
+    depth: camera.Depth = True,
+    overwrite: camera.Overwrite = False,
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    json_: options.Json = False,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Track and group every frame of a video, and draw the result.
+
+    No router and no other process is needed. The same video gives the same labels on every run.
+    """
+    import cv2
+
+    from comotion_experiments.segment import SegmentOptions
+    from comotion_experiments.segment import segment as run
+    from comotion_sources.klt.picture_file import NO_ENCODER
+
+    cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
+    if out is None and csv is None and not json_:
+        out = Path(f"{_stem(what)}-segmented.mp4")
+    _check_outputs(what, out, csv)
+    camera.clear_frames(out, overwrite=overwrite)
+    how = SegmentOptions(
+        out=out,
+        csv=csv,
+        tracker=camera.tracker_config(max_features, respawn_every, tracker),
+        fusion=fusion_config(ctx, method, assignments),
+        rate=rate,
+        calibration=camera.read_calibration(calibration, extrinsics),
+        use_depth=depth,
+    )
+    with _progress(what) as progress:
+        found = run(what, how, progress)
+    if json_:
+        import json
+
+        print(json.dumps(found.as_json(), indent=2))
+        return
+    _print_summary(found)
+    for path in (out, csv):
+        if path is not None:
+            print(f"wrote {path}")
+    if found.codec == "mpeg4":
+        print(f"the video is {NO_ENCODER}")
+
+
+def _stem(what: str) -> str:
+    name = what.removeprefix("workcell:").partition("?")[0].replace("/", "-") if ":" in what else ""
+    return name or Path(what).resolve().stem
+
+
+def _check_outputs(what: str, out: Path | None, csv: Path | None) -> None:
+    """Refuse to write over the input."""
+    for path in (out, csv):
+        if path is not None and path.exists() and Path(what).exists() and path.samefile(what):
+            raise UserError(f"{path}: is the input")
+
+
+def _print_summary(found: "Segmented") -> None:
+    speed = found.frames / found.seconds
+    times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
+    print(f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}")
+    print(f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end")
+
+
+@contextmanager
+def _progress(what: str) -> "Iterator[Progress]":
+    """A bar on standard error if it is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(Path(what).name, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,102 @@
+"""Trajectories and labels in, a figure out. Needs matplotlib, imported when a figure is drawn."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_schemas.colours import BACKGROUND, RGB, Palette, marker
+from comotion_schemas.types import Unit
+
+from ..arrays import Bools, Floats, Labels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw(
+    updates: Sequence[HypothesisUpdate],
+    positions: Mapping[str, Floats],
+    labels: Mapping[str, Labels],
+    unit: Unit,
+) -> "Figure":
+    """Draw every trajectory in the colour of the hypothesis that it had last.
+
+    Parameters
+    ----------
+    updates
+        In order.
+    positions, labels
+        float64 [T, N, dim] and int64 [T, N] by source.
+    unit
+        Of the positions.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("matplotlib is not installed: pip install 'comotion[plot]'") from None
+    palette = Palette()
+    for update in updates:
+        palette.see(update.hypotheses)
+    dim = next(iter(positions.values())).shape[2]
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot(projection="3d" if dim == 3 else None)
+    states = np.concatenate([_padded(one, positions) for one in positions.values()], axis=1)
+    final = np.concatenate([last_labels(labels[name]) for name in positions])
+    seen = np.isfinite(states[..., 0]).any(axis=0)
+    for label in np.unique(final[seen]).tolist():
+        hypothesis = label if label >= 0 else UNDETERMINED
+        _draw_group(axes, states[:, seen & (final == label)], hypothesis, palette.colour(hypothesis))
+    _frame(axes, dim, unit, seen)
+    return figure
+
+
+def _padded(states: Floats, all_of_them: Mapping[str, Floats]) -> Floats:
+    """The same number of instants for all sources."""
+    missing = max(len(one) for one in all_of_them.values()) - len(states)
+    return np.pad(states, ((0, missing), (0, 0), (0, 0)), constant_values=np.nan)
+
+
+def last_labels(labels: Labels) -> Labels:
+    """The last label of each feature, int64 [N]; -1 where it never had one."""
+    known = labels >= 0
+    at = len(labels) - 1 - np.argmax(known[::-1], axis=0)
+    return np.where(known.any(axis=0), labels[at, np.arange(labels.shape[1])], -1)
+
+
+def _draw_group(axes: Any, states: Floats, hypothesis: int, rgb: RGB) -> None:
+    shade = tuple(value / 255 for value in rgb)
+    name = "undetermined" if hypothesis == UNDETERMINED else str(hypothesis)
+    name += " at rest" if rgb == BACKGROUND else ""
+    ends = []
+    for k in range(states.shape[1]):
+        path = states[np.isfinite(states[:, k, 0]), k]
+        axes.plot(*path.T, color=shade, linewidth=0.8, alpha=0.5)
+        ends.append(path[-1])
+    axes.plot(
+        *np.array(ends).T,
+        linestyle="",
+        marker=marker(hypothesis),
+        markersize=4.5,
+        color=shade,
+        label=f"{name} ({len(ends)})",
+    )
+
+
+def _frame(axes: Any, dim: int, unit: Unit, seen: Bools) -> None:
+    for name in "xyz"[:dim]:
+        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
+    axes.set_aspect("equal")
+    if unit == "px":
+        axes.invert_yaxis()
+    axes.set_title(f"{int(seen.sum())} features by hypothesis")
+    # Outside of the axes it hides nothing.
+    axes.figure.legend(loc="outside right upper", fontsize=8)

@@ -1,0 +1,174 @@
+"""Annotated images: frames, tracks and hypotheses -> features in colours, ids, boxes and a legend."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import UNDETERMINED, Box, Hypothesis
+from comotion_schemas.colours import BACKGROUND, Palette
+
+from ..cameras.types import Image
+from .observer import CameraSpace
+from .tracker import Tracks
+
+_DIMMED = 0.55  # share of its brightness that the image keeps
+_TAIL = 10  # frames
+_RADIUS = 4  # px
+_RIM = (0, 0, 0)
+_PAPER = (255, 255, 255)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_ID_SCALE, _LEGEND_SCALE = 0.8, 0.45
+_ROW = 18  # px
+_LEGEND_ROWS = 12
+# A hypothesis with fewer features in the image has neither id nor box there.
+_SHOWN = 3
+_EDGES = [
+    (a, b) for a, b in product(range(8), repeat=2) if a < b and (a ^ b).bit_count() == 1
+]  # corners of a cuboid that differ in one coordinate
+
+BGR = tuple[int, int, int]
+
+
+class Annotator:
+    """Draws features, their recent paths, and the ids and boxes of bodies into dimmed images.
+
+    Parameters
+    ----------
+    space
+        Where boxes are; those of other spaces are not drawn.
+    """
+
+    def __init__(self, space: CameraSpace | None = None) -> None:
+        self._space = space
+        self._palette = Palette()
+        self._tails: dict[int, deque[tuple[int, int]]] = {}
+
+    def draw(
+        self,
+        image: Image,
+        tracks: Tracks,
+        hypothesis: Callable[[int], int],
+        hypotheses: Sequence[Hypothesis] = (),
+    ) -> Image:
+        """Return a copy of an image with the features of its frame.
+
+        Parameters
+        ----------
+        image
+            uint8 [H, W, 3] BGR, or [H, W].
+        tracks
+            The features.
+        hypothesis
+            Maps a feature id to its hypothesis.
+        hypotheses
+            All that the update of this frame lists.
+        """
+        self._palette.see(hypotheses)
+        colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
+        canvas = np.asarray(cv2.convertScaleAbs(colour, alpha=_DIMMED), np.uint8)
+        labels = np.array([hypothesis(one) for one in tracks.ids.tolist()], np.uint32)
+        listed = {h.id: h for h in hypotheses}
+        bodies = self._bodies(tracks, labels)
+        for one in bodies:
+            if one in listed and listed[one].state != "static":
+                self._draw_box(canvas, listed[one])
+        self._draw_features(canvas, tracks, labels)
+        for one, (x, y) in bodies.items():
+            _write(canvas, str(one), (x - 8, y + 8), self._bgr(one), _ID_SCALE, 2)
+        self._draw_legend(canvas, labels, listed)
+        return canvas
+
+    def _bgr(self, hypothesis: int) -> BGR:
+        red, green, blue = self._palette.colour(hypothesis)
+        return blue, green, red
+
+    def _bodies(self, tracks: Tracks, labels: NDArray[np.uint32]) -> dict[int, tuple[int, int]]:
+        """Hypotheses that are seen, without the background, and the middle of their features, px."""
+        shown, counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
+        found = {}
+        for one in shown[counts >= _SHOWN].tolist():
+            if self._palette.colour(one) != BACKGROUND:
+                x, y = np.median(tracks.pixels[labels == one], axis=0)
+                found[one] = (round(float(x)), round(float(y)))
+        return found
+
+    def _draw_features(self, canvas: Image, tracks: Tracks, labels: NDArray[np.uint32]) -> None:
+        places = np.rint(tracks.pixels).astype(int).tolist()
+        tails = {}
+        for feature, label, (x, y) in zip(tracks.ids.tolist(), labels.tolist(), places, strict=True):
+            tail = self._tails.get(feature) or deque(maxlen=_TAIL)
+            tail.append((x, y))
+            tails[feature] = tail
+            shade = self._bgr(label)
+            cv2.polylines(canvas, [np.array(tail, np.int32)], False, shade, 2, cv2.LINE_AA)
+            radius = _RADIUS if label != UNDETERMINED else _RADIUS - 2
+            cv2.circle(canvas, (x, y), radius + 1, _RIM, -1, cv2.LINE_AA)
+            cv2.circle(canvas, (x, y), radius, shade, -1, cv2.LINE_AA)
+        self._tails = tails
+
+    def _draw_box(self, canvas: Image, one: Hypothesis) -> None:
+        if self._space is None or one.box is None or one.space != self._space.name:
+            return
+        corners = _corners(one.box)
+        edges = [(0, 1), (1, 3), (3, 2), (2, 0)] if len(corners) == 4 else _EDGES
+        places = _pixels(corners, self._space)
+        if places is None:
+            return
+        limit = 4 * max(canvas.shape)
+        places = np.clip(places, -limit, limit)
+        for a, b in edges:
+            ends = [tuple(np.rint(places[k]).astype(int).tolist()) for k in (a, b)]
+            cv2.line(canvas, ends[0], ends[1], self._bgr(one.id), 1, cv2.LINE_AA)
+
+    def _draw_legend(self, canvas: Image, labels: NDArray[np.uint32], listed: dict[int, Hypothesis]) -> None:
+        shown, counts = np.unique(labels, return_counts=True)
+        order = np.argsort(-counts, kind="stable")[:_LEGEND_ROWS]
+        rows = []
+        for k in order.tolist():
+            one = int(shown[k])
+            known = listed.get(one)
+            name = "undetermined" if one == UNDETERMINED else f"{one} {known.state if known else ''}"
+            rows.append((self._bgr(one), f"{name.strip()}, {counts[k]}"))
+        if not rows:
+            return
+        width = 24 + max(cv2.getTextSize(text, _FONT, _LEGEND_SCALE, 1)[0][0] for _, text in rows) + 8
+        panel = canvas[4 : 4 + _ROW * len(rows) + 6, 4 : 4 + width]
+        panel[:] = panel // 3
+        for k, (shade, text) in enumerate(rows):
+            y = 4 + _ROW * k + 12
+            cv2.circle(canvas, (16, y), 5, shade, -1, cv2.LINE_AA)
+            cv2.putText(canvas, text, (28, y + 5), _FONT, _LEGEND_SCALE, _PAPER, 1, cv2.LINE_AA)
+
+
+def _write(canvas: Image, text: str, place: tuple[int, int], shade: BGR, scale: float, width: int) -> None:
+    cv2.putText(canvas, text, place, _FONT, scale, _RIM, width + 4, cv2.LINE_AA)
+    cv2.putText(canvas, text, place, _FONT, scale, shade, width, cv2.LINE_AA)
+
+
+def _corners(box: Box) -> NDArray[np.float64]:
+    """Corners [4, 2] or [8, 3] of a box; the bits of an index are its sides."""
+    dim = len(box.center)
+    sides = np.array([[1 if k >> d & 1 else -1 for d in range(dim)] for k in range(2**dim)], np.float64)
+    if isinstance(box.rotation, list):
+        turn = Rotation.from_quat(box.rotation).as_matrix()
+    else:
+        c, s = np.cos(box.rotation), np.sin(box.rotation)
+        turn = np.array([[c, -s], [s, c]])
+    return np.asarray(sides * box.half @ turn.T + box.center)
+
+
+def _pixels(points: NDArray[np.float64], space: CameraSpace) -> NDArray[np.float64] | None:
+    """Points of the space [n, 2 or 3] in the image [n, 2]; None where one is not before the camera."""
+    if points.shape[1] == 2:
+        return points
+    if space.intrinsics is None:
+        return None
+    seen = points if space.extrinsics is None else space.extrinsics.inverse().apply(points)
+    if (seen[:, 2] < 0.05).any():
+        return None
+    return np.asarray(space.intrinsics.project(seen), np.float64)

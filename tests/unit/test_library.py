@@ -1,0 +1,186 @@
+"""The library gives what the processes give."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import comotion
+from comotion import FusionConfig
+from comotion_experiments.offline import run_offline
+from comotion_schemas import UNDETERMINED, ObservationBatch, decode
+from comotion_schemas.transport import SessionSettings
+from comotion_sources import simulator
+from comotion_sources.recordings import read_recording, recording_batches
+from comotion_sources.runtime import SourcePublisher
+
+DATA = Path(os.environ.get("COMOTION_DATA", "/nowhere"))
+CONFIG = FusionConfig(period=0.2)
+
+
+def last_update(messages):
+    updates = []
+    run_offline(messages, CONFIG, on_update=lambda update, _: updates.append(update))
+    return updates[-1]
+
+
+def same(update, other):
+    """The same but for the names of spaces and sources."""
+    for name in ("stamp_ns", "seq", "events"):
+        assert getattr(update, name) == getattr(other, name)
+    for name in ("track_id", "track_hypothesis", "track_confidence", "track_position"):
+        np.testing.assert_array_equal(getattr(update, name), getattr(other, name))
+    assert [h.__dict__ | {"space": ""} for h in update.hypotheses] == [
+        h.__dict__ | {"space": ""} for h in other.hypotheses
+    ]
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs the recordings named by COMOTION_DATA")
+@pytest.mark.parametrize("name", ["video/ikeasmall01.npz", "mocap/tennis_serve.npz"])
+def test_a_recording_gives_the_last_update_of_evaluate(tmp_path, name):
+    whole = np.load(DATA / name, allow_pickle=False)
+    frames = np.flatnonzero(whole["times"] <= whole["times"][0] + 2)
+    positions, times = whole["positions"][frames, :60], whole["times"][frames]
+    np.savez(tmp_path / "part.npz", positions=positions, times=times)
+    found = comotion.group(positions, times, config=CONFIG)
+    same(found.updates[-1], last_update(recording_batches(read_recording(str(tmp_path / "part.npz")))))
+    assert found.labels.shape == positions.shape[:2]
+    assert (found.labels[np.isnan(positions).any(axis=2)] == -1).all()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Positions [T, N, 3], times [T] and true objects [N] of a simulated scene, and its messages."""
+    simulated = simulator.simulate(simulator.load_scene("3d_2"), seed=1)
+    batches = [m for m in simulator.batches(simulated) if isinstance(m, ObservationBatch)][:45]
+    count = 1 + max(int(b.ids.max()) for b in batches)
+    positions = np.full((len(batches), count, 3), np.nan)
+    for k, batch in enumerate(batches):
+        positions[k, batch.ids.astype(int)] = batch.positions
+    return positions, np.array([b.stamp_ns / 1e9 for b in batches]), batches
+
+
+def test_a_simulated_scene_gives_the_last_update_of_evaluate(scene, tmp_path):
+    positions, times, batches = scene
+    found = comotion.group(positions, times, config=CONFIG)
+    same(found.updates[-1], last_update(batches))
+    final = found.labels[-1]
+    assert len(set(final[final >= 0].tolist())) >= 2
+    assert found.hypotheses == found.updates[-1].hypotheses
+    np.testing.assert_array_equal(np.asarray(found), found.labels)
+    moving = next(h for h in found.hypotheses if h.state == "moving")
+    track = found.poses[moving.id]
+    assert track.times[-1] == pytest.approx(times[-1], abs=0.1)
+    assert track.rotation.shape == (len(track.times), 4)
+    assert track.translation[-1] == pytest.approx(moving.pose.translation)
+    pytest.importorskip("matplotlib")
+    found.plot(tmp_path / "bodies.png")
+    assert (tmp_path / "bodies.png").stat().st_size > 10_000
+
+
+def test_an_instant_is_labelled_with_what_was_known_then(scene):
+    positions, times, _ = scene
+    whole = comotion.group(positions, times, config=CONFIG).labels
+    part = comotion.group(positions[:31], times[:31], config=CONFIG).labels
+    np.testing.assert_array_equal(part[:30], whole[:30])
+
+
+def test_online_groups_the_same_bodies(scene):
+    positions, times, _ = scene
+    scene_ = comotion.Scene(unit="m", config=CONFIG)
+    ids = np.arange(positions.shape[1])
+    for now, t in zip(positions, times, strict=True):
+        update = scene_.push(ids, now, t)
+    update = scene_.update()
+    offline = comotion.group(positions, times, config=CONFIG).labels[-1]
+    online = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+    pairs = {(online.get(i, UNDETERMINED), label) for i, label in enumerate(offline.tolist()) if label >= 0}
+    assert len(pairs) == len({label for _, label in pairs}) >= 2
+
+
+def test_several_sources_are_one_scene(scene):
+    positions, times, _ = scene
+    found = comotion.group({"a": positions[:, ::2], "b": positions[::2, 1::2]}, {"a": times, "b": times[::2]})
+    assert {name: labels.shape for name, labels in found.by_source.items()} == {
+        "a": positions[:, ::2].shape[:2],
+        "b": positions[::2, 1::2].shape[:2],
+    }
+    shared = set(found.by_source["a"][-1].tolist()) & set(found.by_source["b"][-1].tolist())
+    assert len(shared - {-1}) >= 2
+    with pytest.raises(ValueError, match="2 sources: use by_source"):
+        _ = found.labels
+
+
+@pytest.mark.parametrize(
+    ("positions", "times", "words"),
+    [
+        (np.zeros((4, 3)), np.arange(4), "positions have the shape (4, 3), not [T, N, 3]"),
+        (np.zeros((4, 2, 3)), np.arange(3), "there are (3,) times for 4 instants"),
+        (np.zeros((4, 2, 3)), [0, 1, 1, 2], "times do not increase"),
+        (np.full((4, 2, 3), np.inf), np.arange(4), "a position is infinite"),
+        (np.full((4, 2, 3), np.nan), np.arange(4), "there is no observation"),
+    ],
+)
+def test_what_cannot_be_grouped_is_one_clear_error(positions, times, words):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        comotion.group(positions, times)
+
+
+def test_bad_rows_are_errors_or_on_request_left_out_and_counted():
+    strict, forgiving = comotion.Scene(), comotion.Scene(drop_invalid=True)
+    rows = [[0, 0, 0], [np.nan] * 3, [1, np.nan, 0], [2, 2, 2]]
+    with pytest.raises(ValueError, match="id 3 has a position that is not finite"):
+        strict.push([1, 2, 3, 4], rows, 0.0)
+    with pytest.raises(ValueError, match="id -1 is negative"):
+        strict.push([-1], [[0, 0, 0]], 0.0)
+    with pytest.raises(ValueError, match="there are 2 ids for 1 positions"):
+        strict.push([1, 2], [[0, 0, 0]], 0.0)
+    forgiving.push([1, 2, 3, -4], rows, 0.0)
+    assert forgiving.dropped == {"range": 1, "non-finite": 1}
+    update = forgiving.update()
+    assert update.track_id.tolist() == [1]
+    with pytest.raises(ValueError, match="does not increase"):
+        forgiving.push([1], [[0, 0, 0]], 0.0)
+    with pytest.raises(ValueError, match="positions have 2 coordinates, those before had 3"):
+        forgiving.push([1], [[0, 0]], 1.0)
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    book = json.loads((Path(__file__).parents[2] / "docs/examples/library.ipynb").read_text())
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for cell in book["cells"]:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"]
+            exec(compile("".join(cell["source"]), "library.ipynb", "exec"), names)
+    assert "moving 12 features" in capsys.readouterr().out
+    assert (tmp_path / "bodies.png").stat().st_size > 10_000
+    assert names["scene"].dropped == {}
+    assert sum(h.state == "moving" for h in names["update"].hypotheses) == 1
+
+
+class Sent(list):
+    """Takes the place of the publisher of a session."""
+
+    put = list.append
+
+
+def test_a_source_takes_ordinary_data():
+    source = SourcePublisher(
+        "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
+    )
+    source._obs = Sent()
+    source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.nan, 0, 0]], sigma=[0.1, 0.2, 0.3])
+    (batch,) = map(decode, source._obs)
+    assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
+    assert source.dropped == {"range": 1, "non-finite": 1}
+    strict = SourcePublisher("mine", space="world", unit="m", dim=3)
+    with pytest.raises(ValueError, match="id 6 has a position that is not finite"):
+        strict.observe(ids=[5, 6], positions=[[0, 0, 0], [np.nan, 0, 0]])
+    with pytest.raises(ValueError, match="connect or settings"):
+        SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
