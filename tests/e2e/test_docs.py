@@ -248,7 +248,7 @@ def program() -> Any:
     commands = [typer.main.get_command(app)]
     for command in commands:
         commands += getattr(command, "commands", {}).values()
-        if not hasattr(command, "commands"):
+        if not hasattr(command, "commands") or command.invoke_without_command:
             command.callback = lambda **_: None
     return commands[0]
 

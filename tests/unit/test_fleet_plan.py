@@ -3,6 +3,8 @@
 import hypothesis.strategies as st
 from hypothesis import given, settings
 
+from comotion.runtime.etcd import Entry
+from comotion_deploy.fleet.entries import read_fleet
 from comotion_deploy.fleet.plan import Agent, Fleet, Holder, Place, Scene, claims, releases
 
 
@@ -85,3 +87,24 @@ def test_a_new_agent_is_given_its_share_one_by_one():
 def test_a_scene_of_one_replica_is_never_moved_for_balance():
     held = {(f"s{k}", 0): "a" for k in range(4)}
     assert releases(fleet([1] * 4, {"a": 8, "b": 8}, held)) == []
+
+
+def test_entries_that_somebody_else_wrote_are_left_out():
+    class Written:
+        def read_all(self, prefix):
+            values = {
+                "scenes/good": b'{"serve": ["--set", "window=7"], "also": [], "replicas": 9}',
+                "scenes/bad": b"no json",
+                "scenes/worse": b"[]",
+                "agents/a": b'{"capacity": "3"}',
+                "agents/b": b'{"capacity": null}',
+                "places/good/0": b'{"agent": "a", "ready": true}',
+                "places/good/x": b'{"agent": "a"}',
+                "drain/a": b"",
+            }
+            return {prefix + name: Entry(value, 1, 0) for name, value in values.items()}
+
+    found = read_fleet(Written())
+    assert found.scenes == {"good": Scene(("--set", "window=7"), (), 2)}
+    assert found.agents == {"a": Agent(3, draining=True)}
+    assert found.holders == {Place("good", 0): Holder("a", ready=True)}

@@ -55,7 +55,7 @@ def fleet(
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
     """Run the agent of this host until Ctrl-C: it claims scenes in etcd, and serves them."""
-    ctx.obj = etcd
+    ctx.obj = etcd, tls
     if ctx.invoked_subcommand is not None:
         return
     if capacity is None:
@@ -76,7 +76,7 @@ def fleet(
         stack.enter_context(stop_on_signals(stop))
         ready = ExitStack()
         stack.enter_context(ready)
-        Agent(agent, capacity, _cluster(ctx, etcd), served, Path(folder), lines).run(
+        Agent(agent, capacity, _cluster(ctx, etcd, tls), served, Path(folder), lines).run(
             stop, lambda: ready.enter_context(announce_ready(ready_file))
         )
 
@@ -95,6 +95,7 @@ def add(
     one: Annotated[bool, typer.Option("--one", help="One replica, no standby.")] = False,
     change: Annotated[bool, typer.Option("--change", help="Change a scene that is there.")] = False,
     etcd: EtcdUrls = None,
+    tls: options.Tls = None,
 ) -> None:
     """Add a scene to the fleet; agents with room serve it."""
     from comotion_schemas import Keys
@@ -104,7 +105,7 @@ def add(
 
     Keys(scene)  # a wrong name is an error here, not on a host
     wanted = Scene(tuple(serve or ()), tuple(also or ()), 1 if one else 2)
-    if not entries.add_scene(_cluster(ctx, etcd), scene, wanted, change=change):
+    if not entries.add_scene(_cluster(ctx, etcd, tls), scene, wanted, change=change):
         raise UserError(f"there is a scene {scene!r}; --change changes it")
     print(f"added {scene}")
 
@@ -114,11 +115,12 @@ def remove(
     ctx: typer.Context,
     scene: Annotated[str, typer.Argument(help="Name of the scene.")],
     etcd: EtcdUrls = None,
+    tls: options.Tls = None,
 ) -> None:
     """Remove a scene; its replicas stop."""
     from ..fleet import entries
 
-    if not entries.remove_scene(_cluster(ctx, etcd), scene):
+    if not entries.remove_scene(_cluster(ctx, etcd, tls), scene):
         raise UserError(f"there is no scene {scene!r}")
     print(f"removed {scene}")
 
@@ -131,11 +133,12 @@ def drain(
     agent: Annotated[str, typer.Argument(help="Name of the agent.")],
     undo: Annotated[bool, typer.Option("--undo", help="Let it take scenes again.")] = False,
     etcd: EtcdUrls = None,
+    tls: options.Tls = None,
 ) -> None:
     """Move all scenes away from a host; those with a standby go on without a break."""
     from ..fleet import entries
 
-    cluster = _cluster(ctx, etcd)
+    cluster = _cluster(ctx, etcd, tls)
     if agent not in entries.read_fleet(cluster).agents:
         raise UserError(f"there is no agent {agent!r}; 'comotion fleet list' shows all")
     entries.set_drain(cluster, agent, drain=not undo)
@@ -143,11 +146,16 @@ def drain(
 
 
 @app.command("list", epilog="Examples:\n\n  comotion fleet list\n\n  comotion fleet list --json")
-def show(ctx: typer.Context, etcd: EtcdUrls = None, as_json: options.Json = False) -> None:
+def show(
+    ctx: typer.Context,
+    etcd: EtcdUrls = None,
+    tls: options.Tls = None,
+    as_json: options.Json = False,
+) -> None:
     """Show scenes with their replicas, and agents."""
     from ..fleet import entries, table
 
-    found = entries.read_fleet(_cluster(ctx, etcd))
+    found = entries.read_fleet(_cluster(ctx, etcd, tls))
     if as_json:
         print(json.dumps(table.as_json(found), indent=2))
         return
@@ -156,11 +164,14 @@ def show(ctx: typer.Context, etcd: EtcdUrls = None, as_json: options.Json = Fals
     Console().print(table.as_table(found))
 
 
-def _cluster(ctx: typer.Context, urls: str | None) -> "Etcd":
-    """The client; the urls may stand before the subcommand or after it."""
+def _cluster(ctx: typer.Context, urls: str | None, tls: Path | None = None) -> "Etcd":
+    """The client; urls and certificate may stand before the subcommand or after it."""
     from comotion.runtime.etcd import Etcd
+    from comotion_schemas.tls import load_tls
 
-    found = urls or ctx.obj
+    group = ctx.obj or (None, None)
+    found, folder = urls or group[0], tls or group[1]
     if not found:
         raise typer.BadParameter("urls of an etcd cluster are needed", param_hint="--etcd")
-    return Etcd([url.strip() for url in found.split(",") if url.strip()])
+    files = None if folder is None else load_tls(folder)
+    return Etcd([url.strip() for url in found.split(",") if url.strip()], files)

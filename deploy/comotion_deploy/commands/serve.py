@@ -95,7 +95,7 @@ def serve(
             "--etcd",
             envvar="COMOTION_ETCD",
             metavar="URL[,URL]",
-            help="Members of the etcd cluster that elects the replica that speaks.",
+            help="Members of the etcd cluster that elects the replica that speaks; https takes --tls.",
         ),
     ] = None,
     lease: Annotated[
@@ -126,17 +126,19 @@ def serve(
     # Replicas of one scene may run on one machine.
     replica = f".{name}" if standby else ""
     kept = state or default_path(f"{scene}{replica}", [*(connect or ()), *(listen or ())])
+    settings = options.session_settings(connect, listen, tls, insecure=insecure)
     server.serve(
         server.ServeOptions(
             config=linked_cameras.with_cameras(fusion_config(ctx, method, assignments), camera),
             scene=scene,
             name=name,
-            settings=options.session_settings(connect, listen, tls, insecure=insecure),
+            settings=settings,
             clock=clock.value,
             state=None if no_state else kept,
             state_interval=state_interval,
             ready_file=ready_file,
             etcd=tuple(url.strip() for url in (etcd or "").split(",") if url.strip()),
+            etcd_tls=settings.tls,
             lease=lease,
         )
     )
