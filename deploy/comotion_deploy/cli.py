@@ -22,6 +22,7 @@ from .commands import (
     segment,
     serve,
     source,
+    status,
     up,
     view,
     watch,
@@ -61,6 +62,7 @@ app.add_typer(fleet.app, name="fleet")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.add_typer(pki.app, name="pki")
 app.command("segment", epilog=segment.EPILOG)(segment.segment)
+app.command("status", epilog=status.EPILOG)(status.status)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)
 app.command("view", epilog=view.EPILOG)(view.view)
 app.command("record", epilog=record.EPILOG)(record.record)

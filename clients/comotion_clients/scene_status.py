@@ -1,0 +1,237 @@
+"""Statuses, tokens and round trips of one scene in; what an operator wants to know of it out. Pure.
+
+Clocks are compared by the stamps of Statuses and the round trips of queries: those that a service answers
+with its clock, and those that the cache of every component's publisher answers.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from math import isfinite
+from typing import Any, Literal
+
+from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS
+
+from .scene_problems import ComponentRow, find_problems
+
+Overall = Literal["ok", "degraded", "stalled"]
+SILENT_S = 3.5
+"""A component whose newest Status is older is silent: it sends one a second."""
+_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
+
+
+@dataclass(frozen=True)
+class RouterRow:
+    """One router, as it describes itself."""
+
+    name: str
+    host: str
+    zid: str
+    version: str
+    locators: list[str]
+    sessions: int
+    routers: int
+
+
+@dataclass(frozen=True)
+class SceneStatus:
+    """What `comotion status` shows; `problems` are lines for a person."""
+
+    scene: str
+    overall: Overall
+    updates_hz: float | None
+    update_lag_s: float | None
+    components: list[ComponentRow]
+    routers: list[RouterRow]
+    problems: list[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass
+class _Clock:
+    """Bounds of how far a clock is ahead of this machine's, in s.
+
+    A stamp that arrives bounds it from below, for it was made before; a stamp that answers a query bounds it
+    from above too, for it was made after the query. What has no answers, like a Status that comes by itself,
+    is taken to travel no longer than a query to its publisher's cache and back.
+    """
+
+    least_s: float = float("-inf")
+    most_s: float = float("inf")
+    trip_s: float = float("inf")
+
+    def estimate(self) -> tuple[float, float] | None:
+        """Offset and bound of its error, both in s."""
+        most_s = min(self.most_s, self.least_s + self.trip_s)
+        if not (isfinite(self.least_s) and isfinite(most_s)):
+            return None
+        return (self.least_s + most_s) / 2, abs(most_s - self.least_s) / 2
+
+
+@dataclass
+class _Seen:
+    status: Status | None = None
+    arrived_s: float = float("-inf")
+    present: bool = False
+    role: str = ""
+    clock: _Clock = field(default_factory=_Clock)
+
+
+class StatusModel:
+    """Accumulates what is heard of a scene. Times are seconds of this machine's wall clock."""
+
+    def __init__(self, scene: str) -> None:
+        self.scene = scene
+        self._seen: dict[str, _Seen] = {}
+        self._routers: dict[str, RouterRow] = {}
+        self._arrivals: list[float] = []
+        self._update: HypothesisUpdate | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the components whose Status has arrived."""
+        return [name for name, seen in self._seen.items() if seen.status is not None]
+
+    def on_status(self, status: Status, arrived_s: float) -> None:
+        """Add a Status; one from a publisher's cache is older than its arrival tells."""
+        seen = self._seen.setdefault(status.component, _Seen())
+        seen.status, seen.arrived_s, seen.role = status, arrived_s, status.role
+        seen.clock.least_s = max(seen.clock.least_s, status.stamp_ns / 1e9 - arrived_s)
+
+    def on_presence(self, role: str, token: str, *, alive: bool) -> None:
+        """Add a change of a liveliness token; `token` is its last chunk."""
+        claim = _CLAIM.fullmatch(token) if role == "service" else None
+        name = self._full_name(claim[1]) if claim else token
+        if alive:
+            seen = self._seen.setdefault(name, _Seen())
+            seen.role = seen.role or role
+            seen.present = True
+        elif name in self._seen:
+            self._seen[name].present = False
+
+    def on_update(self, update: HypothesisUpdate, arrived_s: float) -> None:
+        """Add an update."""
+        self._update = update
+        self._arrivals.append(arrived_s)
+
+    def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
+        """Add the answer of a service to a query for its Status."""
+        clock = self._seen.setdefault(status.component, _Seen()).clock
+        clock.least_s = max(clock.least_s, status.stamp_ns / 1e9 - received_s)
+        clock.most_s = min(clock.most_s, status.stamp_ns / 1e9 - sent_s)
+
+    def on_cache_answer(self, name: str, trip_s: float) -> None:
+        """Add the time until a publisher's cache has answered."""
+        clock = self._seen.setdefault(name, _Seen()).clock
+        clock.trip_s = min(clock.trip_s, trip_s)
+
+    def on_router(self, described: Mapping[str, Any]) -> None:
+        """Add what a router says of itself; what is malformed is left out."""
+        metadata = described.get("metadata")
+        metadata = metadata if isinstance(metadata, dict) else {}
+        sessions = described.get("sessions")
+        sessions = [s for s in sessions if isinstance(s, dict)] if isinstance(sessions, list) else []
+        zid, locators = str(described.get("zid", "")), described.get("locators")
+        self._routers[zid] = RouterRow(
+            name=str(metadata.get("name", "")),
+            host=str(metadata.get("host", "")),
+            zid=zid,
+            version=str(described.get("version", "")).partition("-")[0],
+            locators=[str(one) for one in locators] if isinstance(locators, list) else [],
+            sessions=sum(s.get("whatami") != "router" for s in sessions),
+            routers=sum(s.get("whatami") == "router" for s in sessions),
+        )
+
+    def snapshot(self, now_s: float) -> SceneStatus:
+        """Return what is known now."""
+        rows = [self._row(name, seen, now_s) for name, seen in sorted(self._seen.items())]
+        rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
+        rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
+        problems = find_problems(rows)
+        update = self._update
+        return SceneStatus(
+            scene=self.scene,
+            overall=_overall(rows, problems),
+            updates_hz=self._updates_hz(),
+            update_lag_s=None if update is None else (update.published_ns - update.stamp_ns) / 1e9,
+            components=rows,
+            routers=sorted(self._routers.values(), key=lambda row: (row.name, row.zid)),
+            problems=problems,
+        )
+
+    def _full_name(self, short: str) -> str:
+        known = (name for name, seen in self._seen.items() if seen.role == "service")
+        return next((name for name in known if name[:TOKEN_NAME_CHARACTERS] == short), short)
+
+    def _newest_service(self) -> Status | None:
+        """Status of the service that speaks: of the highest epoch, and the newest."""
+        found = [s.status for s in self._seen.values() if s.status and s.status.role == "service"]
+        speaking = [status for status in found if status.replica != "standby"]
+        return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
+
+    def _updates_hz(self) -> float | None:
+        # The first may come from the publisher's cache.
+        arrivals = self._arrivals[1:]
+        if len(arrivals) < 2 or arrivals[-1] <= arrivals[0]:
+            return None
+        return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
+
+    def _row(self, name: str, seen: _Seen, now_s: float) -> ComponentRow:
+        status, service = seen.status, self._newest_service()
+        clock, error = self._clock(name, seen, service)
+        lag = None
+        if service is not None and seen.role == "source":
+            lag = service.ages.get(name)
+        return ComponentRow(
+            role=seen.role,
+            name=name,
+            state="silent" if status is None or now_s - seen.arrived_s > SILENT_S else status.state,
+            host="" if status is None else status.host,
+            version="" if status is None else status.version,
+            # A process that is killed loses its token at once; its last Status stays in this model.
+            present=seen.present,
+            age_s=now_s - seen.arrived_s,
+            rate_hz=_rate(name, seen, service, self._updates_hz()),
+            lag_s=lag,
+            lost=0 if status is None else status.counters.get("lost", 0),
+            clock_s=clock,
+            clock_error_s=error,
+            replica="" if status is None else status.replica,
+            epoch=0 if status is None else status.epoch,
+            message="" if status is None else status.message,
+        )
+
+    def _clock(self, name: str, seen: _Seen, service: Status | None) -> tuple[float | None, float | None]:
+        own = seen.clock.estimate()
+        if own is None:
+            return None, None
+        reference = None if service is None else self._seen[service.component].clock.estimate()
+        if reference is None:
+            return own
+        if service is not None and service.component == name:
+            return 0.0, 0.0
+        return own[0] - reference[0], own[1] + reference[1]
+
+
+_ORDER = {"service": 0, "source": 1, "recorder": 2, "viewer": 3}
+
+
+def _rate(name: str, seen: _Seen, service: Status | None, updates_hz: float | None) -> float | None:
+    if seen.role == "service":
+        return updates_hz if service is not None and service.component == name else None
+    if seen.role != "source":
+        return None
+    received = None if service is None else service.rates.get(name)
+    own = None if seen.status is None else seen.status.rates.get("obs")
+    return own if received is None else received
+
+
+def _overall(rows: list[ComponentRow], problems: list[str]) -> Overall:
+    speaking = [row for row in rows if row.role == "service" and row.replica != "standby"]
+    if not speaking or all(row.state in {"stalled", "silent"} for row in speaking):
+        return "stalled"
+    return "degraded" if problems else "ok"

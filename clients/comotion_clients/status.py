@@ -1,0 +1,163 @@
+"""One look at a running scene: subscriptions and queries -> :class:`SceneStatus`."""
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from typing import Literal
+
+import zenoh
+
+from comotion_schemas import (
+    DEFAULT_SCENE,
+    DecodeError,
+    HypothesisUpdate,
+    Keys,
+    Status,
+    decode_as,
+)
+from comotion_schemas.transport import SessionSettings, client_settings, connect
+
+from .presence import Presence
+from .scene_status import SceneStatus, StatusModel
+from .subscription import Subscription
+
+ROUTERS = "@/*/router"
+LOOK_S = 2.3
+"""How long one look takes: two Statuses of each component."""
+_ASK_S = 0.5  # between two rounds of queries
+_ANSWER_S = 2.0  # a host that does not answer in this time has no clock offset in this look
+_POLL_S = 0.05
+_EACH = zenoh.ConsolidationMode.NONE
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatusOptions:
+    """`wait`: look until the scene is ok.
+
+    `timeout`: s to wait for a router, and for that; `expect`: names of components that must be there.
+    """
+
+    wait: Literal["ok"] | None = None
+    timeout: float = 10.0
+    expect: tuple[str, ...] = ()
+
+
+def status(
+    scene: str = DEFAULT_SCENE,
+    settings: SessionSettings | None = None,
+    options: StatusOptions | None = None,
+) -> SceneStatus:
+    """Look at a scene.
+
+    Parameters
+    ----------
+    scene, settings
+        Name of the scene; how to connect.
+    options
+        How long to wait, and for what.
+
+    Raises
+    ------
+    TimeoutError
+        If no router answers.
+    ValueError
+        If the scene name or an endpoint is not valid.
+    """
+    settings, options = settings or client_settings(), options or StatusOptions()
+    deadline = time.monotonic() + options.timeout
+    with (
+        connect(settings, timeout=options.timeout) as session,
+        closing(_Look(session, scene)) as look,
+    ):
+        while True:
+            look.run(LOOK_S)
+            found = missing(look.model.snapshot(time.time()), options.expect)
+            if options.wait is None or found.overall == options.wait or time.monotonic() > deadline:
+                return found
+
+
+def missing(found: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
+    """Add the components that are expected and not there to the problems."""
+    there = {row.name for row in found.components}
+    absent = [f"{name} is not there" for name in expected if name not in there]
+    if not absent:
+        return found
+    overall = "degraded" if found.overall == "ok" else found.overall
+    return SceneStatus(**{**vars(found), "overall": overall, "problems": [*found.problems, *absent]})
+
+
+class _Look:
+    """Fills a model from an open session."""
+
+    def __init__(self, session: zenoh.Session, scene: str) -> None:
+        self.model = StatusModel(scene)
+        self._session = session
+        self._keys = Keys(scene)
+        self._exit = ExitStack()
+        self._statuses = self._exit.enter_context(Subscription(session, Status, scene))
+        self._updates = self._exit.enter_context(Subscription(session, HypothesisUpdate, scene))
+        self._presence = self._exit.enter_context(closing(Presence(session, scene)))
+
+    def run(self, duration_s: float) -> None:
+        """Listen and ask for some time."""
+        end = time.monotonic() + duration_s
+        self._ask_routers()
+        asked = float("-inf")
+        while (now := time.monotonic()) < end:
+            self._listen()
+            if now - asked > _ASK_S:
+                asked = now
+                self._ask_services()
+                self._ask_caches()
+            time.sleep(_POLL_S)
+        self._listen()
+
+    def close(self) -> None:
+        """Undeclare everything."""
+        self._exit.close()
+
+    def _listen(self) -> None:
+        ahead_s = time.time() - time.monotonic()
+        for arrived, message in self._statuses.drain():
+            self.model.on_status(message, arrived + ahead_s)
+        for arrived, update in self._updates.drain():
+            self.model.on_update(update, arrived + ahead_s)
+        for role, token, alive in self._presence.drain():
+            self.model.on_presence(role, token, alive=alive)
+
+    def _ask_services(self) -> None:
+        for sample, sent_s, received_s in self._replies(self._keys.query("status")):
+            try:
+                answer = decode_as(Status, sample.payload.to_bytes())
+            except DecodeError:
+                continue
+            self.model.on_answer(answer, sent_s, received_s)
+
+    def _ask_caches(self) -> None:
+        for name in self.model.names:
+            key = f"{self._keys.stream('status', name)}/@adv/**"
+            for _, sent_s, received_s in self._replies(key):
+                self.model.on_cache_answer(name, received_s - sent_s)
+
+    def _ask_routers(self) -> None:
+        for sample, *_ in self._replies(ROUTERS):
+            try:
+                described = json.loads(sample.payload.to_string())
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(described, dict):
+                self.model.on_router(described)
+
+    def _replies(self, key: str) -> Iterator[tuple[zenoh.Sample, float, float]]:
+        """Yield (sample, time of the query, time of the reply) by the monotonic clock, as wall time."""
+        ahead_s = time.time() - time.monotonic()
+        sent_s = time.monotonic()
+        # A cache answers with the key of what it keeps, not with that of the query.
+        replies = self._session.get(
+            key, timeout=_ANSWER_S, accept_replies=zenoh.ReplyKeyExpr.ANY, consolidation=_EACH
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                yield reply.ok, sent_s + ahead_s, time.monotonic() + ahead_s

@@ -1,0 +1,63 @@
+"""SceneStatus -> tables for a terminal. Pure."""
+
+from rich.console import Console
+from rich.table import Table
+
+from .scene_problems import ComponentRow
+from .scene_status import SceneStatus
+
+_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red"}
+
+
+def show(found: SceneStatus, console: Console) -> None:
+    """Print a scene's status: one table of components, one of routers, and the problems."""
+    line = f"scene {found.scene}: [{_STYLES[found.overall]}]{found.overall}[/]"
+    if found.updates_hz is not None and found.update_lag_s is not None:
+        line += f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind"
+    console.print(line, highlight=False)
+    console.print(_components(found.components))
+    if found.routers:
+        console.print(_routers(found))
+    for problem in found.problems:
+        console.print(f"[yellow]![/] {problem}", highlight=False, soft_wrap=True)
+
+
+def _components(rows: list[ComponentRow]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for name in ("role", "name", "state", "host", "version"):
+        table.add_column(name)
+    for name in ("rate", "lag", "lost", "clock"):
+        table.add_column(name, justify="right")
+    table.add_column("replica")
+    for row in rows:
+        table.add_row(
+            row.role,
+            row.name,
+            f"[{_STYLES.get(row.state, 'white')}]{row.state}[/]",
+            row.host,
+            row.version,
+            "" if row.rate_hz is None else f"{row.rate_hz:.1f} Hz",
+            "" if row.lag_s is None else f"{1e3 * row.lag_s:.0f} ms",
+            str(row.lost) if row.role in {"service", "recorder", "viewer"} else "",
+            _clock(row),
+            f"{row.replica} {row.epoch}" if row.replica == "active" else row.replica,
+        )
+    return table
+
+
+def _clock(row: ComponentRow) -> str:
+    if row.clock_s is None or row.clock_error_s is None:
+        return ""
+    return f"{1e3 * row.clock_s:+.1f} ±{1e3 * row.clock_error_s:.1f} ms"
+
+
+def _routers(found: SceneStatus) -> Table:
+    table = Table("router", "host", "version", "listens at", box=None, pad_edge=False)
+    table.add_column("components", justify="right")
+    table.add_column("routers", justify="right")
+    for row in found.routers:
+        name = row.name or row.zid[:8]
+        table.add_row(
+            name, row.host, row.version, " ".join(row.locators), str(row.sessions), str(row.routers)
+        )
+    return table

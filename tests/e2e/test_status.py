@@ -1,0 +1,66 @@
+"""`comotion status` on a running scene, by its exit status and its output."""
+
+import json
+import time
+
+import pytest
+import zenoh
+
+from comotion_schemas import Keys, Status, encode
+from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.transport import SessionSettings, declare_publisher
+
+from .conftest import KEYS
+
+pytestmark = pytest.mark.e2e
+AHEAD_S = 0.5
+
+
+def shifted(component: Component) -> Status:
+    """The Status of a host whose clock is ahead."""
+    now = component.status()
+    return Status(**{**vars(now), "stamp_ns": now.stamp_ns + round(AHEAD_S * 1e9)})
+
+
+def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session) -> None:
+    look = ("status", "--connect", endpoint)
+    empty = start(*look, ready=False)
+    assert empty.wait() == 3
+    assert "no service" in empty.output
+    waiting = start(*look, "--wait", "ok", "--timeout", 100, "--expect", "cam", "--json", ready=False)
+    settings = SessionSettings(connect=(endpoint,))
+    fields = StatusFields(rates={"cam": 30.0})
+    with Component(role="service", name="fusion", settings=settings, status=lambda: fields) as service:
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(KEYS.query("status"), encode(service.status()))
+
+        queryable = service.session.declare_queryable(KEYS.query("status"), answer)
+        with Component(role="source", name="cam", settings=settings):
+            assert waiting.wait() == 0
+            found = json.loads(waiting.output)
+            assert [row["name"] for row in found["components"]] == ["fusion", "cam"]
+            assert [router["locators"] for router in found["routers"]] == [[endpoint]]
+            for row in found["components"]:
+                assert abs(row["clock_s"]) <= row["clock_error_s"] + 0.1
+                assert row["version"]
+                assert row["host"]
+            publisher = declare_publisher(session, Keys().stream("status", "cam"), "status")
+            looking = start(*look, ready=False)
+            while looking.popen.poll() is None:
+                publisher.put(encode(_as_cam(shifted(service))))
+                time.sleep(0.1)
+            assert looking.wait() == 1
+            assert "ms ahead of the service's, more than half a frame (17 ms)" in looking.output
+        queryable.undeclare()
+
+
+def _as_cam(status: Status) -> Status:
+    return Status(**{**vars(status), "component": "cam", "role": "source"})
+
+
+def test_no_router_is_an_error(free_port_endpoint, start) -> None:
+    alone = start("status", "--connect", free_port_endpoint, "--timeout", 0.5, ready=False)
+    assert alone.wait() == 2
+    assert "no router answers" in alone.output
