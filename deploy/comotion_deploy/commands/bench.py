@@ -29,6 +29,8 @@ Examples:
   comotion bench --out docs/research   # writes performance.md and its picture
 
   comotion bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
+
+  comotion bench --scaling --scenes 1,2,4 --features 250 --out docs   # many scenes, and standbys
 """
 
 
@@ -69,7 +71,11 @@ def bench(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small numbers, few updates.")] = False,
     live: Annotated[bool, typer.Option("--live", help="Measure processes over a router instead.")] = False,
-    seconds: Annotated[float, typer.Option("--seconds", min=1, help="Of --live.")] = 30.0,
+    scaling: Annotated[
+        bool, typer.Option("--scaling", help="Measure many scenes, with and without standbys, instead.")
+    ] = False,
+    scenes: Annotated[str, typer.Option("--scenes", help="Numbers of scenes of --scaling.")] = "1,2,4,8",
+    seconds: Annotated[float, typer.Option("--seconds", min=1, help="Of --live and --scaling.")] = 30.0,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Write performance.md and images/performance.png there."),
@@ -89,6 +95,9 @@ def bench(
         return
     if out is not None:
         check(out)
+    if scaling:
+        _scaling(scenes, features, method, seconds, assignments or [], out)
+        return
     from comotion_experiments import bench as study
 
     spec = study.SceneSpec(bodies=bodies, sources=sources, churn=churn, seed=seed, pixels=pixels)
@@ -147,6 +156,34 @@ def _live(
             print("\n".join(live_lines(found[-1])))
     if as_json:
         print(json.dumps(found, indent=2))
+
+
+def _scaling(
+    scenes: str,
+    features: str | None,
+    method: list[str] | None,
+    seconds: float,
+    assignments: list[str],
+    out: Path | None,
+) -> None:
+    """The same features in one scene and in many, each with and without standbys."""
+    from comotion_experiments.bench import report, scaling
+
+    from ..bench_scaling import run_scaling
+
+    counts = _numbers("--scenes", scenes, 1, 256)
+    (size,) = _numbers("--features", features or "100", 2, 50_000)[:1]
+    loads = [scaling.Load(1, size * counts[-1])]
+    loads += [scaling.Load(count, size, standby) for standby in (False, True) for count in counts]
+    fusion = [word for name in method or () for word in ("--method", name)]
+    fusion += [word for text in assignments for word in ("--set", text)]
+    found = run_scaling(loads, seconds, fusion, lambda line: print(line, file=sys.stderr, flush=True))
+    print(scaling.markdown(found))
+    if out is not None:
+        (out / "images").mkdir(parents=True, exist_ok=True)
+        scaling.save_picture(out / "images" / "scaling.png", found)
+        text = f"`{_command()}`\n\n{scaling.markdown(found)}\n\n![Cores by kind](images/scaling.png)\n"
+        report.write_page(out / "scaling.md", "scaling", text)
 
 
 def _baseline(quick: bool, pixels: bool) -> int:

@@ -110,13 +110,13 @@ def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> Non
                 continue
             if not updates:
                 pid = _service(endpoint)
-                before, began = _counters(statuses.drain()), (now, _processor_seconds(pid))
+                before, began = _counters(statuses.drain()), (now, processor_seconds(pid))
             updates.append((update.stamp_ns, time.time_ns()))
             tracks.append(len(update.track_id))
             if now > start + seconds:
                 break
         took = now - began[0]
-        cpu = (_processor_seconds(pid) - began[1]) / took
+        cpu = (processor_seconds(pid) - began[1]) / took
         after = _counters(statuses.drain())
     time.sleep(1.5)
     puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
@@ -185,7 +185,8 @@ def _service(endpoint: str) -> int:
     raise ValueError("the service has ended, or this system has no /proc")
 
 
-def _processor_seconds(pid: int) -> float:
+def processor_seconds(pid: int) -> float:
+    """Processor time of a process so far, s; its threads included."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
