@@ -21,6 +21,7 @@ from .commands import (
     router,
     segment,
     serve,
+    soak,
     source,
     status,
     up,
@@ -71,6 +72,7 @@ app.command("joints", epilog=joints.EPILOG)(joints.joints)
 app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.add_typer(reproduce.app, name="reproduce")
 app.command("bench", epilog=bench.EPILOG)(bench.bench)
+app.command("soak", epilog=soak.EPILOG)(soak.soak)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 

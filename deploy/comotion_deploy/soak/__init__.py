@@ -1,0 +1,1 @@
+"""``comotion soak``: a scene under mixed load and faults, watched for what must always hold."""

@@ -1,0 +1,120 @@
+"""A process that publishes what no source should: damaged bytes, lies and extremes, drawn by a seed.
+
+``python -m comotion_deploy.soak.hostile ENDPOINT SCENE SECONDS SEED`` prints how many it has put, as JSON.
+It uses names of its own; that a name of another source can be used too is a matter of access control.
+"""
+
+import json
+import math
+import random
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from comotion_schemas import ObservationBatch, encode
+from comotion_schemas.component import Component
+from comotion_schemas.transport import SessionSettings, stream_publisher
+
+NAME = "hostile"
+_RATE = 50.0
+
+
+def _batch(session: str, seq: int, count: int = 50, **changes: Any) -> ObservationBatch:
+    fields: dict[str, Any] = {
+        "source": NAME,
+        "session": session,
+        "seq": seq,
+        "space": "world",
+        "unit": "m",
+        "dim": 3,
+        "stamp_ns": time.time_ns(),
+        "ids": np.arange(count, dtype=np.uint64),
+        "positions": np.zeros((count, 3), np.float32),
+    }
+    return ObservationBatch(**(fields | changes))
+
+
+def _mutated(chance: random.Random, payload: bytes) -> bytes:
+    data = bytearray(payload)
+    for _ in range(chance.randint(1, 8)):
+        data[chance.randrange(len(data))] = chance.randrange(256)
+    return bytes(data[: chance.randint(1, len(data))])
+
+
+def _jump(chance: random.Random, session: str, seq: int) -> bytes:
+    far = np.full((50, 3), chance.choice((1e3, 1e6, 9e8)), np.float32) * chance.choice((1, -1))
+    return encode(_batch(session, seq, positions=far))
+
+
+def _millimetres(chance: random.Random, session: str, seq: int) -> bytes:
+    rows = np.array([[chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(50)], np.float32)
+    return encode(_batch(session, seq, positions=rows))
+
+
+def _tampered(chance: random.Random, session: str, seq: int) -> bytes:
+    content = msgpack.unpackb(encode(_batch(session, seq)))
+    change = chance.choice(
+        [
+            {"positions": np.full(150, math.nan, "<f4").tobytes()},
+            {"ids": np.zeros(50, "<u8").tobytes()},
+            {"seq": -1},
+            {"colour": "red"},
+            {"dim": 7},
+            {"stamp_ns": -(2**63)},
+        ]
+    )
+    return msgpack.packb(content | change)  # type: ignore[no-any-return]
+
+
+def _extreme(chance: random.Random, session: str, seq: int) -> bytes:
+    change: dict[str, Any] = chance.choice(
+        [
+            {"seq": 2**63 - 1, "session": f"{chance.getrandbits(64):016x}"},
+            {"stamp_ns": -(2**63)},
+            {"stamp_ns": 2**63 - 1},
+            {"space": f"space-{chance.randrange(1000)}"},
+            {"unit": "px"},
+            {"session": f"{chance.getrandbits(64):016x}"},
+        ]
+    )
+    return encode(_batch(session, seq, **change))
+
+
+def _many_instants(chance: random.Random, session: str, seq: int) -> bytes:
+    count = chance.choice((100, 2000))
+    now = time.time_ns()
+    return encode(_batch(session, seq, count, stamp_ns=now, stamps_ns=now - np.arange(count)[::-1] * 1000))
+
+
+_MAKERS: tuple[Callable[[random.Random, str, int], bytes], ...] = (
+    lambda chance, session, seq: _mutated(chance, encode(_batch(session, seq))),
+    lambda chance, _session, _seq: chance.randbytes(chance.choice((0, 10, 5000, 200_000))),
+    _jump,
+    _millimetres,
+    _tampered,
+    _extreme,
+    _many_instants,
+)
+
+
+def main() -> None:
+    """Publish for some seconds."""
+    endpoint, scene, seconds, seed = sys.argv[1:5]
+    chance = random.Random(int(seed))  # noqa: S311 - load, no secret
+    settings = SessionSettings(connect=(endpoint,))
+    put = 0
+    with Component(role="source", name=NAME, scene=scene, settings=settings) as component:
+        publisher = stream_publisher(component.session, component.keys, "obs", NAME)
+        end = time.monotonic() + float(seconds)
+        while time.monotonic() < end and not component.stop.wait(1 / _RATE):
+            publisher.put(chance.choice(_MAKERS)(chance, component.session_id, put))
+            put += 1
+            print(json.dumps({"session": component.session_id, "sent": put, "repeated": 0}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,164 @@
+"""Updates and Statuses of the service in; out come gaps, ids that changed and ids that were used twice.
+
+The truth is in the ids of the features: see :mod:`.load`. The label of a body is the hypothesis that most
+of its features have. A label counts once it has lasted for a while and all bodies are told apart.
+"""
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from comotion_clients.subscription import Subscription
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Status
+
+from .load import BODIES, ID_STEP, KINDS
+
+LATE_PERIODS = 3
+# A body has a label when so many of its features agree, for so many seconds.
+_AGREE = 0.8
+_SETTLED_S = 2.0
+
+Body = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A time without updates: when it ended (s from the start), and how long it was, in s."""
+
+    at_s: float
+    seconds: float
+
+
+@dataclass
+class Findings:
+    """What has been seen.
+
+    Attributes
+    ----------
+    updates, sessions
+        Updates that arrived, and sessions of services that sent them.
+    missed
+        Updates that were due and did not come.
+    gaps
+        Times without updates of more than three periods.
+    changes
+        Bodies that changed their hypothesis: when (s), which, from and to.
+    reused
+        Hypothesis ids that came twice, with another birth.
+    latest_id
+        The largest id so far.
+    """
+
+    updates: int = 0
+    sessions: list[str] = field(default_factory=list)
+    missed: int = 0
+    gaps: list[Gap] = field(default_factory=list)
+    changes: list[tuple[float, str, int, int]] = field(default_factory=list)
+    reused: list[int] = field(default_factory=list)
+    latest_id: int = 0
+
+
+class Monitor:
+    """Follows a scene through two subscriptions."""
+
+    def __init__(
+        self, updates: Subscription[HypothesisUpdate], statuses: Subscription[Status], started_s: float
+    ) -> None:
+        self._updates = updates
+        self._statuses = statuses
+        self._started_s = started_s
+        self._arrived_s: float | None = None
+        # Updates that were due since the count began, and those that came.
+        self._expected, self._counted = 0.0, 0
+        self._births: dict[int, int] = {}
+        self._pending: dict[Body, tuple[int, float]] = {}
+        self.labels: dict[Body, int] = {}
+        self.findings = Findings()
+        self.status: Status | None = None
+        self.statuses: deque[tuple[float, Status]] = deque(maxlen=600)
+        self.last: HypothesisUpdate | None = None
+
+    def poll(self) -> None:
+        """Take in what has arrived."""
+        for arrived, update in self._updates.drain():
+            self._on_update(update, arrived)
+        for arrived, status in self._statuses.drain():
+            if status.role == "service":
+                self.status = status
+                self.statuses.append((arrived, status))
+
+    def begin(self) -> None:
+        """Forget gaps and missed updates of the time in which the system was starting."""
+        self.findings.gaps.clear()
+        self._expected, self._counted = 0.0, 0
+
+    @property
+    def is_sorted_out(self) -> bool:
+        """Whether every body of the last update has a hypothesis of its own."""
+        if self.last is None:
+            return False
+        found = _labels(self.last)
+        spaces = Counter(space for space, _ in found)
+        apart = len(set(found.values())) == len(found)
+        return apart and all(spaces[kind.space] == BODIES for kind in KINDS.values())
+
+    def _on_update(self, update: HypothesisUpdate, arrived_s: float) -> None:
+        found, period_s = self.findings, update.period_ns * 1e-9
+        at_s = arrived_s - self._started_s
+        if self._arrived_s is not None:
+            seconds = arrived_s - self._arrived_s
+            self._expected += seconds / period_s
+            if seconds > LATE_PERIODS * period_s:
+                found.gaps.append(Gap(round(at_s, 2), round(seconds, 3)))
+        self._arrived_s, self.last = arrived_s, update
+        found.updates += 1
+        found.missed = max(0, round(self._expected) - self._counted)
+        self._counted += 1
+        if update.session not in found.sessions:
+            found.sessions.append(update.session)
+        self._check_ids(update)
+        self._check_bodies(update, at_s)
+
+    def _check_ids(self, update: HypothesisUpdate) -> None:
+        for one in update.hypotheses:
+            if self._births.setdefault(one.id, one.born_ns) != one.born_ns:
+                self._births[one.id] = one.born_ns
+                self.findings.reused.append(one.id)
+            self.findings.latest_id = max(self.findings.latest_id, one.id)
+
+    def _check_bodies(self, update: HypothesisUpdate, at_s: float) -> None:
+        found = _labels(update)
+        if len(set(found.values())) < len(found):
+            self._pending.clear()  # bodies are together: nobody can tell whose id it is
+            return
+        for body, label in found.items():
+            before, since_s = self._pending.get(body, (label, at_s))
+            self._pending[body] = (label, since_s if before == label else at_s)
+            if at_s - self._pending[body][1] < _SETTLED_S:
+                continue
+            known = self.labels.get(body)
+            if known is not None and known != label:
+                self.findings.changes.append((round(at_s, 1), f"{body[0]} {body[1]}", known, label))
+            self.labels[body] = label
+
+
+def _labels(update: HypothesisUpdate) -> dict[Body, int]:
+    """Hypothesis of each body that its features agree on."""
+    names = [source.name for source in update.sources]
+    members: dict[Body, Counter[int]] = {}
+    for source, name in enumerate(names):
+        if name not in KINDS:
+            continue
+        mine = update.track_source == source
+        bodies = update.track_id[mine] // ID_STEP
+        labels = update.track_hypothesis[mine]
+        for body in range(BODIES):
+            counts = members.setdefault((KINDS[name].space, body), Counter())
+            counts.update(labels[bodies == body].tolist())
+    found = {}
+    for key, counts in members.items():
+        if not counts:
+            continue
+        label, count = counts.most_common(1)[0]
+        if label != UNDETERMINED and count >= _AGREE * counts.total():
+            found[key] = label
+    return found

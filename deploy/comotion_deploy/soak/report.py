@@ -1,0 +1,203 @@
+"""What a soak has found in; out come what must not be, a page of Markdown, JSON and a plot."""
+
+from collections import Counter
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from .load import KINDS
+from .monitor import Gap
+from .processes import Usage
+from .run import Soak
+from .schedule import Fault
+
+# A gap belongs to a fault that began at most so many s before it did.
+_BELONGS_S = 8.0
+# Without a fault of the service or the router, a longer gap is a violation, in s.
+_LONGEST_S = 1.0
+_TIMING = frozenset({"service", "router"})
+# Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
+_GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
+_LIFE_SAMPLES = 20
+_LOG_BYTES_PER_MINUTE = 60_000
+_ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
+
+
+def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
+    """The newest fault that a gap or a change may come from; `at_s` is its end."""
+    began_s = at_s - seconds
+    found = None
+    for fault_s, fault in soak.faults:
+        if fault_s <= at_s and began_s - fault_s - fault.lasts_s <= _BELONGS_S:
+            found = fault
+    return found
+
+
+def violations(soak: Soak) -> list[str]:
+    """What must not be, one line each."""
+    found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
+    found += [
+        f"{name} has ended by itself, status {', '.join(map(str, statuses))}"
+        for name, statuses in soak.ended.items()
+    ]
+    for at_s, one in soak.audits:
+        if one.is_exact and one.missing:
+            found.append(f"at {at_s:.0f} s {one.missing} of {one.sent} batches were not accounted for")
+        if one.unsettled:
+            found.append(f"at {at_s:.0f} s {one.unsettled} batches were in no account")
+    for gap in soak.findings.gaps:
+        fault = cause(soak, gap.at_s, gap.seconds)
+        if gap.seconds > _LONGEST_S and (fault is None or fault.target not in _TIMING):
+            found.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
+    for at_s, body, before, after in soak.findings.changes:
+        if body.split()[0] not in _ALONE:
+            fault = cause(soak, at_s)
+            found.append(f"at {at_s:.0f} s {body} changed from {before} to {after} ({fault or 'no fault'})")
+    return found + _growth(soak)
+
+
+def _growth(soak: Soak) -> list[str]:
+    found = []
+    for name, samples in soak.usage.items():
+        for life in sorted({starts for _, starts, _ in samples}):
+            found += [f"{name}, life {life}: {text}" for text in _grown(_of_life(samples, life))]
+        minutes = max(soak.seconds / 60, 1.0)
+        if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
+            found.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
+    return found
+
+
+def _of_life(samples: list[tuple[float, int, Usage]], life: int) -> list[Usage]:
+    return [usage for _, starts, usage in samples if starts == life]
+
+
+def _grown(life: list[Usage]) -> list[str]:
+    """What has grown between the second and the last quarter of a life that was long enough to tell."""
+    if len(life) < _LIFE_SAMPLES:
+        return []
+    quarter = len(life) // 4
+    early, late = life[quarter : 2 * quarter], life[-quarter:]
+
+    def middles(name: str) -> tuple[float, float]:
+        return median(getattr(u, name) for u in early), median(getattr(u, name) for u in late)
+
+    found = []
+    before, after = middles("memory_mb")
+    if after - before > max(_GROWTH_MB, _GROWTH_SHARE * before):
+        found.append(f"memory grew from {before:.0f} to {after:.0f} MB")
+    for name, limit in (("descriptors", _GROWTH_DESCRIPTORS), ("threads", _GROWTH_THREADS)):
+        before, after = middles(name)
+        if after - before > limit:
+            found.append(f"{name} grew from {before:.0f} to {after:.0f}")
+    return found
+
+
+def as_json(soak: Soak, seed: int) -> dict[str, Any]:
+    """All figures, as plain values."""
+    found = soak.findings
+    exact = [one for _, one in soak.audits if one.is_exact]
+    return {
+        "seconds": round(soak.seconds, 1),
+        "seed": seed,
+        "faults": dict(Counter(fault.kind for _, fault in soak.faults)),
+        "updates": found.updates,
+        "missed": found.missed,
+        "services": len(found.sessions),
+        "gaps": len(found.gaps),
+        "longest_gap_s": max((gap.seconds for gap in found.gaps), default=0.0),
+        "gaps_by_fault": gaps_by_fault(soak),
+        "ids_changed": [list(one) for one in found.changes],
+        "ids_reused": found.reused,
+        "latest_id": found.latest_id,
+        "audits": len(exact),
+        "batches_audited": sum(one.sent for one in exact),
+        "batches_missing": sum(abs(one.missing) for one in exact),
+        "batches_unsettled": sum(one.unsettled for _, one in soak.audits),
+        "usage": {name: _extremes(samples) for name, samples in soak.usage.items()},
+        "recovery_s": [[what, round(seconds, 3)] for what, seconds in soak.recovery],
+        "violations": violations(soak),
+    }
+
+
+def gaps_by_fault(soak: Soak) -> dict[str, list[float]]:
+    """Gaps by what they come from, in s, longest first."""
+    found: dict[str, list[float]] = {}
+    for gap in soak.findings.gaps:
+        fault = cause(soak, gap.at_s, gap.seconds)
+        found.setdefault("no fault" if fault is None else f"{fault.kind} {fault.target}", []).append(
+            gap.seconds
+        )
+    return {name: sorted(gaps, reverse=True) for name, gaps in sorted(found.items())}
+
+
+def _extremes(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
+    usages = [usage for *_, usage in samples]
+    return {
+        "starts": samples[-1][1],
+        "memory_mb": [
+            round(median(u.memory_mb for u in usages), 1),
+            round(max(u.memory_mb for u in usages), 1),
+        ],
+        "descriptors": [median(u.descriptors for u in usages), max(u.descriptors for u in usages)],
+        "threads": [median(u.threads for u in usages), max(u.threads for u in usages)],
+        "log_bytes": usages[-1].log_bytes,
+    }
+
+
+def lines(found: dict[str, Any]) -> list[str]:
+    """The result as text, from :func:`as_json`."""
+    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(found["faults"].items()))
+    text = [
+        f"{found['seconds'] / 60:.1f} min, seed {found['seed']}; faults: {faults or 'none'}",
+        f"updates: {found['updates']}, {found['missed']} missed, {found['gaps']} gaps over three periods, "
+        f"longest {found['longest_gap_s']:.2f} s; {found['services']} lives of the service",
+        f"accounts: {found['batches_audited']} batches in {found['audits']} stretches, "
+        f"{found['batches_missing']} not accounted for",
+        f"ids: {len(found['ids_changed'])} changes, {len(found['ids_reused'])} given out twice, "
+        f"the largest {found['latest_id']}",
+    ]
+    for name, gaps in found["gaps_by_fault"].items():
+        text.append(f"  gaps, {name}: {len(gaps)}, longest {gaps[0]:.2f} s")
+    for name, held in found["usage"].items():
+        (middle, most), (files, most_files), (threads, most_threads) = (
+            held[key] for key in ("memory_mb", "descriptors", "threads")
+        )
+        text.append(
+            f"  {name}: {held['starts']} starts, {middle:.0f} MB (most {most:.0f}), {files:.0f} descriptors "
+            f"(most {most_files}), {threads:.0f} threads (most {most_threads}), log {held['log_bytes']} bytes"
+        )
+    if found["recovery_s"]:
+        times = sorted(seconds for _, seconds in found["recovery_s"])
+        text.append(f"  recovery: median {median(times):.2f} s, longest {times[-1]:.2f} s of {len(times)}")
+    text += [f"VIOLATION: {one}" for one in found["violations"]] or ["no violation"]
+    return text
+
+
+def save_plot(path: Path, soak: Soak) -> None:
+    """Draw memory and gaps over time, with the faults.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Without matplotlib.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (above, below) = plt.subplots(2, 1, figsize=(10, 6), sharex=True, layout="constrained")
+    for name, samples in soak.usage.items():
+        above.plot([s / 60 for s, *_ in samples], [u.memory_mb for *_, u in samples], lw=1, label=name)
+    above.set_ylabel("memory, MB")
+    above.legend(ncols=4, fontsize=8)
+    gaps: list[Gap] = soak.findings.gaps
+    below.vlines([g.at_s / 60 for g in gaps], 0, [g.seconds for g in gaps], lw=1)
+    for kind in sorted({fault.kind for _, fault in soak.faults}):
+        at = [s / 60 for s, fault in soak.faults if fault.kind == kind]
+        below.plot(at, [0] * len(at), "|", label=kind)
+    below.set_ylabel("time without updates, s")
+    below.set_xlabel("min")
+    below.legend(ncols=5, fontsize=8)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)

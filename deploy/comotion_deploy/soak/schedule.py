@@ -1,0 +1,78 @@
+"""A seed and a duration in, the faults of a soak out: what happens to which process, and when."""
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+SOURCES = ("left", "right", "arm", "camera")
+"""The well-behaved sources; the first three observe the same bodies."""
+OTHERS = ("router", "service", "recorder", "viewer")
+HOSTILE = "hostile"
+
+# Kinds of faults, their weight, and the processes that they may happen to.
+_KINDS: tuple[tuple[str, float, tuple[str, ...]], ...] = (
+    ("kill", 3.0, (*SOURCES, *OTHERS)),
+    ("stop", 2.0, (*SOURCES, *OTHERS)),
+    ("restart", 1.0, (*SOURCES, *OTHERS)),
+    ("clock", 2.0, SOURCES),
+    ("burst", 1.0, SOURCES),
+    ("loss", 1.0, SOURCES),
+    ("disorder", 1.0, SOURCES),
+    ("churn", 1.0, SOURCES),
+    ("hostile", 2.0, (HOSTILE,)),
+)
+KINDS = tuple(kind for kind, _, _ in _KINDS)
+_CLOCK_STEPS_S = (-3600.0, -1.0, 1.0, 3600.0)
+# Until all is in its place at the start, and after the last fault.
+LEAD_S, TAIL_S = 8.0, 12.0
+_PAUSE_S = (4.0, 12.0)
+_LASTS_S = {"stop": (1.0, 12.0), "clock": (3.0, 10.0), "loss": (3.0, 8.0), "disorder": (3.0, 8.0)}
+_BURST = (50, 200)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes
+    ----------
+    at_s
+        Seconds from the start of the soak.
+    kind, target
+        What happens, and to which process.
+    lasts_s
+        How long, in s; 0 for what happens at once.
+    size
+        Step of the clock in s, or batches of a burst.
+    """
+
+    at_s: float
+    kind: str
+    target: str
+    lasts_s: float = 0.0
+    size: float = 0.0
+
+    def __str__(self) -> str:
+        size = f" {self.size:+g}" if self.kind == "clock" else ""
+        return f"{self.kind}{size} {self.target}" + (f" for {self.lasts_s:.0f} s" if self.lasts_s else "")
+
+
+def draw(seed: int, duration_s: float) -> list[Fault]:
+    """Draw the faults of a soak; the same for the same seed and duration."""
+    chance = random.Random(seed)  # noqa: S311 - a schedule, no secret
+    return list(_draw(chance, duration_s))
+
+
+def _draw(chance: random.Random, duration_s: float) -> Iterator[Fault]:
+    at_s = LEAD_S
+    weights = [weight for _, weight, _ in _KINDS]
+    while at_s < duration_s - TAIL_S:
+        kind, _, targets = chance.choices(_KINDS, weights)[0]
+        lasts_s = round(chance.uniform(*_LASTS_S.get(kind, (0.0, 0.0))), 1)
+        size = 0.0
+        if kind == "clock":
+            size = chance.choice(_CLOCK_STEPS_S)
+        elif kind == "burst":
+            size = chance.randint(*_BURST)
+        yield Fault(round(at_s, 1), kind, chance.choice(targets), lasts_s, size)
+        at_s += lasts_s + chance.uniform(*_PAUSE_S)
