@@ -82,9 +82,9 @@ def time_scale(options: DemoOptions) -> float:
 def prepare() -> None:
     """Compile all kernels before the scene starts."""
     from comotion import FusionConfig
-    from comotion.runtime.warm_up import warm_up
+    from comotion.runtime import warm_up
 
-    for _ in warm_up(FusionConfig()):
+    for _ in warm_up.prepare(FusionConfig()):
         pass
 
 

@@ -94,3 +94,10 @@ class KernelCache(FunctionCache):
             if source_digest() not in file.name:
                 with suppress(OSError):  # another process was faster
                     file.unlink()
+
+    def signatures(self, target_context: Any) -> list[Any]:
+        """Signatures that are on the disk for this processor."""
+        codegen = target_context.codegen()
+        index = self._cache_file._load_index()  # type: ignore[no-untyped-call]
+        keys = ((key, self._index_key(key[0], codegen)) for key in index)  # type: ignore[no-untyped-call]
+        return [key[0] for key, expected in keys if key == expected]

@@ -4,7 +4,6 @@ from .config import FusionConfig
 from .partition import Method, SpaceSpec
 from .pixels.method import PixelMethod
 from .rigid.method import RigidMethod
-from .thesis.method import ThesisMethod
 
 
 def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
@@ -14,4 +13,7 @@ def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
         return PixelMethod(config, spec)
     if config.method == "comotion":
         return RigidMethod(config, spec)
+    # Its clustering imports scikit-learn, which takes half a second that the others do not need.
+    from .thesis.method import ThesisMethod  # noqa: PLC0415
+
     return ThesisMethod(config, spec)

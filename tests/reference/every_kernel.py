@@ -7,9 +7,8 @@ the disk: none, if this process compiled them all.
 import hashlib
 import sys
 
-from numba.core.dispatcher import Dispatcher
-
 from comotion import Fusion, FusionConfig
+from comotion.runtime.known_kernels import kernels
 from comotion.runtime.warm_up import warm_up
 from comotion_experiments.bench.scene import Scene, SceneSpec
 from comotion_schemas import encode
@@ -36,18 +35,12 @@ def digest(config: FusionConfig, spec: SceneSpec, seconds: float) -> str:
     return found.hexdigest()
 
 
-def kernels() -> set[Dispatcher]:
-    """Every kernel of the core that this process has imported."""
-    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
-    return {value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
-
-
 def main() -> None:
     lines = [digest(FusionConfig(method=method), spec, seconds) for method, spec, seconds in SCENES]
     for method in ("comotion", "thesis"):
         for _ in warm_up(FusionConfig(method=method)):
             pass
-    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels())
+    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels().values())
     sys.stdout.write("\n".join([*lines, str(loaded)]))
 
 

@@ -12,19 +12,18 @@ import pytest
 
 from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
+from comotion.runtime import known_kernels
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Arrivals, Health, Watchdog
 from comotion.runtime.intake import Rejection
 from comotion.runtime.state_file import default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import HeadStart, Ticker
-from comotion.runtime.warm_up import warm_up
+from comotion.runtime.warm_up import prepare, warm_up
 from comotion.snapshot import Header
 from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
-
-from ..reference.every_kernel import kernels
 
 SECOND = 10**9
 SESSION = "00000000000000aa"
@@ -207,6 +206,29 @@ class TestWarmUp:
         # Bodies separate, features end and begin: every part of a method runs.
         assert max(len(u.hypotheses) for u in updates) >= 3
         assert len({int(i) for u in updates for i in u.track_id}) > 30
+
+
+class TestKnownKernels:
+    def test_what_a_warm_up_has_compiled_is_loaded_and_else_it_runs(
+        self, tmp_path: Path, monkeypatch
+    ) -> None:
+        for _ in warm_up(FusionConfig()):
+            pass
+        monkeypatch.setattr(known_kernels, "_file", lambda method, known: tmp_path / f"{method}.json")
+        assert not known_kernels.load("comotion")
+        known_kernels.note("comotion")
+        assert known_kernels.load("comotion")
+        assert sum(1 for _ in prepare(FusionConfig())) < sum(1 for _ in warm_up(FusionConfig()))
+        noted = (tmp_path / "comotion.json").read_text()
+        for damage in (
+            noted[:-9],
+            noted.replace("(", "(int7, ", 1),
+            "[]",
+            "7",
+            noted.replace("comotion.", "x."),
+        ):
+            (tmp_path / "comotion.json").write_text(damage)
+            assert not known_kernels.load("comotion")
 
 
 class TestStateSchedule:
@@ -426,7 +448,7 @@ def test_after_the_warm_up_nothing_is_compiled() -> None:
     """Also when observations leave the window, and births with them."""
     for _ in warm_up(FusionConfig()):
         pass
-    before = {kernel: set(kernel.signatures) for kernel in kernels()}
+    before = {kernel: set(kernel.signatures) for kernel in known_kernels.kernels().values()}
     fusion = Fusion(FusionConfig(window=1.5))
     spec = simulator.load_scene("3d_async")
     for k, batch in enumerate(simulator.batches(simulator.simulate(spec, seed=0))):
@@ -434,6 +456,7 @@ def test_after_the_warm_up_nothing_is_compiled() -> None:
             fusion.ingest(batch)
             if k % 60 == 0:
                 fusion.update(batch.stamp_ns)
-    assert {kernel: set(kernel.signatures) - before.get(kernel, set()) for kernel in kernels()} == {
-        kernel: set() for kernel in kernels()
-    }
+    assert {
+        kernel: set(kernel.signatures) - before.get(kernel, set())
+        for kernel in known_kernels.kernels().values()
+    } == {kernel: set() for kernel in known_kernels.kernels().values()}

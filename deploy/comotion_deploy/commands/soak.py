@@ -38,6 +38,10 @@ def soak(
     stopped: Annotated[
         float, typer.Option("--stopped", min=0, help="s for which --kills stops each process; 0: not.")
     ] = 30.0,
+    gap: Annotated[
+        float,
+        typer.Option("--gap", min=0.1, help="s without an update that are allowed."),
+    ] = 1.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", file_okay=False, help="Where report and logs go.")
     ] = Path("out/soak"),
@@ -66,7 +70,7 @@ def soak(
         runner.settle()
         say(f"all bodies have a hypothesis; logs are in {out}")
         _carry_out(runner, duration, seed, kills, stopped, stop)
-    found = report.as_json(runner.result, seed)
+    found = report.as_json(runner.result, seed, gap)
     (out / "soak.json").write_text(json.dumps(found, indent=2), encoding="utf-8")
     text = report.lines(found)
     (out / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")

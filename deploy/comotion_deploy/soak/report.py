@@ -13,8 +13,6 @@ from .schedule import Fault
 
 # A gap belongs to a fault that began at most so many s before it did.
 _BELONGS_S = 8.0
-# Without a fault of the service or the router, a longer gap is a violation, in s.
-_LONGEST_S = 1.0
 _TIMING = frozenset({"service", "router"})
 # Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
 _GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
@@ -33,8 +31,16 @@ def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
     return found
 
 
-def violations(soak: Soak) -> list[str]:
-    """What must not be, one line each."""
+def violations(soak: Soak, longest_s: float) -> list[str]:
+    """What must not be, one line each.
+
+    Parameters
+    ----------
+    soak
+        What has been found.
+    longest_s
+        Longest time without an update, in s, that no fault of the service or the router excuses.
+    """
     found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
     found += [
         f"{name} has ended by itself, status {', '.join(map(str, statuses))}"
@@ -47,7 +53,7 @@ def violations(soak: Soak) -> list[str]:
             found.append(f"at {at_s:.0f} s {one.unsettled} batches were in no account")
     for gap in soak.findings.gaps:
         fault = cause(soak, gap.at_s, gap.seconds)
-        if gap.seconds > _LONGEST_S and (fault is None or fault.target not in _TIMING):
+        if gap.seconds > longest_s and (fault is None or fault.target not in _TIMING):
             found.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
     for at_s, body, before, after in soak.findings.changes:
         if body.split()[0] not in _ALONE:
@@ -92,7 +98,7 @@ def _grown(life: list[Usage]) -> list[str]:
     return found
 
 
-def as_json(soak: Soak, seed: int) -> dict[str, Any]:
+def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:
     """All figures, as plain values."""
     found = soak.findings
     exact = [one for _, one in soak.audits if one.is_exact]
@@ -115,7 +121,7 @@ def as_json(soak: Soak, seed: int) -> dict[str, Any]:
         "batches_unsettled": sum(one.unsettled for _, one in soak.audits),
         "usage": {name: _extremes(samples) for name, samples in soak.usage.items()},
         "recovery_s": [[what, round(seconds, 3)] for what, seconds in soak.recovery],
-        "violations": violations(soak),
+        "violations": violations(soak, longest_s),
     }
 
 

@@ -32,6 +32,8 @@ _LEASE_NS = LEASE_MS * 1_000_000
 # Until the token of a service that was stopped has vanished.
 _PATIENCE_S = LEASE_MS / 1000 + 1.0
 _POLL_S = 0.02
+# Share of a processor below which a process that was not heard of did not run: a slow update takes more.
+_AT_WORK = 0.05
 # Until the tokens of all others have come in; and until one that was cut off has withdrawn its own.
 _SETTLE_NS = _SECOND_NS
 _RING = 256
@@ -83,6 +85,7 @@ class Presence:
         self._others: dict[str, Claim] = {}
         self._older_ns: int | None = None
         self._looked_ns = self._connected_ns = time.monotonic_ns()
+        self._used_ns = time.process_time_ns()
         self._speaks_ns: int | None = None
         self._is_router = component.listens
         liveliness = component.session.liveliness()
@@ -142,6 +145,7 @@ class Presence:
             raise self._taken(other)
         # What came before the loop took its time.
         self._looked_ns = self._connected_ns = time.monotonic_ns()
+        self._used_ns = time.process_time_ns()
 
     def look(self, monotonic_ns: int) -> None:
         """Take in the tokens of others; called at every turn of the loop.
@@ -152,10 +156,7 @@ class Presence:
             If this service has to yield.
         """
         was_ns, self._looked_ns = self._looked_ns, monotonic_ns
-        away_ns = monotonic_ns - was_ns
-        if self._is_connected():
-            away_ns, self._connected_ns = monotonic_ns - self._connected_ns, monotonic_ns
-        if away_ns > _LEASE_NS:
+        if self._was_cut_off(monotonic_ns - was_ns, monotonic_ns):
             _log.warning("this service was cut off: it looks whether another one has its scene")
             self._withdraw()
             self._speaks_ns = None
@@ -166,6 +167,16 @@ class Presence:
             self._return(monotonic_ns)
         else:
             self._defend(monotonic_ns)
+
+    def _was_cut_off(self, gap_ns: int, monotonic_ns: int) -> bool:
+        """Whether its token may have vanished meanwhile; `gap_ns` is the time since the last look."""
+        before_ns, self._used_ns = self._used_ns, time.process_time_ns()
+        if gap_ns > _LEASE_NS and self._used_ns - before_ns < _AT_WORK * gap_ns:
+            return True
+        if not self._is_connected():
+            return False
+        before_ns, self._connected_ns = self._connected_ns, monotonic_ns
+        return monotonic_ns - before_ns > max(_LEASE_NS, gap_ns + _SECOND_NS)
 
     def _return(self, monotonic_ns: int) -> None:
         """Claim the scene anew, if it has been connected for long enough and nobody else has it."""

@@ -40,7 +40,7 @@ from .queries import handlers
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
 from .ticker import HeadStart, Ticker
-from .warm_up import warm_up
+from .warm_up import prepare
 
 DEFAULT_NAME = "fusion"
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
@@ -152,7 +152,7 @@ def _warm_up(component: Component, config: FusionConfig) -> bool:
     notice.daemon = True
     notice.start()
     try:
-        return not any(component.stop.is_set() for _ in warm_up(config))
+        return not any(component.stop.is_set() for _ in prepare(config))
     finally:
         notice.cancel()
 

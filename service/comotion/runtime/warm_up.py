@@ -13,6 +13,8 @@ from comotion_schemas import ObservationBatch
 
 from ..config import FusionConfig
 from ..fusion import Fusion
+from ..partition import SpaceSpec
+from . import known_kernels
 
 # Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation.
@@ -24,13 +26,32 @@ _RATE_HZ = 15
 _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
+_FEW_FRAMES = 12
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
 _START_NS = 1_000_000_000_000
 
 
-def warm_up(config: FusionConfig) -> Iterator[None]:
+def prepare(config: FusionConfig) -> Iterator[None]:
+    """Load what an earlier warm-up has compiled, or warm up; yields now and then.
+
+    Parameters
+    ----------
+    config
+        Parameters of the fusion that is about to start.
+    """
+    if config.method != "comotion":
+        Fusion(config).make_method(SpaceSpec("any", "m", 3))  # imports it
+    if known_kernels.load(config.method):
+        # Libraries prepare themselves at their first use.
+        yield from warm_up(config, _FEW_FRAMES)
+    else:
+        yield from warm_up(config)
+        known_kernels.note(config.method)
+
+
+def warm_up(config: FusionConfig, frames: int = _FRAMES) -> Iterator[None]:
     """Run a separate fusion through made-up scenes of every kind of space; yields after each update.
 
     In each scene two bodies move in front of a third that rests, and every feature is replaced once.
@@ -39,12 +60,14 @@ def warm_up(config: FusionConfig) -> Iterator[None]:
     ----------
     config
         Parameters of the fusion that is about to start.
+    frames
+        Observations of every feature; with fewer than the default not every kernel runs.
     """
     for unit, dim, features, sources in _SCENES:
         fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
         rng = np.random.default_rng(1)
         bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
-        for frame in range(_FRAMES):
+        for frame in range(frames):
             positions = _moved(bodies, frame) + rng.normal(0, 0.002, bodies.shape)
             for source in range(sources):
                 seen = positions[:, source::sources] + source * _DISPLACED

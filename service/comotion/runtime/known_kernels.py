@@ -1,0 +1,70 @@
+"""What a complete warm-up has compiled in; the same loaded from the disk by a later process out.
+
+Loading takes a fraction of the time that it takes to run what would load it.
+"""
+
+import json
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from numba.core.dispatcher import Dispatcher
+
+from ..kernel_cache import KernelCache, source_digest
+from .state_file import write_atomically
+
+
+def kernels() -> dict[str, Dispatcher]:
+    """Every kernel of the core that this process has imported, by name."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
+    found = (one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher))
+    return {f"{one.py_func.__module__}.{one.py_func.__qualname__}": one for one in found}
+
+
+def load(method: str) -> bool:
+    """Load all that a warm-up of this version has needed for a method.
+
+    Returns
+    -------
+    bool
+        Whether it is all there; False: nothing is known, or something would have to be compiled.
+    """
+    known = kernels()
+    try:
+        wanted = json.loads(_file(method, known).read_text())
+        return all(_load(known[name], signatures) for name, signatures in wanted.items())
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return False
+
+
+def note(method: str) -> None:
+    """Keep what this process has loaded and compiled as what a warm-up needs for a method."""
+    known = kernels()
+    wanted = {name: sorted(map(str, one.signatures)) for name, one in known.items() if one.signatures}
+    # Without a folder to write to, every process compiles.
+    with suppress(OSError, ValueError):
+        file = _file(method, known)
+        write_atomically(file, [json.dumps(wanted).encode()])
+        for other in file.parent.glob(f"{method}-*.json"):
+            if other != file:
+                other.unlink(missing_ok=True)
+
+
+def _file(method: str, known: dict[str, Dispatcher]) -> Path:
+    """Beside the compiled kernels."""
+    for _, one in sorted(known.items()):
+        cache = getattr(one, "_cache", None)
+        if isinstance(cache, KernelCache):
+            return Path(cache.cache_path) / f"{method}-{source_digest()}.json"
+    raise ValueError("no kernel is kept on disk")
+
+
+def _load(kernel: Dispatcher, wanted: list[str]) -> bool:
+    """Load some signatures of a kernel; False if one is not on the disk for this processor."""
+    cache = kernel._cache  # type: ignore[attr-defined]
+    there = {str(found): found for found in cache.signatures(kernel.targetctx)}
+    if not there.keys() >= set(wanted):
+        return False
+    for one in wanted:
+        kernel.compile(there[one])
+    return True

@@ -1,0 +1,188 @@
+"""The parts of a soak: its schedule, what it sees in updates, its accounts and its verdict."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from comotion import Fusion
+from comotion_deploy.soak import load
+from comotion_deploy.soak.accounts import Moment, audit, moment
+from comotion_deploy.soak.monitor import Findings, Gap, Monitor
+from comotion_deploy.soak.processes import Managed, Usage
+from comotion_deploy.soak.report import as_json, lines, violations
+from comotion_deploy.soak.run import Soak
+from comotion_deploy.soak.schedule import KINDS, LEAD_S, TAIL_S, Fault, draw
+from comotion_schemas import HypothesisUpdate, ObservationBatch, SourceRef, Status
+
+
+class TestSchedule:
+    def test_a_seed_gives_the_same_faults_and_all_kinds_come(self) -> None:
+        faults = draw(3, 1800)
+        assert faults == draw(3, 1800)
+        assert faults != draw(4, 1800)
+        assert {fault.kind for fault in faults} == set(KINDS)
+
+    def test_one_fault_comes_after_the_other_and_time_is_left_at_the_end(self) -> None:
+        faults = draw(0, 600)
+        assert faults[0].at_s >= LEAD_S
+        assert faults[-1].at_s < 600 - TAIL_S
+        assert all(a.at_s + a.lasts_s < b.at_s for a, b in pairwise(faults))
+
+
+def test_sources_agree_on_where_a_body_is_and_the_truth_is_in_the_ids() -> None:
+    source = load.Source("left", "a" * 16, seed=1)
+    batch = source.batch()
+    assert isinstance(batch, ObservationBatch)
+    assert np.bincount(batch.ids.astype(int) // load.ID_STEP).tolist() == [12, 12, 12]
+    zero = np.zeros((load.BODIES, 1, 3))
+    at = [load.positions(load.KINDS[name], zero, 7.3) for name in ("left", "arm")]
+    assert np.array_equal(*at)
+
+
+class Scripted:
+    """A subscription that has received what it is given."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[float, object]] = []
+
+    def drain(self) -> list[tuple[float, object]]:
+        found, self.messages = self.messages, []
+        return found
+
+
+def update(labels: dict[int, int], *, session: str = "a" * 16, born_ns: int = 0) -> HypothesisUpdate:
+    """An update of source left, whose bodies have the labels."""
+    ids = np.array([load.ID_STEP * body + k for body in labels for k in range(10)], np.uint64)
+    fusion = Fusion(session=session)
+    fusion.ingest(
+        ObservationBatch(
+            source="left",
+            session="b" * 16,
+            seq=0,
+            space="world",
+            unit="m",
+            dim=3,
+            stamp_ns=10**9,
+            ids=ids,
+            positions=np.zeros((len(ids), 3)),
+        )
+    )
+    found = fusion.update(10**9)
+    hypotheses = [
+        replace(found.hypotheses[0], id=one, born_ns=born_ns) for one in sorted(set(labels.values()))
+    ]
+    wanted = np.repeat(list(labels.values()), 10).astype(np.uint32)
+    assert found.sources == [SourceRef(name="left", session="b" * 16)]
+    return replace(found, track_id=ids, track_hypothesis=wanted, hypotheses=hypotheses)
+
+
+def seen(*updates: tuple[float, HypothesisUpdate]) -> Findings:
+    source = Scripted()
+    source.messages = list(updates)
+    monitor = Monitor(source, Scripted(), 0.0)  # type: ignore[arg-type]
+    monitor.poll()
+    return monitor.findings
+
+
+class TestMonitor:
+    def test_gaps_and_missed_updates_are_counted(self) -> None:
+        one = update({0: 1, 1: 2})
+        found = seen(*((at, one) for at in (0.0, 0.1, 0.2, 0.8, 0.9)))
+        assert found.updates == 5
+        assert found.missed == 5
+        assert [(gap.at_s, round(gap.seconds, 3)) for gap in found.gaps] == [(0.8, 0.6)]
+
+    def test_a_label_that_changes_for_long_is_a_change_and_a_short_one_is_none(self) -> None:
+        first, second = update({0: 1, 1: 2}), update({0: 1, 1: 3})
+        stable = [(k / 10, first) for k in range(30)]
+        assert seen(*stable, (3.0, second), *((3.1 + k / 10, first) for k in range(30))).changes == []
+        assert seen(*stable, *((3.0 + k / 10, second) for k in range(30))).changes == [(5.0, "world 1", 2, 3)]
+
+    def test_while_bodies_are_together_nothing_is_a_change(self) -> None:
+        first, joined = update({0: 1, 1: 2}), update({0: 1, 1: 1})
+        assert (
+            seen(*((k / 10, first) for k in range(30)), *((3 + k / 10, joined) for k in range(40))).changes
+            == []
+        )
+
+    def test_an_id_with_another_birth_was_given_out_twice(self) -> None:
+        assert seen((0.0, update({0: 5})), (0.1, update({0: 5}, born_ns=7))).reused == [5]
+
+
+def status(batches: int, lost: int = 0, **counters: int) -> Status:
+    return Status(
+        component="fusion",
+        role="service",
+        session="c" * 16,
+        stamp_ns=0,
+        state="ok",
+        rates={},
+        ages={},
+        counters={"batches": batches, "lost": lost, **counters},
+        rejected={},
+        message="",
+    )
+
+
+class TestAccounts:
+    def source(self, tmp_path, session: str, sent: int, repeated: int = 0) -> Managed:
+        source = Managed("left", (), tmp_path)
+        source.account = {"session": session, "sent": sent, "repeated": repeated}
+        return source
+
+    def test_what_was_sent_is_received_or_lost(self, tmp_path) -> None:
+        before = moment(status(10), [self.source(tmp_path, "a", 10)])
+        after = moment(status(29, 3), [self.source(tmp_path, "a", 30, 2)])
+        found = audit(before, after)
+        assert found is not None
+        assert (found.sent, found.missing, found.is_exact) == (22, 0, True)
+        late = audit(before, moment(status(28, 3), [self.source(tmp_path, "a", 30, 2)]))
+        assert late is not None
+        assert late.missing == 1
+
+    def test_a_service_or_source_that_was_replaced_is_not_compared(self, tmp_path) -> None:
+        before = moment(status(10), [self.source(tmp_path, "a", 10)])
+        found = audit(before, moment(status(20), [self.source(tmp_path, "b", 10)]))
+        assert found is not None
+        assert not found.is_exact
+        assert audit(before, Moment("other", {}, 0, 0, 0)) is None
+
+    def test_a_batch_without_a_fate_is_unsettled(self, tmp_path) -> None:
+        found = moment(status(10, fused=7, late=2), [self.source(tmp_path, "a", 10)])
+        assert found.unsettled == 1
+
+
+def usage(memory_mb: float, descriptors: int = 20) -> Usage:
+    return Usage(memory_mb, descriptors, 10, 1000)
+
+
+class TestVerdict:
+    def test_a_clean_soak_has_no_violation(self) -> None:
+        soak = Soak(seconds=60, usage={"service": [(k, 1, usage(300)) for k in range(40)]})
+        assert violations(soak, 1.0) == []
+        assert "no violation" in lines(as_json(soak, 0, 1.0))
+
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            ({"usage": {"service": [(k, 1, usage(300 + 10 * k)) for k in range(40)]}}, "memory grew"),
+            ({"usage": {"router": [(k, 1, usage(300, k)) for k in range(40)]}}, "descriptors grew"),
+            ({"ended": {"viewer": [1]}}, "viewer has ended by itself, status 1"),
+            ({"findings": Findings(gaps=[Gap(30.0, 2.0)])}, "no update for 2.0 s (no fault)"),
+            ({"findings": Findings(changes=[(30.0, "world 1", 2, 3)])}, "world 1 changed from 2 to 3"),
+            ({"findings": Findings(reused=[7])}, "7 was given out twice"),
+        ],
+    )
+    def test_what_must_not_be_is_said(self, change, words) -> None:
+        found = violations(Soak(seconds=60, **change), 1.0)
+        assert len(found) == 1
+        assert words in found[0]
+
+    def test_gaps_of_a_killed_service_are_excused_and_those_of_a_killed_viewer_are_not(self) -> None:
+        for target, count in (("service", 0), ("viewer", 1)):
+            soak = Soak(
+                faults=[(28.0, Fault(28.0, "kill", target))], findings=Findings(gaps=[Gap(30.0, 2.0)])
+            )
+            assert len(violations(soak, 1.0)) == count
