@@ -240,7 +240,8 @@ class HypothesisUpdate:
     joints
         Between listed hypotheses of one space; each pair at most once.
     frames
-        For a space whose frame moves: where it is, in the world of the first update.
+        For a space whose frame moves: where it is in the world, which is the frame at the first update
+        that has one.
     """
 
     schema: Literal["comotion.HypothesisUpdate/1"] = "comotion.HypothesisUpdate/1"

@@ -99,6 +99,8 @@ class ObservationBatch:
         float32 [N, 4] (x, y, z, w) or None; a row of NaN is a point. 3-D only.
     ended
         uint64 [M] or None: ids the source has lost for good.
+    moving
+        Whether the frame of the space is carried, as that of a camera in the hand; None: no.
 
     Raises
     ------
@@ -120,6 +122,7 @@ class ObservationBatch:
     sigma: Sigma | None = None
     quaternions: QuaternionColumn | None = None
     ended: IdColumn | None = None
+    moving: Annotated[bool, Field(strict=True)] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -62,4 +62,5 @@ def assemble(
         hypotheses=[hypothesis for one in updates for hypothesis in one.hypotheses],
         events=list(events),
         joints=list(joints),
+        frames={one.view.spec.name: one.frame for one in updates if one.frame is not None},
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Event, Hypothesis
+from comotion_schemas import Event, Hypothesis, Pose
 
 from .arrays import Bools, Floats, Labels, Slots
 from .config import FusionConfig, to_ns
@@ -17,6 +17,7 @@ from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .linking.linker import SpaceView
+from .moving_frame import MovingFrame
 from .partition import BodyMotion, Method, Rows, SpaceSpec
 from .rigid.method import RigidMethod
 from .rigid.poses import Poses
@@ -49,6 +50,8 @@ class SpaceUpdate:
         Those of this update only.
     view
         What the linker needs to see.
+    frame
+        Where the frame of the space is in the world; None where it does not move.
     """
 
     sessions: Slots
@@ -59,6 +62,7 @@ class SpaceUpdate:
     hypotheses: list[Hypothesis]
     events: list[Event]
     view: SpaceView
+    frame: Pose | None = None
 
 
 class Space:
@@ -91,6 +95,14 @@ class Space:
         self._hypotheses = Registry(spec.name, ids, config.hypotheses)
         self._current: Slots = np.zeros(0, np.intp)
         self._opened = 0
+        self._frame: MovingFrame | None = None
+        known = config.spaces.get(spec.name)
+        if known is not None and known.moving:
+            self._carry()
+
+    def _carry(self) -> None:
+        """Take the frame for one that moves."""
+        self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
     def store(self, instant: Instant, room: int) -> None:
         """Put one instant into the window, and the method's sums where it keeps any.
@@ -119,6 +131,8 @@ class Space:
 
     def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
         batch = instant.batch
+        if batch.moving:
+            self._carry()
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = _take(batch.sigma, rows) if isinstance(batch.sigma, np.ndarray) else batch.sigma
@@ -185,7 +199,12 @@ class Space:
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching
         )
+        # Links and joints follow from motion in the frame; what is published is relative to the world.
         present = [one for one in hypotheses if not one.absent]
+        frame = None
+        if self._frame is not None:
+            relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
+            hypotheses, frame = relative.hypotheses, relative.frame
         return SpaceUpdate(
             sessions=window.source[current],
             ids=self._index.ids[current],
@@ -195,6 +214,7 @@ class Space:
             hypotheses=hypotheses,
             events=events,
             view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
+            frame=frame,
         )
 
     def _evict(self, stamp_ns: int) -> None:
@@ -259,6 +279,7 @@ class Space:
             "window": self._window.state(),
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
+            "frame": None if self._frame is None else self._frame.state(),
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
@@ -267,6 +288,10 @@ class Space:
         self._index.load(state["ids"], slots)
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
+        if state.get("frame") is not None:
+            self._carry()
+            if keep_method and self._frame is not None:
+                self._frame.load(state["frame"])
 
 
 def _take(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:

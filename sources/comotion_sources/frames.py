@@ -59,11 +59,16 @@ class MessageBuilder:
         Name of the source and 16 hexadecimal digits.
     space, unit, dim
         The coordinate space of the positions.
+    moving
+        Whether its frame is carried, as that of a camera in the hand.
     """
 
-    def __init__(self, *, source: str, session: str, space: str, unit: Unit, dim: int) -> None:
+    def __init__(
+        self, *, source: str, session: str, space: str, unit: Unit, dim: int, moving: bool = False
+    ) -> None:
         self.source, self.session = source, session
         self._space, self._unit, self._dim = space, unit, dim
+        self._moving = True if moving else None
         self._seq = 0
 
     def observation(
@@ -98,6 +103,7 @@ class MessageBuilder:
             quaternions=None if quaternions is None else np.asarray(quaternions, np.float32),
             ended=None if ended is None else np.asarray(ended),
             stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns),
+            moving=self._moving,
         )
         self._seq += 1
         return batch

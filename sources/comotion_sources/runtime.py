@@ -81,12 +81,14 @@ class SourcePublisher:
         ready_file: Path | None = None,
         rate: float = 0.0,
         message: str = "",
+        moving: bool = False,
     ) -> None:
         if connect is not None and settings is not None:
             raise ValueError("give connect or settings, not both")
         endpoints = (connect,) if isinstance(connect, str) else connect
         self.name = name
         self._drop_invalid = drop_invalid
+        self._moving = moving
         self.component = Component(
             role="source",
             name=name,
@@ -96,7 +98,7 @@ class SourcePublisher:
             ready_file=ready_file,
         )
         self.builder = MessageBuilder(
-            source=name, session=self.component.session_id, space=space, unit=unit, dim=dim
+            source=name, session=self.component.session_id, space=space, unit=unit, dim=dim, moving=moving
         )
         self._space: tuple[str, Unit, int] = (space, unit, dim)
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
@@ -141,7 +143,9 @@ class SourcePublisher:
         """Start a new session: all trajectories end, and ids and sequence numbers start again."""
         space, unit, dim = self._space
         session = new_session_id()
-        self.builder = MessageBuilder(source=self.name, session=session, space=space, unit=unit, dim=dim)
+        self.builder = MessageBuilder(
+            source=self.name, session=session, space=space, unit=unit, dim=dim, moving=self._moving
+        )
         self.component.session_id = session
 
     def observe(

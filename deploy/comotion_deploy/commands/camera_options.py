@@ -76,6 +76,14 @@ ExtrinsicsFile = Annotated[
         help="Pose of the camera, written by 'comotion calibrate'; 'identity': the origin of world.",
     ),
 ]
+Moving = Annotated[
+    bool,
+    typer.Option(
+        "--moving/--fixed",
+        envvar="COMOTION_MOVING",
+        help="The camera is carried: what is published is relative to the largest body, the world.",
+    ),
+]
 Space = Annotated[
     str | None,
     typer.Option(
@@ -172,7 +180,7 @@ def clear_frames(folder: Path | None, *, overwrite: bool) -> None:
 
 
 def tracker_config(
-    max_features: int, respawn_every: int, assignments: list[str] | None = None
+    max_features: int, respawn_every: int, assignments: list[str] | None = None, *, moving: bool = False
 ) -> "TrackerConfig":
     """Build the parameters of the tracker.
 
@@ -185,7 +193,7 @@ def tracker_config(
 
     from comotion_sources.klt import TrackerConfig
 
-    values: dict[str, Any] = {"max_features": max_features, "respawn_every": respawn_every}
+    values: dict[str, Any] = {"max_features": max_features, "respawn_every": respawn_every, "moving": moving}
     for text in assignments or ():
         name, separator, value = text.partition("=")
         if not separator:

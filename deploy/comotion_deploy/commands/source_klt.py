@@ -16,6 +16,8 @@ Examples:
   comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --extrinsics a.toml
 
   comotion source klt workcell:truck/a --name camera-a
+
+  comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving
 """
 
 
@@ -29,6 +31,7 @@ def klt(
     calibration: camera.CalibrationFile = None,
     extrinsics: camera.ExtrinsicsFile = None,
     space: camera.Space = None,
+    moving: camera.Moving = False,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
     overwrite: camera.Overwrite = False,
@@ -56,7 +59,7 @@ def klt(
     camera.clear_frames(preview, overwrite=overwrite)
     settings = CameraOptions(
         name=name,
-        tracker=camera.tracker_config(max_features, respawn_every, tracker),
+        tracker=camera.tracker_config(max_features, respawn_every, tracker, moving=moving),
         pacing=Pacing(realtime=realtime, stamps=stamps.value, rate=rate, offset_ns=round(clock_offset * 1e9)),
         calibration=camera.read_calibration(calibration, extrinsics),
         use_depth=depth,

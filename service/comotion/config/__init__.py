@@ -7,6 +7,7 @@ from .joints import JointsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
+from .spaces import SpaceConfig
 from .thesis import Clustering, ThesisConfig, Unit
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Method",
     "PixelsConfig",
     "RigidConfig",
+    "SpaceConfig",
     "ThesisConfig",
     "Unit",
     "nested",

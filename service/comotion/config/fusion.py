@@ -11,6 +11,7 @@ from .joints import JointsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
+from .spaces import SpaceConfig
 from .thesis import Clustering, ThesisConfig
 
 Method = Literal["comotion", "thesis"]
@@ -65,6 +66,11 @@ class FusionConfig(BaseModel):
 
     joints: JointsConfig = Field(
         default_factory=JointsConfig, description="joints between the hypotheses of a metric space"
+    )
+
+    spaces: dict[str, SpaceConfig] = Field(
+        default_factory=dict,
+        description="what is known of single spaces, by name; `moving` for a carried camera",
     )
 
     @model_validator(mode="before")

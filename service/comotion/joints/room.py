@@ -157,22 +157,29 @@ def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesi
 
 def _touching(view: SpaceView, ids: list[int], reach: float) -> list[Key]:
     """Pairs whose extents are near each other."""
-    window = view.window
-    boxes = {}
-    for one in ids:
-        slots = view.current[view.labels == one]
-        if len(slots):
-            points = window.positions[slots, window.stop[slots] - 1]
-            boxes[one] = points.min(0), points.max(0)
-    if len(boxes) < 2:
+    bodies = {h.id: h for h in view.hypotheses}
+    names = sorted(one for one in ids if bodies[one].box is not None or (view.labels == one).any())
+    if len(names) < 2:
         return []
-    names = sorted(boxes)
-    low, high = (np.array([boxes[one][k] for one in names]).reshape(len(names), -1) for k in range(2))
+    low, high = (np.array(ends) for ends in zip(*(_extent(view, bodies[one]) for one in names), strict=True))
     size = np.linalg.norm(high - low, axis=1)
     gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).clip(0)
-    margin = reach * np.minimum(size[:, None], size[None])
+    # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
+    moving = np.array([bodies[one].state != "static" for one in names])
+    length = np.where(moving[:, None] & moving, np.maximum, np.minimum)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
     return [(names[i], names[j]) for i, j in near.tolist()]
+
+
+def _extent(view: SpaceView, one: Hypothesis) -> tuple[Floats, Floats]:
+    """Least and largest coordinates of the box of a hypothesis, or of its current members."""
+    if one.box is None:
+        slots = view.current[view.labels == one.id]
+        points = view.window.positions[slots, view.window.stop[slots] - 1]
+        return points.min(0), points.max(0)
+    turn = _rotation(one.box.rotation)[: len(one.box.half), : len(one.box.half)]
+    centre, half = np.array(one.box.center), np.abs(turn) @ np.array(one.box.half)
+    return centre - half, centre + half
 
 
 def _describe(pair: Pair, places: dict[int, Place | None], view: SpaceView) -> Joint:
@@ -225,9 +232,13 @@ def _state_now(pair: Pair, parent: Place, child: Place) -> States:
 
 
 def _matrix(pose: Pose) -> tuple[Floats, Floats]:
-    if isinstance(pose.rotation, list):
-        return np.asarray(Rotation.from_quat(pose.rotation).as_matrix()), np.array(pose.translation)
-    return np.asarray(Rotation.from_rotvec([0, 0, pose.rotation]).as_matrix()), _three(pose.translation)
+    return _rotation(pose.rotation), _three(pose.translation)
+
+
+def _rotation(turn: list[float] | float) -> Floats:
+    """Rotation matrix [3, 3] of a quaternion, or of an angle in the plane."""
+    found = Rotation.from_quat(turn) if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn])
+    return np.asarray(found.as_matrix())
 
 
 def _velocities(twist: Twist | None) -> tuple[Floats, Floats]:

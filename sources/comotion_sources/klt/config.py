@@ -62,6 +62,8 @@ class TrackerConfig(BaseModel):
     """Factor on the noise that is estimated from the tracking residual."""
     max_step: Positive = 0.05
     """Longest accepted 3-D step between two frames 1/30 s apart, m."""
+    moving: bool = False
+    """The camera is carried: the 3-D step is measured against the motion that most features share."""
     depth_noise: NotNegative = 1.5e-3
     """One-sigma noise of the depth at 1 m; it grows with the square of the depth. m per m²."""
     depth_floor: Positive = 5e-4

@@ -111,6 +111,7 @@ class CameraProcess:
                 ready_file=connection.ready_file,
                 rate=rate,
                 message=f"{self._what} in {self._space.name}",
+                moving=options.tracker.moving,
             )
         )
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
+from .common_motion import common_motion
 from .config import TrackerConfig
 from .corners import crowded, new_corners
 from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
@@ -184,7 +185,12 @@ class Tracker:
         """Mask of features whose step since the last known point is longer than allowed."""
         gap = np.clip(stamp_ns - self._features.seen_ns, _NOMINAL_PERIOD_NS, _LONGEST_GAP_NS)
         limit = self._config.max_step * gap / _NOMINAL_PERIOD_NS + 4.0 * depth_sigma(z, self._config)
-        step = np.linalg.norm(points - self._features.points, axis=1)
+        before = self._features.points
+        if self._config.moving:
+            # A longer gap than one frame means another common motion.
+            fresh = self._features.seen_ns == self._features.seen_ns.max()
+            before = common_motion(before, points, fresh)
+        step = np.linalg.norm(points - before, axis=1)
         return np.asarray(step > limit)  # False where there is no point
 
     def _spawn(self, grey: Image, frame: Frame) -> None:

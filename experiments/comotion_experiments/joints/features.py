@@ -1,0 +1,167 @@
+"""Joints from features, end to end: a recorded scene of the workcell against the axes of its own model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth
+from comotion_schemas import HypothesisUpdate, Joint
+from comotion_sources.workcell import Scene
+
+from ..accuracy.study import objects_of
+from ..offline import run_offline
+from .recording import camera_messages
+
+PERIOD = 0.1
+KINDS = ("fixed", "prismatic", "revolute")
+# rad and m: a joint that has moved so far in all can be known.
+MOVED = {"revolute": np.radians(20), "prismatic": 0.05}
+
+
+@dataclass(frozen=True)
+class TrueJoint:
+    """A joint of the model: its number, name, kind, and the objects that it connects."""
+
+    number: int
+    name: str
+    kind: str
+    parent: int
+    child: int
+
+
+@dataclass
+class Found:
+    """What was published of one true joint: per update, seconds.
+
+    `known` are the times and kinds of published joints between its objects; `axis` in degrees and `point` in
+    mm their errors where the kind is right; `moved_at` when it had moved by :data:`MOVED`, None: never;
+    `seen` how many updates had a hypothesis of each object.
+    """
+
+    joint: TrueJoint
+    moved_at: float | None = None
+    seen: int = 0
+    known: list[tuple[float, str]] = field(default_factory=list)
+    axis: list[float] = field(default_factory=list)
+    point: list[float] = field(default_factory=list)
+
+    def right_share(self) -> float:
+        """Share of the updates with a joint in which its kind is right."""
+        return float(np.mean([kind == self.joint.kind for _, kind in self.known])) if self.known else np.nan
+
+    def until_known(self) -> float:
+        """Seconds from when it could be known until its kind was published; infinite: never."""
+        first = next((t for t, kind in self.known if kind == self.joint.kind), np.inf)
+        return np.nan if self.moved_at is None else first - self.moved_at
+
+
+def true_joints(scene: Scene) -> list[TrueJoint]:
+    """Joints of a scene that alone connect two scored objects, or an object and the background."""
+    model = scene.model
+    found = []
+    for number in range(model.njnt):
+        body = int(model.jnt_bodyid[number])
+        child = int(scene.body_objects[body])
+        parent = int(scene.body_objects[model.body_parentid[body]])
+        if child < 0 or parent < 0 or child == parent or model.body_jntnum[body] != 1:
+            continue
+        kind = "revolute" if model.jnt_type[number] == 3 else "prismatic"
+        found.append(TrueJoint(number, model.joint(number).name, kind, parent, child))
+    return found
+
+
+def joints_from_features(name: str, seed: int, cache: Path | None) -> list[Found]:
+    """Run one seed of a scene with the default method, and compare every published joint."""
+    scene = Scene.named(name, seed)
+    found = {(j.parent, j.child): Found(j) for j in true_joints(scene)}
+    data, truth = scene.new_data(), Truth()
+    path: dict[int, list[float]] = {one.joint.number: [] for one in found.values()}
+
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        del score
+        t = update.stamp_ns * 1e-9
+        scene.place(data, scene.configuration(t))
+        main = main_objects(update, truth)
+        for one in found.values():
+            positions = path[one.joint.number]
+            positions.append(float(data.qpos[one.joint.number]))
+            if one.moved_at is None and np.ptp(positions) >= MOVED[one.joint.kind]:
+                one.moved_at = t
+            one.seen += {one.joint.parent, one.joint.child} <= set(main.values())
+        for joint in update.joints:
+            pair = main.get(joint.parent, -1), main.get(joint.child, -1)
+            match = found.get(pair) or found.get(pair[::-1])
+            if match is not None and joint.kind in KINDS:
+                match.known.append((t, joint.kind))
+                if joint.kind == match.joint.kind:
+                    _compare(match, joint, data)
+
+    messages = camera_messages(name, seed, cache)
+    run_offline(messages, FusionConfig(), truth=truth, period=PERIOD, on_update=on_update)
+    return list(found.values())
+
+
+def main_objects(update: HypothesisUpdate, truth: Truth) -> dict[int, int]:
+    """Object that most scored members of each hypothesis belong to."""
+    objects = objects_of(update, truth)
+    main = {}
+    for h in update.hypotheses:
+        members = objects[(update.track_hypothesis == h.id) & (objects >= 0)]
+        if len(members):
+            main[h.id] = int(np.bincount(members).argmax())
+    return main
+
+
+def _compare(one: Found, joint: Joint, data: object) -> None:
+    axis = np.array(getattr(data, "xaxis")[one.joint.number])  # noqa: B009 - MuJoCo is not typed
+    anchor = np.array(getattr(data, "xanchor")[one.joint.number])  # noqa: B009
+    if joint.axis is None or joint.point is None:
+        return
+    one.axis.append(angle_between(np.array(joint.axis), axis))
+    off = np.array(joint.point) - anchor
+    one.point.append(float(1e3 * np.linalg.norm(off - axis * (axis @ off))))
+
+
+def angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Angle between two lines, degrees."""
+    return float(
+        np.degrees(np.arccos(min(1.0, abs(float(a @ b)) / float(np.linalg.norm(a) * np.linalg.norm(b)))))
+    )
+
+
+def table(rows: Sequence[tuple[str, list[Found]]]) -> str:
+    """Markdown table of scenes: (name, one per seed and joint)."""
+    lines = [
+        "| scene | joint | true kind | seeds that moved it and saw both | found | kind right, % of updates "
+        "| axis, degrees | point, mm | s until known |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for scene, found in rows:
+        for name in dict.fromkeys(one.joint.name for one in found):
+            runs = [one for one in found if one.joint.name == name and one.moved_at is not None and one.seen]
+            if runs:
+                lines.append(f"| {scene} | {name} | {runs[0].joint.kind} | {_cells(runs)} |")
+    return "\n".join(lines)
+
+
+def _cells(runs: Sequence[Found]) -> str:
+    hits = [one for one in runs if one.axis]
+    cells = [str(len(runs)), str(len(hits))]
+    shares = [100 * one.right_share() for one in runs if one.known]
+    waits = [one.until_known() for one in hits]
+    revolute = runs[0].joint.kind == "revolute"
+    cells.append(_spread(shares, 0))
+    cells.append(_spread([float(np.median(one.axis)) for one in hits], 2))
+    cells.append(_spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-")
+    cells.append(_spread(waits, 1))
+    return " | ".join(cells)
+
+
+def _spread(values: Sequence[float], digits: int) -> str:
+    if not values:
+        return "-"
+    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}"

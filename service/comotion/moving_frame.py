@@ -1,0 +1,176 @@
+"""Hypotheses in a frame that is carried in; the same relative to the world, and where the frame is, out.
+
+The frame of a carried camera moves, so what is at rest moves in it. The world is the body that most of the
+scene agrees on: the one with the most features, weighted with how widely they are spread. It stays the world
+while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the axes of the
+frame, the frame is at A W^-1 in the world, where A is where the frame was at the birth of that hypothesis.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from comotion_schemas import Hypothesis, Pose, Twist
+
+from .arrays import Floats, Labels
+
+# Another body becomes the world if it is so many times larger.
+_CLEARLY = 2.0
+# s for which frames are remembered: a hypothesis is born up to so long before it is listed.
+_MEMORY_NS = 15_000_000_000
+
+
+@dataclass(frozen=True)
+class Relative:
+    """Hypotheses relative to the world, and x(world) = R x(frame) + t; None before there is a world."""
+
+    hypotheses: list[Hypothesis]
+    frame: Pose | None
+
+
+class MovingFrame:
+    """The frame of one space over time.
+
+    Parameters
+    ----------
+    dim
+        2 or 3.
+    metric
+        Whether poses are in the unit of the space: without, only the states are told.
+    """
+
+    def __init__(self, dim: int, *, metric: bool) -> None:
+        self._dim, self._metric = dim, metric
+        self._world: int | None = None
+        self._anchor = RigidTransform.identity()
+        self._frame = RigidTransform.identity()
+        self._past: deque[tuple[int, RigidTransform]] = deque()
+        self._births: dict[int, RigidTransform] = {}
+
+    def relative(
+        self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
+    ) -> Relative:
+        """Describe hypotheses relative to the world.
+
+        Parameters
+        ----------
+        stamp_ns
+            The watermark.
+        hypotheses
+            As described in the axes of the frame; absent ones stay as they are.
+        labels, positions
+            int64 [n] and float64 [n, dim], of the current trajectories.
+        """
+        present = {h.id: h for h in hypotheses if not h.absent}
+        self._choose(present, labels, positions)
+        world = None if self._world is None else present.get(self._world)
+        if world is not None and world.pose is not None:
+            self._frame = self._anchor * _transform(world.pose).inv()
+        self._past.append((stamp_ns, self._frame))
+        while self._past[0][0] < stamp_ns - _MEMORY_NS:
+            self._past.popleft()
+        for one, h in present.items():
+            if one not in self._births:
+                self._births[one] = self._frame_at(h.born_ns)
+        listed = {h.id for h in hypotheses}
+        self._births = {one: born for one, born in self._births.items() if one in listed}
+        found = [h if h.absent else self._described(h, world) for h in hypotheses]
+        known = self._metric and self._world is not None
+        return Relative(found, _pose(self._frame, self._dim) if known else None)
+
+    def state(self) -> dict[str, Any]:
+        """As plain values and arrays."""
+        return {
+            "world": self._world,
+            "anchor": self._anchor.as_matrix(),
+            "frame": self._frame.as_matrix(),
+            "births": [[one, born.as_matrix()] for one, born in self._births.items()],
+        }
+
+    def load(self, state: Mapping[str, Any]) -> None:
+        """Take up :meth:`state`."""
+        self._world = None if state["world"] is None else int(state["world"])
+        self._anchor = RigidTransform.from_matrix(state["anchor"])
+        self._frame = RigidTransform.from_matrix(state["frame"])
+        self._births = {int(one): RigidTransform.from_matrix(born) for one, born in state["births"]}
+
+    def _choose(self, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats) -> None:
+        """Keep the world, or take the largest body for it."""
+        sizes = {
+            one: _size(positions[labels == one])
+            for one, h in present.items()
+            if h.pose is not None or not self._metric
+        }
+        if not sizes:
+            return
+        largest = max(sizes, key=lambda one: (sizes[one], -one))
+        if self._world in sizes and sizes[largest] < _CLEARLY * sizes[self._world]:
+            return
+        if largest == self._world:
+            return
+        pose = present[largest].pose
+        # Where the frame is does not change with what is taken for the world.
+        self._anchor = self._frame if pose is None else self._frame * _transform(pose)
+        self._world = largest
+
+    def _frame_at(self, stamp_ns: int) -> RigidTransform:
+        return min(self._past, key=lambda known: abs(known[0] - stamp_ns))[1]
+
+    def _described(self, one: Hypothesis, world: Hypothesis | None) -> Hypothesis:
+        if one.id == self._world:
+            still = None if one.twist is None else _twist(np.zeros(3), np.zeros(3), self._dim)
+            pose = None if one.pose is None else _pose(RigidTransform.identity(), self._dim)
+            return replace(one, state="static", pose=pose, twist=still)
+        # What rests in the frame of a moving camera is carried with it.
+        state = "moving" if one.state == "static" and world is not None else one.state
+        if one.pose is None:
+            return replace(one, state=state)
+        moved = self._frame * _transform(one.pose) * self._births[one.id].inv()
+        return replace(
+            one, state=state, pose=_pose(moved, self._dim), twist=_relative_twist(one, world, self._dim)
+        )
+
+
+def _size(points: Floats) -> float:
+    """Number of features times how widely they are spread."""
+    if len(points) < 2:
+        return 0.0
+    return float(len(points) * np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))
+
+
+def _relative_twist(one: Hypothesis, world: Hypothesis | None, dim: int) -> Twist | None:
+    """Velocities against the world, in the axes of the space."""
+    if one.twist is None or world is None or world.twist is None:
+        return one.twist
+    lever = _three(one.centroid) - _three(world.centroid)
+    spin = _spin(world.twist)
+    carried = _three(world.twist.linear) + np.cross(spin, lever)
+    return _twist(_three(one.twist.linear) - carried, _spin(one.twist) - spin, dim)
+
+
+def _transform(pose: Pose) -> RigidTransform:
+    turn = pose.rotation
+    rotation = Rotation.from_quat(turn) if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn])
+    return RigidTransform.from_components(_three(pose.translation), rotation)
+
+
+def _pose(transform: RigidTransform, dim: int) -> Pose:
+    shift, turn = transform.as_components()
+    rotation = turn.as_quat().tolist() if dim == 3 else float(turn.as_rotvec()[2])
+    return Pose(translation=shift[:dim].tolist(), rotation=rotation)
+
+
+def _twist(linear: Floats, angular: Floats, dim: int) -> Twist:
+    return Twist(linear=linear[:dim].tolist(), angular=angular.tolist() if dim == 3 else float(angular[2]))
+
+
+def _spin(twist: Twist) -> Floats:
+    return np.array(twist.angular if isinstance(twist.angular, list) else [0.0, 0.0, twist.angular])
+
+
+def _three(values: list[float]) -> Floats:
+    return np.array([*values, 0.0][:3])

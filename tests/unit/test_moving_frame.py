@@ -1,0 +1,147 @@
+"""A frame that moves: the camera's motion, and hypotheses relative to the world."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comotion import Fusion, FusionConfig
+from comotion.config import SpaceConfig
+from comotion_schemas import ObservationBatch
+from comotion_sources.klt.common_motion import common_motion
+
+RATE = 15
+SECONDS = 6
+
+
+def camera(t):
+    """Pose of the camera in the world: a turn about y by up to 20 degrees, and a path of some decimetres."""
+    turn = Rotation.from_rotvec([0.05 * np.sin(t), 0.35 * np.sin(0.5 * t), 0.0])
+    return turn, np.array([0.2 * np.sin(0.7 * t), 0.05 * (1 - np.cos(t)), 0.05 * t])
+
+
+def batches(*, moving=None, pixels=False, still=False):
+    """A room, and a box that slides through it at 0.1 m/s, seen by a carried camera."""
+    rng = np.random.default_rng(5)
+    room = rng.uniform([-1.5, -1, 2], [1.5, 1, 4], (40, 3))
+    box = rng.uniform(-0.15, 0.15, (12, 3)) + np.array([-0.3, 0, 2])
+    for k in range(RATE * SECONDS):
+        t = k / RATE
+        turn, place = camera(0.0 if still else t)
+        points = np.vstack([room, box + np.array([0.1 * t, 0, 0])])
+        seen = turn.inv().apply(points - place) + rng.normal(0, 0.003, points.shape)
+        if pixels:
+            seen = 500 * seen[:, :2] / seen[:, 2:]
+        yield ObservationBatch(
+            source="hand",
+            session="0" * 16,
+            seq=k,
+            space="hand/pixels" if pixels else "hand/optical",
+            unit="px" if pixels else "m",
+            dim=2 if pixels else 3,
+            stamp_ns=round(k * 1e9 / RATE),
+            ids=np.arange(len(points)),
+            positions=seen,
+            moving=moving,
+        )
+
+
+def run(config=None, **how):
+    fusion, updates = Fusion(config or FusionConfig()), []
+    for batch in batches(**how):
+        fusion.ingest(batch)
+        if batch.seq % 5 == 4:
+            updates.append(fusion.update(batch.stamp_ns))
+    return fusion, updates
+
+
+def parts(update):
+    """World and box of an update."""
+    return sorted((h for h in update.hypotheses if not h.absent), key=lambda h: -h.size)[:2]
+
+
+def origin(updates):
+    """The pose of the camera at the first update with a world: its frame is the world then."""
+    return camera(next(u for u in updates if u.frames).stamp_ns * 1e-9)
+
+
+@pytest.fixture(scope="module")
+def carried():
+    return run(moving=True)
+
+
+def test_the_motion_of_the_camera_is_that_of_the_world_inverted(carried):
+    _, updates = carried
+    first, begun = origin(updates)
+    for update in updates:
+        if "hand/optical" not in update.frames:
+            continue
+        frame = update.frames["hand/optical"]
+        turn, place = camera(update.stamp_ns * 1e-9)
+        assert np.linalg.norm(frame.translation - first.inv().apply(place - begun)) < 0.01
+        assert np.degrees((Rotation.from_quat(frame.rotation) * turn.inv() * first).magnitude()) < 1.0
+
+
+def test_bodies_are_described_relative_to_the_world(carried):
+    _, updates = carried
+    world, box = parts(updates[-1])
+    assert (world.size, world.state) == (40, "static")
+    assert world.twist.linear == [0, 0, 0]
+    assert (box.size, box.state) == (12, "moving")
+    turn, _ = camera(updates[-1].stamp_ns * 1e-9)
+    assert turn.apply(box.twist.linear) == pytest.approx([0.1, 0, 0], abs=0.03)
+    age = (updates[-1].stamp_ns - box.born_ns) * 1e-9
+    assert np.degrees(Rotation.from_quat(box.pose.rotation).magnitude()) < 3
+    first, begun = origin(updates)
+    born = np.array([-0.3 + 0.1 * box.born_ns * 1e-9, 0, 2])
+    middle = first.inv().apply(born - begun)
+    moved = Rotation.from_quat(box.pose.rotation).apply(middle) + box.pose.translation - middle
+    assert first.apply(moved) == pytest.approx([0.1 * age, 0, 0], abs=0.03)
+
+
+def test_joints_do_not_see_the_motion_of_the_camera(carried):
+    _, updates = carried
+    world, box = parts(updates[-1])
+    (joint,) = (j for j in updates[-1].joints if {j.parent, j.child} == {world.id, box.id})
+    assert joint.kind == "prismatic"
+    turn, _ = camera(updates[-1].stamp_ns * 1e-9)
+    assert abs(turn.apply(joint.axis)[0]) > 0.99
+    assert joint.upper - joint.lower > 0.2
+
+
+def test_a_space_can_be_configured_to_move():
+    config = FusionConfig(spaces={"hand/optical": SpaceConfig(moving=True)})
+    _, updates = run(config)
+    assert "hand/optical" in updates[-1].frames
+    assert parts(updates[-1])[0].state == "static"
+
+
+def test_a_restart_does_not_move_the_frame(carried):
+    fusion, updates = carried
+    again = Fusion.restore(fusion.config, fusion.snapshot(clean=True))
+    frame = again.update(updates[-1].published_ns).frames["hand/optical"]
+    assert frame.translation == pytest.approx(updates[-1].frames["hand/optical"].translation, abs=1e-3)
+
+
+def test_a_camera_that_does_not_say_so_is_fixed():
+    _, updates = run(still=True)
+    assert updates[-1].frames == {}
+
+
+def test_in_pixels_the_largest_body_rests():
+    _, updates = run(moving=True, pixels=True)
+    world = parts(updates[-1])[0]
+    assert world.state == "static"
+    assert updates[-1].frames == {}
+
+
+def test_the_common_motion_is_that_of_most_points():
+    rng = np.random.default_rng(0)
+    before = rng.uniform(-1, 1, (40, 3)) + np.array([0, 0, 3])
+    turn = Rotation.from_rotvec([0, 0.1, 0.02])
+    after = turn.apply(before) + np.array([0.1, 0, 0.05]) + rng.normal(0, 0.002, before.shape)
+    after[:12] += [0.2, 0.1, 0]
+    after[-1] = np.nan
+    moved = common_motion(before, after, np.ones(40, bool))
+    assert np.abs(moved[12:-1] - after[12:-1]).max() < 0.02
+    assert np.abs(moved[:12] + np.array([0.2, 0.1, 0]) - after[:12]).max() < 0.02
+    assert common_motion(before, after, np.zeros(40, bool)) is before
