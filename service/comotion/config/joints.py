@@ -24,8 +24,8 @@ class JointsConfig(BaseModel):
     )
     reach: Annotated[float, Field(ge=0, le=10)] = Field(
         0.5,
-        description="share of the smaller body's extent; pairs with a wider gap between their extents cannot "
-        "touch, and are not tried",
+        description="share of the extent of the larger of two moving bodies, and of the smaller where one "
+        "rests; pairs with a wider gap between their boxes cannot touch, and are not tried",
     )
     key_states: Annotated[int, Field(ge=2, le=1000)] = Field(
         40, description="states of a pair that are remembered beyond the window"

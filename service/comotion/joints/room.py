@@ -166,7 +166,8 @@ def _touching(view: SpaceView, ids: list[int], reach: float) -> list[Key]:
     gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).clip(0)
     # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
     moving = np.array([bodies[one].state != "static" for one in names])
-    length = np.where(moving[:, None] & moving, np.maximum, np.minimum)
+    larger, smaller = np.maximum(size[:, None], size), np.minimum(size[:, None], size)
+    margin = reach * np.where(moving[:, None] & moving, larger, smaller)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
     return [(names[i], names[j]) for i, j in near.tolist()]
 
