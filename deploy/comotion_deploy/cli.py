@@ -18,6 +18,7 @@ from .commands import (
     pki,
     record,
     reproduce,
+    ros2,
     router,
     segment,
     serve,
@@ -62,6 +63,7 @@ app.add_typer(source.app, name="source")
 app.add_typer(fleet.app, name="fleet")
 app.command("router", epilog=router.EPILOG)(router.router)
 app.add_typer(pki.app, name="pki")
+app.command("ros2", epilog=ros2.EPILOG)(ros2.ros2)
 app.command("segment", epilog=segment.EPILOG)(segment.segment)
 app.command("status", epilog=status.EPILOG)(status.status)
 app.command("watch", epilog=watch.EPILOG)(watch.watch)

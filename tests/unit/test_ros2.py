@@ -1,0 +1,192 @@
+"""Updates as ROS 2 messages, decoded by rosbags with type texts of its own, and a bag by another reader."""
+
+import struct
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import UNDETERMINED, Box, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
+
+pytest.importorskip("rosbags", reason="needs the extra ros")
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from comotion_clients.ros2.messages import Converter
+from comotion_clients.ros2.names import Node, attachment, topic_chunk, topic_key
+from comotion_clients.ros2.types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, to_cdr, type_hash
+
+S = 10**9
+# As ROS 2 Jazzy publishes them.
+PUBLISHED = {
+    TF: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    CLOUD: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+    ODOMETRY: "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    MARKERS: "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
+    JOINTS: "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+}
+# Written down here again, so that the test shares nothing with the code.
+VISION = """vision_msgs/msg/ObjectHypothesis: string class_id; float64 score
+vision_msgs/msg/ObjectHypothesisWithPose: ObjectHypothesis hypothesis; geometry_msgs/PoseWithCovariance pose
+vision_msgs/msg/BoundingBox3D: geometry_msgs/Pose center; geometry_msgs/Vector3 size
+vision_msgs/msg/Detection3D: std_msgs/Header header; ObjectHypothesisWithPose[] results; \
+BoundingBox3D bbox; string id
+vision_msgs/msg/Detection3DArray: std_msgs/Header header; Detection3D[] detections"""
+
+
+def reader():
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for line in VISION.splitlines():
+        name, _, fields = line.partition(": ")
+        store.register(get_types_from_msg(fields.replace("; ", "\n"), name))
+    return store
+
+
+def update(count: int = 6, stamp_ns: int = 5 * S + 250) -> HypothesisUpdate:
+    """A body that turns about z above a background at rest, a feature of neither, and one of an image."""
+    half = float(np.sqrt(0.5))
+    body = Hypothesis(
+        id=7,
+        space="world",
+        size=2,
+        born_ns=0,
+        state="moving",
+        centroid=[1.0, 2.0, 0.5],
+        pose=Pose(translation=[0.1, 0.2, 0.3], rotation=[0.0, 0.0, half, half]),
+        twist=Twist(linear=[0.0, 1.0, 0.0], angular=[0.0, 0.0, 2.0]),
+        box=Box(center=[1.5, 2.0, 0.5], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half]),
+    )
+    rest = Hypothesis(id=1, space="world", size=2, born_ns=0, state="static", centroid=[0.0] * 3)
+    image = Hypothesis(id=9, space="cam/pixels", size=1, born_ns=0, state="moving", centroid=[5.0, 5.0])
+    positions = np.zeros((count + 1, 3), np.float32)
+    positions[:, 0] = np.arange(count + 1)
+    positions[-1, 2] = np.nan
+    return HypothesisUpdate(
+        scene="my-lab",
+        session="0" * 16,
+        seq=0,
+        stamp_ns=stamp_ns,
+        published_ns=stamp_ns + 1,
+        period_ns=S // 10,
+        sources=[SourceRef(name="a", session="0" * 16), SourceRef(name="b", session="0" * 16)],
+        track_source=[0] * count + [1],
+        track_id=np.arange(count + 1),
+        track_hypothesis=[7, 7, 1, 1, *[UNDETERMINED] * (count - 4), 9],
+        track_confidence=[0.9] * (count + 1),
+        track_position=positions,
+        hypotheses=[rest, body, image],
+        events=[],
+        joints=[
+            Joint(
+                parent=1,
+                child=7,
+                space="world",
+                kind="revolute",
+                confidence=0.9,
+                axis=[0.0, 0.0, 1.0],
+                point=[0.0, 0.0, 0.0],
+                position=0.5,
+                rate=2.0,
+            )
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def read():
+    """Messages of one update by topic, decoded."""
+    store, found = reader(), {}
+    for topic, kind, message in Converter("my-lab").convert(update()):
+        found.setdefault(topic, []).append(store.deserialize_cdr(to_cdr(message, kind), kind))
+    return found
+
+
+def numbers(value) -> list[float]:
+    return [getattr(value, name) for name in "xyzw" if hasattr(value, name)]
+
+
+def test_type_hashes_are_the_published_ones():
+    store = reader()
+    for kind in (*PUBLISHED, DETECTIONS):
+        assert type_hash(kind) == store.hash_rihs01(kind) == PUBLISHED.get(kind, type_hash(kind))
+
+
+def test_a_frame_moves_with_the_body(read):
+    (transforms,) = read["/tf"]
+    at = {t.child_frame_id: t for t in transforms.transforms}
+    assert set(at) == {"comotion/my-lab/1", "comotion/my-lab/7"}
+    one = at["comotion/my-lab/7"]
+    assert (one.header.frame_id, one.header.stamp.sec, one.header.stamp.nanosec) == ("world", 5, 250)
+    assert numbers(one.transform.translation) == [1.5, 2.0, 0.5]
+    odometry = next(m for m in read["/comotion/my_lab/odometry"] if m.child_frame_id == "comotion/my-lab/7")
+    assert numbers(odometry.pose.pose.position) == [1.5, 2.0, 0.5]
+    # v + w x r = (0, 1, 0) + (0, 0, 2) x (0.5, 0, 0) = (0, 2, 0), in axes that are turned by 90 degrees.
+    assert numbers(odometry.twist.twist.linear) == pytest.approx([2.0, 0.0, 0.0])
+    assert numbers(odometry.twist.twist.angular) == pytest.approx([0.0, 0.0, 2.0])
+
+
+def test_a_detection_has_the_id_and_the_box(read):
+    (array,) = read["/comotion/my_lab/detections"]
+    one = next(d for d in array.detections if d.id == "7")
+    assert numbers(one.bbox.size) == pytest.approx([0.6, 0.4, 0.2])
+    turn = Rotation.from_quat(numbers(one.bbox.center.orientation)).as_rotvec()
+    np.testing.assert_allclose(turn, [0, 0, np.pi / 2])
+    assert one.results[0].hypothesis.class_id == "moving"
+    assert one.results[0].hypothesis.score == pytest.approx(0.9)
+
+
+def test_the_cloud_has_labels_and_only_what_is_in_metres(read):
+    (cloud,) = read["/comotion/my_lab/features"]
+    fields = {f.name: (f.offset, f.datatype) for f in cloud.fields}
+    assert fields["label"] == (12, 6)
+    rows = [
+        cloud.data.tobytes()[k : k + cloud.point_step] for k in range(0, cloud.row_step, cloud.point_step)
+    ]
+    assert [struct.unpack_from("<fff", row)[0] for row in rows] == [0, 1, 2, 3, 4, 5]
+    assert [struct.unpack_from("<I", row, 12)[0] for row in rows] == [7, 7, 1, 1, *[UNDETERMINED] * 2]
+
+
+def test_markers_are_boxes_of_bodies_and_ids_that_expire(read):
+    (array,) = read["/comotion/my_lab/markers"]
+    assert {(m.ns, m.id, m.type) for m in array.markers} == {("box", 7, 1), ("id", 7, 9), ("id", 1, 9)}
+    assert all(m.lifetime.nanosec == 300_000_000 for m in array.markers)
+
+
+def test_joints_are_joint_states(read):
+    (joints,) = read["/comotion/my_lab/joints"]
+    assert joints.name == ["comotion/my-lab/1-7"]
+    assert (joints.position.tolist(), joints.velocity.tolist()) == ([0.5], [2.0])
+
+
+def test_an_update_that_repeats_its_stamp_is_not_sent_again():
+    converter = Converter("my-lab")
+    assert list(converter.convert(update()))
+    assert list(converter.convert(update())) == []
+
+
+def test_keys_tokens_and_attachment_follow_rmw_zenoh():
+    assert topic_key(5, "/tf", TF, "H") == "5/tf/tf2_msgs::msg::dds_::TFMessage_/H"
+    node = Node(5, "abc", "comotion_lab")
+    assert node.token() == "@ros2_lv/5/abc/0/0/NN/%/%/comotion_lab"
+    assert node.publisher_token(2, "/comotion/lab/markers", MARKERS, "H") == (
+        "@ros2_lv/5/abc/0/2/MP/%/%/comotion_lab/%comotion%lab%markers/"
+        "visualization_msgs::msg::dds_::MarkerArray_/H/::,10:,:,:,,"
+    )
+    raw = attachment(3, 77, b"g" * 16)
+    assert (len(raw), struct.unpack("<qqB", raw[:17])) == (33, (3, 77, 16))
+    assert [topic_chunk(name) for name in ("my-lab", "3d")] == ["my_lab", "s3d"]
+
+
+def test_a_bag_is_read_by_another_reader(tmp_path):
+    pytest.importorskip("mcap")
+    decoder = pytest.importorskip("mcap_ros2.reader")
+    from comotion_clients.ros2.bag import Bag
+
+    with Bag(tmp_path / "bodies.mcap") as bag:
+        for topic, kind, message in Converter("my-lab").convert(update()):
+            bag.write(topic, kind, to_cdr(message, kind), 42)
+    with (tmp_path / "bodies.mcap").open("rb") as file:
+        found = {m.channel.topic: m.ros_msg for m in decoder.read_ros2_messages(file)}
+    assert {t.child_frame_id for t in found["/tf"].transforms} == {"comotion/my-lab/1", "comotion/my-lab/7"}
+    assert found["/comotion/my_lab/detections"].detections[1].id == "7"
+    assert len(found) == 6
