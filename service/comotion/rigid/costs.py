@@ -144,7 +144,7 @@ def _opening(body: Body, frames: Frames, config: RigidConfig, stretch: float) ->
     """Price of a body: of its poses, as far as they are independent, and of being one more."""
     if body.static:
         return 0.0
-    poses = stretch * int(body.posed.sum()) * float(frames.independent[body.rows].mean())
+    poses = stretch * int(body.posed.sum())
     return pose_costs(body.dof, poses, config) + config.birth_price
 
 

@@ -48,8 +48,9 @@ class Frames:
     noise, tolerance
         float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
         and slow noise.
-    independent
-        float64 [P], share of the frames that are independent samples of the noise.
+    spectrum
+        float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
+        from frame to frame.
     life
         intp [N], number of frames in which a trajectory is observed.
     current
@@ -64,14 +65,14 @@ class Frames:
     weight: Floats
     noise: Floats
     tolerance: Floats
-    independent: Floats
+    spectrum: Floats
     life: NDArray[np.intp]
     current: Bools
 
     @property
     def arrays(self) -> RowArrays:
         """The rows as kernels take them."""
-        return RowArrays(self.y, self.w, self.tolerance)
+        return RowArrays(self.y, self.w, self.tolerance, self.spectrum)
 
     def rows_of(self, tracks: Ints | Bools) -> Ints:
         """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
@@ -90,7 +91,7 @@ class Frames:
             weight=self.weight[rows],
             noise=self.noise[rows],
             tolerance=self.tolerance[rows],
-            independent=self.independent[rows],
+            spectrum=self.spectrum[rows],
             life=self.life[tracks],
             current=self.current[tracks],
         )
@@ -103,6 +104,7 @@ class Frames:
             stamps=self.stamps[kept],
             y=np.ascontiguousarray(self.y[:, kept]),
             w=np.ascontiguousarray(self.w[:, kept]),
+            spectrum=np.column_stack([self.spectrum[:, :2], self.spectrum[:, 2] ** stride]),
         )
 
     def per_track(self, values: Floats) -> Floats:
@@ -157,25 +159,25 @@ def make_frames(
     np.maximum.at(life, owner, seen)
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
     tolerance = noise + _deformation(squared, tracks.extent(), config)
-    tolerance, independent = _with_slow_noise(tracks, y, w, owner, tolerance)
-    weight *= independent
+    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
     return Frames(
-        tracks.dim, stamps, y, w, owner, weight, noise, tolerance, independent, life, tracks.current
+        tracks.dim, stamps, y, w, owner, weight, noise, tolerance, spectrum, life, tracks.current
     )
 
 
 def _with_slow_noise(
     tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats
 ) -> tuple[Floats, Floats]:
-    """Tolerance with the slow noise of each source, and the share of independent frames, [P] each."""
-    wider, independent = tolerance.copy(), np.ones(len(owner))
+    """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3]."""
+    wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
     source = tracks.source[owner]
     for one in np.unique(source).tolist():
         mine = source == one
         found = slow_noise(y, w, tolerance, np.flatnonzero(mine & tracks.current[owner]))
-        wider[mine] *= found.factor
-        independent[mine] = 1 / found.correlation
-    return wider, independent
+        factor = found.factor(w.shape[1])
+        wider[mine] *= factor
+        spectrum[mine] = found.white / factor, found.slow / factor, found.persistence
+    return wider, spectrum
 
 
 def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) -> Stamps:

@@ -1,4 +1,4 @@
-"""In rows, out what their differences cannot show: slow noise, and how many frames are independent (step 4).
+"""In rows, out what their differences cannot show: slow noise (step 4).
 
 Drift, slip of features, and noise that is correlated over time vanish in differences of neighbours in time.
 They show in the distances of features that lie side by side: most such pairs are on one body.
@@ -7,35 +7,50 @@ They show in the distances of features that lie side by side: most such pairs ar
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial import cKDTree
-from scipy.special import gammaincinv
 
 from ..arrays import Floats, Ints
-from .kernels.correlation import distance_series
+from .kernels.correlation import variograms
 
 # Rows of a source that are looked at, evenly drawn, and nearest rows to compare each with: a median needs no
 # more, and beyond three pairs more and more span two bodies.
 _ROWS, _NEAREST = 64, 3
-# Fewest common frames of a pair, two seconds at the default rate, and fewest pairs of a source.
+# Fewest common frames of a pair, and fewest pairs of a source.
 _LEAST_FRAMES, _LEAST_PAIRS = 8, 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
+# Frames; lags at which the change of distances is read, and correlation times that are tried.
+_LAGS = np.array([1, 2, 4, 8, 16, 32, 64])
+_TIMES = np.array([2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 256.0, 1024.0])
+_LEAST_FACTOR = 1.1
+_LEAST_WHITE = 0.05
 
 
 @dataclass(frozen=True)
 class SlowNoise:
-    """Factor from the tolerance of a source to its variance, and the correlation time of that, frames."""
+    """Noise of a source in units of its tolerance: white, and a first-order autoregression.
 
-    factor: float = 1.0
-    correlation: float = 1.0
+    `slow` is the variance of the latter; `time` its correlation time in frames. Where that is far longer than
+    the window, it is a random walk.
+    """
+
+    white: float = 1.0
+    slow: float = 0.0
+    time: float = 1.0
+
+    @property
+    def persistence(self) -> float:
+        """Correlation of neighbouring frames."""
+        return float(np.exp(-1 / self.time)) if self.slow > 0 else 0.0
+
+    def factor(self, frames: int) -> float:
+        """Variance about the mean of so many frames."""
+        return self.white + self.slow * float(1 - np.exp(-frames / 3 / self.time))
 
 
 def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise:
     """Slow noise of one source.
-
-    The ratio of a pair's variance of distance (3.3) to its tolerance v_i + v_j is a chi-squared variable
-    over its degrees of freedom, the effective samples, times the factor. Its lower quantile over the nearest
-    pairs is compared with that of chi-squared.
 
     Parameters
     ----------
@@ -49,17 +64,24 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
     some = rows[:: -(-len(rows) // _ROWS)]
     first = np.repeat(some, _NEAREST)
     second = _nearest(y, w, rows, some).ravel()
-    found = distance_series(y, w, first, second, _LEAST_FRAMES)
-    known = np.isfinite(found[:, 0])
-    if known.sum() < _LEAST_PAIRS:
+    found = variograms(y, w, first, second, _LAGS, _LEAST_FRAMES)
+    known = np.isfinite(found).sum(0) >= _LEAST_PAIRS
+    if known.sum() < 3:
         return SlowNoise()
-    ratio = found[known, 0] / (tolerance[first] + tolerance[second])[known]
-    near = ratio <= np.quantile(ratio, 2 * _QUANTILE)
-    correlation = max(float(np.median(found[known, 1][near])), 1.0)
-    samples = max(float(np.median(found[known, 2])) / correlation, 1.0)
-    # The quantile of chi-squared; scipy.stats takes a third of a second to import.
-    usual = 2 * float(gammaincinv(samples / 2, _QUANTILE)) / samples
-    return SlowNoise(max(float(np.quantile(ratio, _QUANTILE)) / usual, 1.0), correlation)
+    found = found[:, known] / (tolerance[first] + tolerance[second])[:, None]
+    usual = np.nanquantile(found, _QUANTILE, axis=0)
+    noise = _fitted(_LAGS[known], usual)
+    return noise if noise.factor(w.shape[1]) > _LEAST_FACTOR else SlowNoise()
+
+
+def _fitted(lags: Ints, usual: Floats) -> SlowNoise:
+    best, least = SlowNoise(), np.inf
+    for time in _TIMES:
+        design = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)]) / usual[:, None]
+        (white, slow), error = nnls(design, np.ones(len(lags)))
+        if error < least:
+            best, least = SlowNoise(max(float(white), _LEAST_WHITE), float(slow), float(time)), error
+    return best
 
 
 def _nearest(y: Floats, w: Floats, rows: Ints, some: Ints) -> Ints:

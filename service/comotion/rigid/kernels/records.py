@@ -30,11 +30,16 @@ class Limits(NamedTuple):
 
 
 class RowArrays(NamedTuple):
-    """P rows on F frames: `y` float64 [P, F, 3], `w` [P, F] (0: unobserved), `tolerance` [P]."""
+    """P rows on F frames: `y` float64 [P, F, 3], `w` [P, F] (0: unobserved), `tolerance` [P].
+
+    `spectrum` float64 [P, 3] are the white and the slow part of the noise, in tolerances, and the correlation
+    of the slow part from frame to frame.
+    """
 
     y: Floats
     w: Floats
     tolerance: Floats
+    spectrum: Floats
 
 
 class PoseArrays(NamedTuple):

@@ -48,10 +48,10 @@ def body_costs(
     cost, squared
         Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
     """
-    y, w, tolerance = arrays
+    y, w, tolerance, spectrum = arrays
     R, t, posed = poses
     count, bodies = w.shape[1], len(R)
-    row, x = np.empty((4, count)), np.empty((4, count))
+    row, x, gains = np.empty((4, count)), np.empty((4, count)), np.empty((2, count))
     first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
     first_posed = np.ascontiguousarray(posed[:, ::stride])
     for n in range(len(rows)):
@@ -60,6 +60,7 @@ def body_costs(
         reach = np.inf
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen = _copy_row(y[i], w[i], stride, row)
+            _filter_gains(row, spectrum[i], stride, gains)
             for k in range(bodies):
                 cost[n, k], squared[n, k] = _body_cost(
                     row,
@@ -73,16 +74,19 @@ def body_costs(
                     cap,
                     unposed,
                     x,
+                    gains,
+                    spectrum[i, 2] ** stride,
                 )
             cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
             reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
         else:
             _copy_row(y[i], w[i], 1, row)
+        _filter_gains(row, spectrum[i], 1, gains)
         for k in range(bodies):
             if reach == np.inf or cost[n, k] < reach:
                 v = tolerance[i] + wider[k]
                 cost[n, k], squared[n, k] = _body_cost(
-                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed, x
+                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed, x, gains, spectrum[i, 2]
                 )
 
 
@@ -105,16 +109,19 @@ def own_residuals(
     excess
         Out: float64 [K], mean squared residual in tolerances and dimensions, that of each row at most `most`.
     """
-    y, w, tolerance = arrays
+    y, w, tolerance, spectrum = arrays
     R, t, posed = poses
     count = w.shape[1]
-    row, x = np.empty((4, count)), np.empty((4, count))
+    row, x, gains = np.empty((4, count)), np.empty((4, count)), np.empty((2, count))
     for k in range(len(R)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
             _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
-            _, squared = _body_cost(row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x)
+            _filter_gains(row, spectrum[i], 1, gains)
+            _, squared = _body_cost(
+                row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x, gains, spectrum[i, 2]
+            )
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
 
 
@@ -142,11 +149,14 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
     cost
         Out: float64 [n, K], nat.
     """
-    y, w, tolerance = arrays
-    squared = np.empty(w.shape[1])
+    y, w, tolerance, spectrum = arrays
+    squared, row, gains = np.empty(w.shape[1]), np.empty((4, w.shape[1])), np.empty((2, w.shape[1]))
     for n in range(len(rows)):
         i = rows[n]
-        count = _squares_at_rest(y[i], w[i], 1.0 / (SOFT * dim * tolerance[i]), squared)
+        if spectrum[i, 2] > 0:
+            _copy_row(y[i], w[i], 1, row)
+            _filter_gains(row, spectrum[i], 1, gains)
+        count = _squares_at_rest(y[i], w[i], 1.0 / (SOFT * dim * tolerance[i]), squared, gains, spectrum[i, 2])
         for k in range(len(wider)):
             inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
             for f in range(count):
@@ -155,7 +165,7 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
 
 
 @compiled()
-def _squares_at_rest(y: Floats, w: Floats, soft: float, squared: Floats) -> int:
+def _squares_at_rest(y: Floats, w: Floats, soft: float, squared: Floats, gains: Floats, persistence: float) -> int:
     """Weighted squared distances of a row from its robust mean, to [F]; in how many frames it is observed."""
     total, count = 0.0, 0
     mean, centre = np.zeros(3), np.zeros(3)
@@ -173,6 +183,21 @@ def _squares_at_rest(y: Floats, w: Floats, soft: float, squared: Floats) -> int:
             for c in range(3):
                 centre[c] += g * y[f, c]
     centre /= max(total, 1e-300)
+    if persistence > 0.0:
+        state, e = np.zeros(3), np.zeros(3)
+        for f in range(len(w)):
+            if w[f] > 0:
+                d2 = 0.0
+                for c in range(3):
+                    e[c] = y[f, c] - centre[c] - state[c]
+                    d2 += w[f] * gains[1, f] * e[c] * e[c]
+                squared[count] = d2
+                count += 1
+                for c in range(3):
+                    state[c] += gains[0, f] * e[c] / (1.0 + soft * d2)
+            for c in range(3):
+                state[c] *= persistence
+        return count
     for f in range(len(w)):
         if w[f] > 0:
             d2 = (y[f, 0] - centre[0]) ** 2 + (y[f, 1] - centre[1]) ** 2 + (y[f, 2] - centre[2]) ** 2
@@ -205,6 +230,8 @@ def _body_cost(
     cap: float,
     unposed: float,
     x: Floats,
+    gains: Floats,
+    persistence: float,
 ) -> tuple[float, float]:
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
@@ -245,8 +272,54 @@ def _body_cost(
         b2 += g * x2[f]
     b0, b1, b2 = b0 / total, b1 / total, b2 / total
     paid, squared, most = 0.0, 0.0, cap * dim
+    if persistence > 0.0:
+        paid, squared = _innovations(x[:, first:stop], b0, b1, b2, gains[:, first:stop], persistence, inverse, most, soft)
+        return missing + 0.5 * paid, squared / held
     for f in range(len(w)):
         d2 = a[f] * ((x0[f] - b0) ** 2 + (x1[f] - b1) ** 2 + (x2[f] - b2) ** 2)
         squared += d2
         paid += min(d2 * inverse, most)
     return missing + 0.5 * paid, squared / held
+
+
+@compiled()
+def _filter_gains(row: Floats, spectrum: Floats, stride: int, gains: Floats) -> None:
+    """Gain and inverse innovation variance, in tolerances, of the Kalman filter of a row's noise, [2, F]."""
+    white, slow, persistence = spectrum[0], spectrum[1], spectrum[2] ** stride
+    if slow <= 0.0:
+        return
+    variance = slow
+    for f in range((gains.shape[1] + stride - 1) // stride):
+        w = row[3, f]
+        total = variance + white / max(w, 1e-300)
+        gains[0, f], gains[1, f] = (variance / total, 1.0 / (w * total)) if w > 0 else (0.0, 0.0)
+        variance -= gains[0, f] * variance
+        variance = persistence * persistence * variance + (1.0 - persistence * persistence) * slow
+
+
+@compiled()
+def _innovations(
+    x: Floats,
+    b0: float,
+    b1: float,
+    b2: float,
+    gains: Floats,
+    persistence: float,
+    inverse: float,
+    most: float,
+    soft: float,
+) -> tuple[float, float]:
+    """Squared innovations of a row in the frame of a body, each at most `most`, and without this limit."""
+    x0, x1, x2, a = x
+    gain, weight = gains
+    s0, s1, s2, paid, squared = 0.0, 0.0, 0.0, 0.0, 0.0
+    for f in range(len(a)):
+        if a[f] > 0:
+            e0, e1, e2 = x0[f] - b0 - s0, x1[f] - b1 - s1, x2[f] - b2 - s2
+            d2 = a[f] * weight[f] * (e0 * e0 + e1 * e1 + e2 * e2)
+            paid += min(d2 * inverse, most)
+            squared += d2
+            g = gain[f] / (1.0 + soft * d2)
+            s0, s1, s2 = s0 + g * e0, s1 + g * e1, s2 + g * e2
+        s0, s1, s2 = persistence * s0, persistence * s1, persistence * s2
+    return paid, squared
