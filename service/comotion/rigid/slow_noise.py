@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
+from scipy.stats import chi2
 
 from ..arrays import Floats, Ints
 from .kernels.correlation import variograms
@@ -23,7 +24,7 @@ _QUANTILE = 0.4
 # Frames; lags at which the change of distances is read, and correlation times that are tried.
 _LAGS = np.array([1, 2, 4, 8, 16, 32, 64])
 _TIMES = np.array([2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 256.0, 1024.0])
-_LEAST_FACTOR = 1.1
+_LEAST_FACTOR = 1.0
 _LEAST_WHITE = 0.05
 
 
@@ -70,18 +71,25 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
         return SlowNoise()
     found = found[:, known] / (tolerance[first] + tolerance[second])[:, None]
     usual = np.nanquantile(found, _QUANTILE, axis=0)
-    noise = _fitted(_LAGS[known], usual)
+    noise = _fitted(_LAGS[known], usual, w.shape[1])
     return noise if noise.factor(w.shape[1]) > _LEAST_FACTOR else SlowNoise()
 
 
-def _fitted(lags: Ints, usual: Floats) -> SlowNoise:
+def _fitted(lags: Ints, usual: Floats, frames: int) -> SlowNoise:
     best, least = SlowNoise(), np.inf
+    white = _typical(np.full(len(lags), 0.67 * frames))
     for time in _TIMES:
-        design = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)]) / usual[:, None]
-        (white, slow), error = nnls(design, np.ones(len(lags)))
+        slow = (1 - np.exp(-lags / time)) * _typical(1.5 * frames / np.minimum(lags, 2 * time))
+        design = np.column_stack([white, slow]) / usual[:, None]
+        (a, b), error = nnls(design, np.ones(len(lags)))
         if error < least:
-            best, least = SlowNoise(max(float(white), _LEAST_WHITE), float(slow), float(time)), error
+            best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), float(time)), error
     return best
+
+
+def _typical(freedom: Floats) -> Floats:
+    """The quantile of a chi-squared variable over its degrees of freedom."""
+    return np.asarray(chi2.ppf(_QUANTILE, freedom) / freedom)
 
 
 def _nearest(y: Floats, w: Floats, rows: Ints, some: Ints) -> Ints:
