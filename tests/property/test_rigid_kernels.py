@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.kernels.assignment import carry, closing_losses
-from comotion.rigid.kernels.correlation import distance_series
+from comotion.rigid.kernels.correlation import variograms
 from comotion.rigid.kernels.differences import difference_noise, last_differences
 from comotion.rigid.kernels.distances import (
     deviation_from,
@@ -41,6 +41,8 @@ from ..reference import rigid as plain
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 few = settings(max_examples=25, deadline=None)
 TOLERANCE = 1e-6
+WHITE = 1.0, 0.0, 0.0
+SLOW = 0.3, 5.0, 0.99
 
 
 def rows_of(rng, count, frames, seen=0.8):
@@ -48,6 +50,11 @@ def rows_of(rng, count, frames, seen=0.8):
     y = rng.normal(size=(count, 1, 3)) + rng.normal(0, 2e-3, (count, frames, 3))
     w = rng.uniform(0.5, 2.0, (count, frames)) * (rng.random((count, frames)) < seen)
     return y, w, rng.uniform(0.5, 2.0, count) * TOLERANCE
+
+
+def arrays_of(y, w, tolerance, spectrum=WHITE):
+    """Rows with one noise spectrum for all."""
+    return RowArrays(y, w, tolerance, np.tile(spectrum, (len(y), 1)))
 
 
 def poses_of(rng, frames):
@@ -149,17 +156,18 @@ def test_poses_are_those_of_plain_procrustes(rng, count):
 
 
 @few
-@given(seeds, st.integers(1, 4))
-def test_costs_are_those_of_the_definition(rng, bodies):
+@given(seeds, st.integers(1, 4), st.sampled_from([WHITE, SLOW]))
+def test_costs_are_those_of_the_definition(rng, bodies, spectrum):
     y, w, tolerance = rows_of(rng, 6, 20)
     moves = [poses_of(rng, 20) for _ in range(bodies)]
     rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(3, 50)
     cost, squared = np.zeros((2, 3, bodies))
-    body_costs(RowArrays(y, w, tolerance), rows, stacked(moves), wider, unposed, 3, 16.0, 1, cost, squared)
+    arrays = arrays_of(y, w, tolerance, spectrum)
+    body_costs(arrays, rows, stacked(moves), wider, unposed, 3, 16.0, 1, cost, squared)
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):
             v = tolerance[i] + wider[k]
-            expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed)
+            expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed, spectrum)
             assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)
 
 
@@ -170,7 +178,7 @@ def test_own_residuals_are_those_of_the_definition(rng):
     moves = [poses_of(rng, 20) for _ in range(2)]
     rows, first = np.array([3, 1, 5, 0, 2]), np.array([0, 2, 5])
     excess = np.zeros(2)
-    own_residuals(RowArrays(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess)
+    own_residuals(arrays_of(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess)
     for k, poses in enumerate(moves):
         own = rows[first[k] : first[k + 1]]
         each = [plain.row_cost(y[i], w[i], tolerance[i], poses, 1.0, 0.0)[1] / tolerance[i] / 3 for i in own]
@@ -178,30 +186,28 @@ def test_own_residuals_are_those_of_the_definition(rng):
 
 
 @few
-@given(seeds)
-def test_costs_at_rest_are_those_of_a_body_that_never_moves(rng):
+@given(seeds, st.sampled_from([WHITE, SLOW]))
+def test_costs_at_rest_are_those_of_a_body_that_never_moves(rng, spectrum):
     y, w, tolerance = rows_of(rng, 4, 20)
     wider = np.array([0.0, 0.3, 4.0]) * TOLERANCE
     at_rest, cost, squared = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
-    rest_costs(RowArrays(y, w, tolerance), np.arange(4), wider, 3, 16.0, at_rest)
+    arrays = arrays_of(y, w, tolerance, spectrum)
+    rest_costs(arrays, np.arange(4), wider, 3, 16.0, at_rest)
     still = PoseArrays(np.tile(np.eye(3), (20, 1, 1)), np.zeros((20, 3)), np.ones(20, bool))
-    body_costs(
-        RowArrays(y, w, tolerance), np.arange(4), stacked([still] * 3), wider, 9.0, 3, 16.0, 1, cost, squared
-    )
+    body_costs(arrays, np.arange(4), stacked([still] * 3), wider, 9.0, 3, 16.0, 1, cost, squared)
     # The robust mean is that of the row's own tolerance, so that only the first column is exact.
     np.testing.assert_allclose(at_rest[:, 0], cost[:, 0], rtol=1e-9)
-    np.testing.assert_allclose(at_rest, cost, rtol=0.05)
+    np.testing.assert_allclose(at_rest, cost, rtol=0.2)
 
 
 @few
-@given(seeds, st.floats(0.0, 0.98))
-def test_the_correlation_time_of_distances_is_that_of_the_definition(rng, memory):
-    noise = rng.normal(0, 2e-3, (2, 60, 3))
-    for f in range(1, 60):
-        noise[:, f] += memory * noise[:, f - 1]
-    y, w = rng.normal(size=(2, 1, 3)) + noise, (rng.random((2, 60)) < 0.9).astype(float)
-    found = distance_series(y, w, np.array([0]), np.array([1]), 8)[0]
-    expected = plain.distance_series(y[0], y[1], w[0], w[1])
+@given(seeds)
+def test_the_variogram_of_distances_is_that_of_the_definition(rng):
+    y, w = rng.normal(size=(2, 60, 3)), (rng.random((2, 60)) < 0.9).astype(float)
+    d = np.linalg.norm(y[0] - y[1], axis=1)[(w > 0).all(0)]
+    lags = np.array([1, 4, 30, 50])
+    found = variograms(y, w, np.array([0]), np.array([1]), lags, 8)[0]
+    expected = [((d[lag:] - d[:-lag]) ** 2).mean() / 2 if len(d) - lag >= 8 else np.nan for lag in lags]
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -213,7 +219,7 @@ def test_normal_equations_are_those_of_the_definition(rng):
     seconds = np.cumsum(rng.uniform(0.03, 0.1, 20))
     left, right = np.zeros((7, 7)), np.zeros(7)
     rows = np.array([2, 0])
-    arrays = RowArrays(y, w, tolerance)
+    arrays = arrays_of(y, w, tolerance)
     information = np.zeros((20, 6, 6))
     pose_information(arrays, np.array([1, 2]), rng.normal(size=(2, 3)), 3, information)
     information += 1e3 * np.eye(6)
@@ -231,7 +237,7 @@ def test_rows_move_along_their_velocity_and_by_a_transform(rng):
     y, w, tolerance = rows_of(rng, 3, 20, seen=0.7)
     R, t = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix(), rng.normal(size=3)
     seconds, out = np.cumsum(rng.uniform(0.03, 0.1, 20)), y.copy()
-    move_rows(RowArrays(y, w, tolerance), seconds, np.array([2, 0]), R, t, 0.01, out)
+    move_rows(arrays_of(y, w, tolerance), seconds, np.array([2, 0]), R, t, 0.01, out)
     for i in (0, 2):
         seen = w[i] > 0
         expected = (y[i, seen] + 0.01 * np.gradient(y[i, seen], seconds[seen], axis=0)) @ R.T + t
@@ -347,8 +353,8 @@ def test_losses_are_differences_of_least_costs(rng, open_bodies):
 @few
 @given(seeds)
 def test_ended_trajectories_move_with_their_body(rng):
-    arrays = RowArrays(*rows_of(rng, 4, 10, seen=0.2))
-    y, w, _ = arrays
+    arrays = arrays_of(*rows_of(rng, 4, 10, seen=0.2))
+    y, w = arrays.y, arrays.w
     poses = poses_of(rng, 10)
     rows, tracks, found = np.array([3, 0, 1]), np.array([2, 0, 4]), np.zeros((5, 3))
     carry(arrays, rows, tracks, poses, found)

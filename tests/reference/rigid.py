@@ -52,7 +52,7 @@ def fit_poses(y, w, tolerance, iterations):
     return b, R, t, posed
 
 
-def row_cost(y, w, v, poses, cap, unposed):
+def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0)):
     """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses
     seen, used = w > 0, (w > 0) & posed
@@ -63,18 +63,29 @@ def row_cost(y, w, v, poses, cap, unposed):
     x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
     mean = np.average(x, axis=0, weights=a)
     b = np.average(x, axis=0, weights=a / (1 + a * ((x - mean) ** 2).sum(1) / (SOFT * 3 * v)))
-    squared = a * ((x - b) ** 2).sum(1)
+    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum)
     return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
 
 
-def distance_series(a, b, wa, wb):
-    """(variance, correlation time, frames) of the distance of two rows [F, 3] over their common frames."""
-    d = np.linalg.norm(a - b, axis=1)[(wa > 0) & (wb > 0)]
-    m, r = len(d), d - d.mean()
-    variance = d.var(ddof=1)
-    rho = [r[: m - lag] @ r[lag:] / ((m - 1) * variance) for lag in range(1, m // 2, max(1, m // 40))]
-    excess = sum(max(1, m // 40) * (one**2 - 1 / m) for one in rho)
-    return variance, 1 + 2 * max(excess, 0.0), m
+def squared_innovations(at, x, w, v, spectrum):
+    """Squared innovations [n], in v / v, of points [n, 3] at frames [n] of a row with weights w [F].
+
+    The gain is that of all observed frames; an outlier moves the state less.
+    """
+    white, slow, memory = spectrum
+    state, variance, found = np.zeros(3), slow, []
+    for f in range(len(w)):
+        gain, precision = 0.0, 0.0
+        if w[f] > 0:
+            gain = variance / (variance + white / w[f])
+            precision = 1 / (variance + white / w[f])
+        if f in at:
+            error = x[list(at).index(f)] - state
+            found.append(precision * (error @ error))
+            state = state + gain / (1 + found[-1] / (SOFT * 3 * v)) * error
+        state = memory * state
+        variance = memory**2 * (1 - gain) * variance + (1 - memory**2) * slow
+    return np.array(found)
 
 
 def normal_equations(y, w, seconds, v, poses, information, pivot):

@@ -15,6 +15,7 @@ from comotion.rigid.noise import NOISE_OBSERVATIONS, Differences, noise_variance
 from comotion.rigid.procrustes import align, fit_body
 from comotion.rigid.resampling import Frames
 from comotion.rigid.selection import select
+from comotion.rigid.slow_noise import slow_noise
 from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
@@ -66,10 +67,26 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         weight=np.ones(n),
         noise=variance,
         tolerance=variance,
-        independent=np.ones(n),
+        spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         life=(w > 0).sum(1),
         current=np.ones(n, bool),
     )
+
+
+@pytest.mark.parametrize(
+    ("walk", "time", "expected"), [(0.0, 1.0, 1.0), (5e-4, 1e9, 7.25), (3e-3, 8.0, 10.0)]
+)
+def test_slow_noise_is_found_in_distances(walk, time, expected):
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=(60, 1, 3)) + rng.normal(0, 1e-3, (60, 150, 3))
+    slip = np.zeros((60, 3)) if time > 1e6 else rng.normal(0, walk, (60, 3))
+    for f in range(150):
+        y[:, f] += slip
+        innovation = walk if time > 1e6 else walk * np.sqrt(1 - np.exp(-2 / time))
+        slip = slip * np.exp(-1 / time) + rng.normal(0, innovation, (60, 3)) if walk else slip
+    found = slow_noise(y, np.ones((60, 150)), np.full(60, 1e-6), np.arange(60))
+    assert found.factor(150) == pytest.approx(expected, rel=0.35)
+    assert (found.slow > 0) == (walk > 0)
 
 
 def test_noise_ignores_motion_and_uneven_sampling():

@@ -73,7 +73,7 @@ def costs(
     body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
-    opening = np.array([_opening(b, frames, config, stretch) for b in bodies])
+    opening = np.array([_opening(b, config, stretch) for b in bodies])
     return Costs(body, outlier, opening, wider)
 
 
@@ -136,16 +136,15 @@ def _gain_at_rest(frames: Frames, wider: Floats, config: RigidConfig) -> Floats:
 
 
 def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
-    """Price of so many independent poses, nat."""
+    """Price of so many poses, nat."""
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, frames: Frames, config: RigidConfig, stretch: float) -> float:
-    """Price of a body: of its poses, as far as they are independent, and of being one more."""
+def _opening(body: Body, config: RigidConfig, stretch: float) -> float:
+    """Price of a body: of its poses, and of being one more."""
     if body.static:
         return 0.0
-    poses = stretch * int(body.posed.sum())
-    return pose_costs(body.dof, poses, config) + config.birth_price
+    return pose_costs(body.dof, stretch * int(body.posed.sum()), config) + config.birth_price
 
 
 def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:

@@ -160,9 +160,7 @@ def make_frames(
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
     tolerance = noise + _deformation(squared, tracks.extent(), config)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
-    return Frames(
-        tracks.dim, stamps, y, w, owner, weight, noise, tolerance, spectrum, life, tracks.current
-    )
+    return Frames(tracks.dim, stamps, y, w, owner, weight, noise, tolerance, spectrum, life, tracks.current)
 
 
 def _with_slow_noise(

@@ -21,10 +21,11 @@ _ROWS, _NEAREST = 64, 3
 _LEAST_FRAMES, _LEAST_PAIRS = 8, 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
-# Frames; lags at which the change of distances is read, and correlation times that are tried.
-_LAGS = np.array([1, 2, 4, 8, 16, 32, 64])
+# Frames; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
+_LAGS, _LEAST_LAGS = np.array([1, 2, 4, 8, 16, 32, 64]), 3
+# Frames; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
 _TIMES = np.array([2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 256.0, 1024.0])
-_LEAST_FACTOR = 1.0
+# Least white noise, in tolerances: interpolation and rounding leave at least so much.
 _LEAST_WHITE = 0.05
 
 
@@ -51,7 +52,10 @@ class SlowNoise:
 
 
 def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise:
-    """Slow noise of one source.
+    """Slow noise of one source, from the variograms of the distances of its nearest pairs.
+
+    The variogram at lag k is that of the white noise plus slow (1 - exp(-k / time)) of the slow one. The
+    tolerance stands where it covers all of it.
 
     Parameters
     ----------
@@ -67,15 +71,20 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
     second = _nearest(y, w, rows, some).ravel()
     found = variograms(y, w, first, second, _LAGS, _LEAST_FRAMES)
     known = np.isfinite(found).sum(0) >= _LEAST_PAIRS
-    if known.sum() < 3:
+    if known.sum() < _LEAST_LAGS:
         return SlowNoise()
     found = found[:, known] / (tolerance[first] + tolerance[second])[:, None]
     usual = np.nanquantile(found, _QUANTILE, axis=0)
     noise = _fitted(_LAGS[known], usual, w.shape[1])
-    return noise if noise.factor(w.shape[1]) > _LEAST_FACTOR else SlowNoise()
+    return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
 
 
 def _fitted(lags: Ints, usual: Floats, frames: int) -> SlowNoise:
+    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n].
+
+    The variogram of one pair scatters like a chi-squared variable over its degrees of freedom: two of three
+    differences of white noise are independent, and those of slow noise that overlap by less than a third.
+    """
     best, least = SlowNoise(), np.inf
     white = _typical(np.full(len(lags), 0.67 * frames))
     for time in _TIMES:

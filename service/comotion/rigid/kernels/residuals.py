@@ -51,7 +51,7 @@ def body_costs(
     y, w, tolerance, spectrum = arrays
     R, t, posed = poses
     count, bodies = w.shape[1], len(R)
-    row, x, gains = np.empty((4, count)), np.empty((4, count)), np.empty((2, count))
+    row, x, gains = np.empty((4, count)), np.empty((5, count)), np.empty((2, count))
     first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
     first_posed = np.ascontiguousarray(posed[:, ::stride])
     for n in range(len(rows)):
@@ -60,7 +60,7 @@ def body_costs(
         reach = np.inf
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen = _copy_row(y[i], w[i], stride, row)
-            _filter_gains(row, spectrum[i], stride, gains)
+            _filter_gains(row[3], spectrum[i], stride, gains)
             for k in range(bodies):
                 cost[n, k], squared[n, k] = _body_cost(
                     row,
@@ -81,12 +81,24 @@ def body_costs(
             reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
         else:
             _copy_row(y[i], w[i], 1, row)
-        _filter_gains(row, spectrum[i], 1, gains)
+        _filter_gains(row[3], spectrum[i], 1, gains)
         for k in range(bodies):
             if reach == np.inf or cost[n, k] < reach:
                 v = tolerance[i] + wider[k]
                 cost[n, k], squared[n, k] = _body_cost(
-                    row, R[k], t[k], posed[k], first, stop, 1.0 / v, dim, cap, unposed, x, gains, spectrum[i, 2]
+                    row,
+                    R[k],
+                    t[k],
+                    posed[k],
+                    first,
+                    stop,
+                    1.0 / v,
+                    dim,
+                    cap,
+                    unposed,
+                    x,
+                    gains,
+                    spectrum[i, 2],
                 )
 
 
@@ -112,13 +124,13 @@ def own_residuals(
     y, w, tolerance, spectrum = arrays
     R, t, posed = poses
     count = w.shape[1]
-    row, x, gains = np.empty((4, count)), np.empty((4, count)), np.empty((2, count))
+    row, x, gains = np.empty((4, count)), np.empty((5, count)), np.empty((2, count))
     for k in range(len(R)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
             _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
-            _filter_gains(row, spectrum[i], 1, gains)
+            _filter_gains(row[3], spectrum[i], 1, gains)
             _, squared = _body_cost(
                 row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x, gains, spectrum[i, 2]
             )
@@ -150,60 +162,20 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
         Out: float64 [n, K], nat.
     """
     y, w, tolerance, spectrum = arrays
-    squared, row, gains = np.empty(w.shape[1]), np.empty((4, w.shape[1])), np.empty((2, w.shape[1]))
+    count = w.shape[1]
+    row, squared, gains = np.empty((4, count)), np.empty(count), np.empty((2, count))
     for n in range(len(rows)):
         i = rows[n]
-        if spectrum[i, 2] > 0:
-            _copy_row(y[i], w[i], 1, row)
-            _filter_gains(row, spectrum[i], 1, gains)
-        count = _squares_at_rest(y[i], w[i], 1.0 / (SOFT * dim * tolerance[i]), squared, gains, spectrum[i, 2])
+        _copy_row(y[i], w[i], 1, row)
+        _filter_gains(row[3], spectrum[i], 1, gains)
+        soft = 1.0 / (SOFT * dim * tolerance[i])
+        mean = _robust_mean(row, 0, count, soft)
+        _squares(row, 0, count, mean, gains, spectrum[i, 2], soft, squared)
         for k in range(len(wider)):
             inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
             for f in range(count):
                 paid += min(squared[f] * inverse, cap * dim)
             cost[n, k] = 0.5 * paid
-
-
-@compiled()
-def _squares_at_rest(y: Floats, w: Floats, soft: float, squared: Floats, gains: Floats, persistence: float) -> int:
-    """Weighted squared distances of a row from its robust mean, to [F]; in how many frames it is observed."""
-    total, count = 0.0, 0
-    mean, centre = np.zeros(3), np.zeros(3)
-    for f in range(len(w)):
-        total += w[f]
-        for c in range(3):
-            mean[c] += w[f] * y[f, c]
-    mean /= max(total, 1e-300)
-    total = 0.0
-    for f in range(len(w)):
-        if w[f] > 0:
-            d2 = (y[f, 0] - mean[0]) ** 2 + (y[f, 1] - mean[1]) ** 2 + (y[f, 2] - mean[2]) ** 2
-            g = w[f] / (1.0 + soft * w[f] * d2)
-            total += g
-            for c in range(3):
-                centre[c] += g * y[f, c]
-    centre /= max(total, 1e-300)
-    if persistence > 0.0:
-        state, e = np.zeros(3), np.zeros(3)
-        for f in range(len(w)):
-            if w[f] > 0:
-                d2 = 0.0
-                for c in range(3):
-                    e[c] = y[f, c] - centre[c] - state[c]
-                    d2 += w[f] * gains[1, f] * e[c] * e[c]
-                squared[count] = d2
-                count += 1
-                for c in range(3):
-                    state[c] += gains[0, f] * e[c] / (1.0 + soft * d2)
-            for c in range(3):
-                state[c] *= persistence
-        return count
-    for f in range(len(w)):
-        if w[f] > 0:
-            d2 = (y[f, 0] - centre[0]) ** 2 + (y[f, 1] - centre[1]) ** 2 + (y[f, 2] - centre[2]) ** 2
-            squared[count] = w[f] * d2
-            count += 1
-    return count
 
 
 @compiled()
@@ -235,7 +207,7 @@ def _body_cost(
 ) -> tuple[float, float]:
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
-    `row` [4, F] holds y and w; `x` [4, F] is room for the row in the body's frame.
+    `row` [4, F] holds y and w; `gains` [2, F] are those of its slow noise; `x` [5, F] is room.
     """
     y0, y1, y2, w = row[0, first:stop], row[1, first:stop], row[2, first:stop], row[3, first:stop]
     x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
@@ -243,8 +215,7 @@ def _body_cost(
     r3, r4, r5 = R[3, first:stop], R[4, first:stop], R[5, first:stop]
     r6, r7, r8 = R[6, first:stop], R[7, first:stop], R[8, first:stop]
     t0, t1, t2, p = t[0, first:stop], t[1, first:stop], t[2, first:stop], posed[first:stop]
-    seen, total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0
-    held = 0.0
+    seen, held = 0.0, 0.0
     for f in range(len(w)):
         z0, z1, z2 = y0[f] - t0[f], y1[f] - t1[f], y2[f] - t2[f]
         x0[f] = r0[f] * z0 + r3[f] * z1 + r6[f] * z2
@@ -253,73 +224,93 @@ def _body_cost(
         a[f] = w[f] * p[f]
         seen += 1.0 if w[f] > 0 else 0.0
         held += 1.0 if a[f] > 0 else 0.0
+    missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
+    if held == 0.0:
+        return missing, 0.0
+    soft, d2 = inverse / (SOFT * dim), x[4, first:stop]
+    mean = _robust_mean(x, first, stop, soft)
+    _squares(x, first, stop, mean, gains, persistence, soft, d2)
+    paid, squared, most = 0.0, 0.0, cap * dim
+    for f in range(len(w)):
+        squared += d2[f]
+        paid += min(d2[f] * inverse, most)
+    return missing + 0.5 * paid, squared / held
+
+
+@compiled()
+def _robust_mean(x: Floats, first: int, stop: int, soft: float) -> tuple[float, float, float]:
+    """Mean of points [4, first:stop], three coordinates and a weight.
+
+    A squared distance of 1 / soft from the plain mean halves a weight.
+    """
+    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
+    total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
+    for f in range(len(a)):
         total += a[f]
         m0 += a[f] * x0[f]
         m1 += a[f] * x1[f]
         m2 += a[f] * x2[f]
-    missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
-    if held == 0.0:
-        return missing, 0.0
     m0, m1, m2 = m0 / total, m1 / total, m2 / total
-    soft = inverse / (SOFT * dim)
-    total, b0, b1, b2 = 0.0, 0.0, 0.0, 0.0
-    for f in range(len(w)):
+    total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
+    for f in range(len(a)):
         d2 = (x0[f] - m0) ** 2 + (x1[f] - m1) ** 2 + (x2[f] - m2) ** 2
         g = a[f] / (1.0 + soft * a[f] * d2)
         total += g
         b0 += g * x0[f]
         b1 += g * x1[f]
         b2 += g * x2[f]
-    b0, b1, b2 = b0 / total, b1 / total, b2 / total
-    paid, squared, most = 0.0, 0.0, cap * dim
-    if persistence > 0.0:
-        paid, squared = _innovations(x[:, first:stop], b0, b1, b2, gains[:, first:stop], persistence, inverse, most, soft)
-        return missing + 0.5 * paid, squared / held
-    for f in range(len(w)):
-        d2 = a[f] * ((x0[f] - b0) ** 2 + (x1[f] - b1) ** 2 + (x2[f] - b2) ** 2)
-        squared += d2
-        paid += min(d2 * inverse, most)
-    return missing + 0.5 * paid, squared / held
+    return b0 / total, b1 / total, b2 / total
 
 
 @compiled()
-def _filter_gains(row: Floats, spectrum: Floats, stride: int, gains: Floats) -> None:
-    """Gain and inverse innovation variance, in tolerances, of the Kalman filter of a row's noise, [2, F]."""
-    white, slow, persistence = spectrum[0], spectrum[1], spectrum[2] ** stride
-    if slow <= 0.0:
-        return
-    variance = slow
-    for f in range((gains.shape[1] + stride - 1) // stride):
-        w = row[3, f]
-        total = variance + white / max(w, 1e-300)
-        gains[0, f], gains[1, f] = (variance / total, 1.0 / (w * total)) if w > 0 else (0.0, 0.0)
-        variance -= gains[0, f] * variance
-        variance = persistence * persistence * variance + (1.0 - persistence * persistence) * slow
-
-
-@compiled()
-def _innovations(
+def _squares(
     x: Floats,
-    b0: float,
-    b1: float,
-    b2: float,
+    first: int,
+    stop: int,
+    mean: tuple[float, float, float],
     gains: Floats,
     persistence: float,
-    inverse: float,
-    most: float,
     soft: float,
-) -> tuple[float, float]:
-    """Squared innovations of a row in the frame of a body, each at most `most`, and without this limit."""
-    x0, x1, x2, a = x
-    gain, weight = gains
-    s0, s1, s2, paid, squared = 0.0, 0.0, 0.0, 0.0, 0.0
+    squared: Floats,
+) -> None:
+    """Weighted squared distances of points [4, first:stop] from their mean, to [stop - first].
+
+    With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
+    (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
+    """
+    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
+    gain, precision = gains[0, first:stop], gains[1, first:stop]
+    if persistence == 0.0:
+        for f in range(len(a)):
+            d2 = (x0[f] - mean[0]) ** 2 + (x1[f] - mean[1]) ** 2 + (x2[f] - mean[2]) ** 2
+            squared[f] = a[f] * d2
+        return
+    s0, s1, s2 = mean
     for f in range(len(a)):
+        squared[f] = 0.0
         if a[f] > 0:
-            e0, e1, e2 = x0[f] - b0 - s0, x1[f] - b1 - s1, x2[f] - b2 - s2
-            d2 = a[f] * weight[f] * (e0 * e0 + e1 * e1 + e2 * e2)
-            paid += min(d2 * inverse, most)
-            squared += d2
-            g = gain[f] / (1.0 + soft * d2)
+            e0, e1, e2 = x0[f] - s0, x1[f] - s1, x2[f] - s2
+            squared[f] = a[f] * precision[f] * (e0 * e0 + e1 * e1 + e2 * e2)
+            g = gain[f] / (1.0 + soft * squared[f])
             s0, s1, s2 = s0 + g * e0, s1 + g * e1, s2 + g * e2
-        s0, s1, s2 = persistence * s0, persistence * s1, persistence * s2
-    return paid, squared
+        s0 = mean[0] + persistence * (s0 - mean[0])
+        s1 = mean[1] + persistence * (s1 - mean[1])
+        s2 = mean[2] + persistence * (s2 - mean[2])
+
+
+@compiled()
+def _filter_gains(w: Floats, spectrum: Floats, stride: int, gains: Floats) -> None:
+    """Gain of a Kalman filter of a row's slow noise, and inverse variance of its innovations, to [2, F].
+
+    The latter are in tolerances, and relative to the weight of the observation. `spectrum` [3] is that of
+    :class:`~.records.RowArrays`, of frames `stride` times as dense as those of `w`.
+    """
+    white, slow, persistence = spectrum[0], spectrum[1], spectrum[2] ** stride
+    if slow == 0.0:
+        return
+    variance = slow
+    for f in range((len(w) + stride - 1) // stride):
+        gain = variance * w[f] / (variance * w[f] + white)
+        gains[0, f], gains[1, f] = gain, 1.0 / (variance * w[f] + white)
+        variance -= gain * variance
+        variance = persistence * persistence * variance + (1.0 - persistence * persistence) * slow
