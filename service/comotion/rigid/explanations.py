@@ -220,7 +220,7 @@ def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats)
     poses = view.bodies[k].poses, view.information[k]
     terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, LEAST_FRAMES
     squared, coordinates = normal_equations(*terms, left, right)
-    some, share = view.unknowns, 1 / _TEMPERATURE
+    some, share = view.unknowns, float(frames.independent[rows].mean()) / _TEMPERATURE
     left, right = left[np.ix_(some, some)], right[some]
     return _Equations(share * left, share * right, share * squared, share * coordinates)
 

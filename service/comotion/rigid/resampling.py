@@ -74,6 +74,16 @@ class Frames:
         """The rows as kernels take them."""
         return RowArrays(self.y, self.w, self.tolerance, self.spectrum)
 
+    @property
+    def independent(self) -> Floats:
+        """Share of the frames that are independent samples of the noise, float64 [P].
+
+        Of frames with autocorrelation rho_k at lag k, one in 1 + 2 sum_k rho_k^2 is.
+        """
+        white, _, persistence = self.spectrum.T
+        time = np.minimum(-1 / np.log(np.clip(persistence, 1e-9, 1 - 1e-9)), len(self.stamps) / 3)
+        return np.asarray(1 / (1 + np.maximum(1 - white, 0.0) ** 2 * time))
+
     def rows_of(self, tracks: Ints | Bools) -> Ints:
         """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
         chosen = np.zeros(len(self.life), np.bool_)
