@@ -12,13 +12,14 @@ rosbags = pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
 from comotion_sources.proprioception.cdr import (  # noqa: E402
     JOINT_STATE,
     decode_message,
-    encode_sample,
     from_message,
     ros_key,
     ros_types,
 )
 from comotion_sources.proprioception.joint_logs import read_bag  # noqa: E402
 from comotion_sources.proprioception.samples import JointSample, SampleError  # noqa: E402
+
+from ..reference.joint_states import encode_sample  # noqa: E402
 
 NAMES = st.lists(
     st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12), max_size=8, unique=True

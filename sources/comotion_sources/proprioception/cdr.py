@@ -1,10 +1,7 @@
-"""ROS 2 ``sensor_msgs/msg/JointState`` in CDR <-> joint samples, by rosbags (extra ``ros``)."""
+"""ROS 2 ``sensor_msgs/msg/JointState`` in CDR -> joint samples, by rosbags (extra ``ros``)."""
 
-from collections.abc import Sequence
 from functools import cache
 from typing import Any
-
-import numpy as np
 
 from .samples import JointSample, SampleError, joint_sample
 
@@ -56,21 +53,6 @@ def from_message(message: Any, received_ns: int) -> JointSample:
     stamp = message.header.stamp
     stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
     return joint_sample(stamp_ns or received_ns, message.name, message.position)
-
-
-def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> bytes:
-    """Encode a sample as a little-endian CDR JointState, as ROS 2 publishes it."""
-    types = ros_types().types
-    sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
-    time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    message = types[JOINT_STATE](
-        header=types["std_msgs/msg/Header"](stamp=time, frame_id=""),
-        name=list(sample.names),
-        position=np.asarray(sample.positions, np.float64),
-        velocity=np.asarray(velocities, np.float64),
-        effort=np.empty(0),
-    )
-    return bytes(ros_types().serialize_cdr(message, JOINT_STATE))
 
 
 def ros_key(topic: str, domain: int = 0) -> str:
