@@ -1,7 +1,7 @@
-"""A process that runs every kernel; it prints digests of what it computed, and how many kernels it loaded.
+"""A process that runs every kernel, or those of some scenes: ``every_kernel.py [SCENE ...] [--warm-up]``.
 
-One line each for the updates and affinities of three scenes, then the number of kernels that came from
-the disk: none, if this process compiled them all.
+It prints a digest of the updates and affinities of each scene, then how many kernels came from the disk:
+hardly any, if this process compiled them. With --warm-up it also compiles what a starting service needs.
 """
 
 import hashlib
@@ -14,19 +14,20 @@ from comotion_experiments.bench.scene import Scene, SceneSpec
 from comotion_schemas import encode
 
 # Of so many features in metres the default method searches a subset.
-SCENES = (
-    ("thesis", SceneSpec(features=300, sources=2, rate=15, churn=0.3), 3.0),
-    ("comotion", SceneSpec(features=300, sources=2, rate=15, churn=0.3), 3.0),
-    ("comotion", SceneSpec(features=200, sources=1, rate=15, churn=0.3, pixels=True), 3.0),
-)
+SCENES = {
+    "thesis": ("thesis", SceneSpec(features=300, sources=2, rate=15, churn=0.3)),
+    "metres": ("comotion", SceneSpec(features=300, sources=2, rate=15, churn=0.3)),
+    "pixels": ("comotion", SceneSpec(features=200, sources=1, rate=15, churn=0.3, pixels=True)),
+}
+SECONDS = 3.0
 UPDATE_EVERY = 10
 
 
-def digest(config: FusionConfig, spec: SceneSpec, seconds: float) -> str:
-    fusion = Fusion(config)
+def digest(method: str, spec: SceneSpec) -> str:
+    fusion = Fusion(FusionConfig(method=method))
     found = hashlib.sha256()
     space = ""
-    for k, batch in enumerate(Scene(spec).merged(seconds)):
+    for k, batch in enumerate(Scene(spec).merged(SECONDS)):
         fusion.ingest(batch)
         space = batch.space
         if k % UPDATE_EVERY == UPDATE_EVERY - 1:
@@ -35,14 +36,16 @@ def digest(config: FusionConfig, spec: SceneSpec, seconds: float) -> str:
     return found.hexdigest()
 
 
-def main() -> None:
-    lines = [digest(FusionConfig(method=method), spec, seconds) for method, spec, seconds in SCENES]
-    for method in ("comotion", "thesis"):
+def main(scenes: list[str], *, warm: bool) -> None:
+    lines = [digest(*SCENES[name]) for name in scenes]
+    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels().values())
+    # A method once: not again after the pixels.
+    for method in (SCENES[name][0] for name in scenes if warm and name != "pixels"):
         for _ in warm_up(FusionConfig(method=method)):
             pass
-    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels().values())
     sys.stdout.write("\n".join([*lines, str(loaded)]))
 
 
 if __name__ == "__main__":
-    main()
+    chosen = [argument for argument in sys.argv[1:] if argument in SCENES]
+    main(chosen or list(SCENES), warm="--warm-up" in sys.argv)
