@@ -92,7 +92,7 @@ class Fusion:
         self._timeline = Timeline(self.config, self.stats)
         self._spaces: dict[str, Space] = {}
         self._ids = IdAllocator(first_id)
-        self._linker = Linker(self.config.linking.cameras)
+        self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
         self._published: PublishedIds | None = None
@@ -197,7 +197,7 @@ class Fusion:
         """Forget all that has been observed; counters and ids go on. Stamps may then start anywhere."""
         self._timeline = Timeline(self.config, self.stats)
         self._spaces.clear()
-        self._linker = Linker(self.config.linking.cameras)
+        self._linker = Linker(self.config.linking)
         self._events.clear()
 
     def sources(self, now_ns: int) -> list[SourceHealth]:

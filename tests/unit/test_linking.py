@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
-from comotion.linking.decision import MARGIN, body_evidence, decide, linked_hypotheses, representatives
+from comotion.linking.decision import body_evidence, decide, linked_hypotheses, representatives
 from comotion.rigid.poses import pose_variances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 
 RATE, SESSION = 15, "0" * 16
+LINKING = FusionConfig().linking
 BODIES = ("room", "lid", "cart")
 Motion = Callable[[float], tuple[Rotation, np.ndarray]]
 
@@ -210,21 +211,29 @@ def test_without_calibration_or_poses_there_are_no_links() -> None:
     assert all(h.linked is None for h in update.hypotheses)
 
 
+def decided(evidence: np.ndarray, previous: int | None) -> int | None:
+    return decide(evidence, previous, LINKING.margin)
+
+
+def decided_by(log_likelihood: np.ndarray) -> int | None:
+    return decided(body_evidence(log_likelihood, LINKING.outlier_share), None)
+
+
 def test_one_outlier_prevents_no_link_and_a_few_members_make_none() -> None:
     on, off = [0.0, -50.0, -30.0], [-50.0, -40.0, 0.0]
-    assert decide(body_evidence(np.array([on] * 6 + [off] * 1)), None) == 0
-    assert decide(body_evidence(np.array([on] * 2)), None) is None
-    assert decide(body_evidence(np.array([on] * 4 + [off] * 4)), None) is None
-    assert decide(body_evidence(np.array([off] * 8)), None) is None
+    assert decided_by(np.array([on] * 6 + [off] * 1)) == 0
+    assert decided_by(np.array([on] * 2)) is None
+    assert decided_by(np.array([on] * 4 + [off] * 4)) is None
+    assert decided_by(np.array([off] * 8)) is None
 
 
 def test_a_link_holds_until_something_beats_it() -> None:
-    assert decide(np.array([0.0, -0.9 * MARGIN, -20.0]), 1) == 1
-    assert decide(np.array([0.0, -1.1 * MARGIN, -20.0]), 1) == 0
-    assert decide(np.array([-20.0, -20.0, 0.0]), 1) is None
-    assert decide(np.array([0.0, -0.9 * MARGIN, -20.0]), None) is None
+    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), 1) == 1
+    assert decided(np.array([0.0, -1.1 * LINKING.margin, -20.0]), 1) == 0
+    assert decided(np.array([-20.0, -20.0, 0.0]), 1) is None
+    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), None) is None
     # One body alone: that something is at rest says nothing where nothing moves.
-    assert decide(np.array([0.0, -50.0]), None) is None
+    assert decided(np.array([0.0, -50.0]), None) is None
 
 
 def test_hypotheses_of_one_body_are_linked_across_spaces_alone() -> None:

@@ -1,4 +1,7 @@
-"""Parameters of the links between spaces: the calibration of plain cameras."""
+"""Parameters of the links between spaces: the calibration of plain cameras.
+
+The numbers were chosen on seed 0 of the link experiment; docs/research/linking.md reports the others.
+"""
 
 import math
 from typing import Annotated, Self
@@ -7,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
+Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # of OpenCV's models
 
@@ -47,4 +51,20 @@ class LinkingConfig(BaseModel):
         default_factory=dict,
         description="calibration of the fixed cameras behind spaces in pixels, by name of the space: "
         "their hypotheses are linked to the bodies of a metric space",
+    )
+    noise: Positive = Field(0.3, description="px; noise of a feature whose source does not report it")
+    noise_factor: Positive = Field(
+        2.0, description="noise of a position after many steps, as a multiple of the reported one of a step"
+    )
+    drift: Weight = Field(
+        0.02, description="share of a displacement in the image by which tracking drifts and calibration errs"
+    )
+    outlier_share: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.2, description="share of a hypothesis' members that may be outliers"
+    )
+    no_body_charge: Positive = Field(
+        4.0, description="charge of a feature on none of the bodies, as a multiple of the expected residual"
+    )
+    margin: Weight = Field(
+        6.0, description="nat; by so much a body must explain the members better than all else to be linked"
     )

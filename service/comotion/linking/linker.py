@@ -3,7 +3,7 @@
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis, HypothesisUpdate
 
 from ..arrays import Labels, Slots
-from ..config import Camera
+from ..config import LinkingConfig
 from ..partition import BodyMotion, SpaceSpec
 from ..rigid.poses import Poses
 from ..trajectories.window import Window
@@ -22,7 +22,7 @@ from .image_tracks import sample_tracks
 from .reprojection import log_likelihoods
 
 # Motion must last for seconds before it links anything: more frequent decisions find nothing sooner.
-PERIOD_NS = 500_000_000
+_PERIOD_NS = 500_000_000
 # Members per hypothesis that are compared with the bodies.
 _REPRESENTATIVES = 12
 
@@ -49,12 +49,13 @@ class Linker:
 
     Parameters
     ----------
-    cameras
-        Calibration by name of the camera's space.
+    config
+        Parameters, and the calibration of each camera by name of its space.
     """
 
-    def __init__(self, cameras: Mapping[str, Camera]) -> None:
-        self._cameras = {space: CameraModel(camera) for space, camera in cameras.items()}
+    def __init__(self, config: LinkingConfig) -> None:
+        self._config = config
+        self._cameras = {space: CameraModel(camera) for space, camera in config.cameras.items()}
         self._links: dict[int, int] = {}
         self._due_ns: int | None = None
 
@@ -65,7 +66,7 @@ class Linker:
         space = {h.id: h.space for h in update.hypotheses}
         self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
         if self._due_ns is None or update.stamp_ns >= self._due_ns:
-            self._due_ns = update.stamp_ns + PERIOD_NS
+            self._due_ns = update.stamp_ns + _PERIOD_NS
             self._look(views)
         groups = linked_hypotheses(self._links, space)
         found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
@@ -98,14 +99,17 @@ class Linker:
 
     def _link(self, space: SpaceView, poses: Poses, camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
+        config = self._config
         chosen = representatives(space.labels, space.window.counts(space.current), _REPRESENTATIVES)
-        tracks = sample_tracks(space.window, space.current[chosen], poses.stamps, camera)
-        likelihoods, labels = log_likelihoods(tracks, poses, camera), space.labels[chosen]
+        tracks = sample_tracks(space.window, space.current[chosen], poses.stamps, camera, config)
+        likelihoods = log_likelihoods(tracks, poses, camera, config.no_body_charge)
+        labels = space.labels[chosen]
         fittable = tracks.fittable()
         for image in np.unique(labels).tolist():
             previous = self._links.pop(image, None)
             column = _column(poses.ids, previous)
-            best = decide(body_evidence(likelihoods[fittable & (labels == image)]), column)
+            evidence = body_evidence(likelihoods[fittable & (labels == image)], config.outlier_share)
+            best = decide(evidence, column, config.margin)
             if best is not None and poses.ids[best] >= 0:
                 self._links[image] = int(poses.ids[best])
 

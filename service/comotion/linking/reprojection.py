@@ -16,21 +16,19 @@ from ..rigid.poses import Poses
 from .camera import CameraModel
 from .image_tracks import ImageTracks
 
-_ITERATIONS = 3
+_GAUSS_NEWTON_STEPS = 3
 # Squared residual of a state, in variances, from which on it costs no more.
 _LARGEST_SQUARE = 40.0
-# A trajectory on none of the bodies is charged this many times the expected residual. Chosen on seed 0 of the
-# link experiment, see docs/linking.md, as the next two constants were.
-_NO_BODY_CHARGE = 4.0
 # A camera elsewhere sees other parts of a body than the features it is known by: depths within
 # so many radii of their centroid are credible, and never less than this share of the distance.
+# Chosen on seed 0 of the link experiment, see docs/research/linking.md.
 _DEPTH_RADII = 2.0
 _LEAST_DEPTH_SHARE = 0.05
 # Smallest inverse depth, 1/m, and smallest depth of a visible point, in units of the reference depth.
 _SMALLEST_DEPTH = 1e-3
 
 
-def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel) -> Floats:
+def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel, no_body_charge: float) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
     Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
@@ -43,12 +41,14 @@ def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel) -> F
         Of K bodies, in the axes of the space that the camera's extrinsics lead to.
     camera
         Calibration.
+    no_body_charge
+        Charge of a trajectory on none of the bodies, as a multiple of the expected residual.
     """
     found = np.zeros((len(tracks.frame), len(poses.ids) + 1))
     for k in range(len(poses.ids)):
         found[:, k] = _on_body(tracks, poses, camera, k)
     states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
-    found[:, -1] = -0.5 * _NO_BODY_CHARGE * states
+    found[:, -1] = -0.5 * no_body_charge * states
     return found
 
 
@@ -93,7 +93,7 @@ def _on_body(tracks: ImageTracks, poses: Poses, camera: CameraModel, k: int) -> 
     motion, prior = _motion_and_prior(tracks, poses, camera, k, _middle(seen))
     u = np.column_stack([prior.bearing, prior.inverse_depth])
     information = np.zeros(len(u))
-    for _ in range(_ITERATIONS):
+    for _ in range(_GAUSS_NEWTON_STEPS):
         view = _predict(tracks, motion, u)
         weight = np.where(seen & view.front, 1 / (1 + view.squared / _LARGEST_SQUARE), 0.0) / view.variance
         pull = (prior.inverse_depth - u[:, 2]) / prior.spread**2

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
 from .kernels.records import RowArrays
-from .kernels.registration import COLUMNS, move_rows, normal_equations, pose_information
+from .kernels.registration import UNKNOWNS, move_rows, normal_equations, pose_information
 from .procrustes import Body
 from .resampling import Frames
 
@@ -37,7 +37,7 @@ _PLANAR = np.array([2, 3, 4, 6])
 _TEMPERATURE = 2.0
 # nat; by so much the evidence must speak against what is in force before it is replaced, by the scale of
 # Kass and Raftery (1995), "Bayes factors": very strong.
-_MARGIN = 5.0
+_REPLACEMENT_MARGIN = 5.0
 # Fits of an offset; groups that contradict the first are left out of the next.
 _FITS = 2
 
@@ -100,7 +100,7 @@ class View:
     @cached_property
     def unknowns(self) -> Ints:
         """Indices of the unknowns that exist."""
-        return np.arange(COLUMNS) if self.frames.dim == 3 else _PLANAR
+        return np.arange(UNKNOWNS) if self.frames.dim == 3 else _PLANAR
 
     @cached_property
     def prior(self) -> Floats:
@@ -152,9 +152,9 @@ def explained(view: View, before: Offset) -> Offset:
         The offset by which the frames of `view` are corrected.
     """
     none = Offset.none(before.pivot)
-    starts, margin = [_start(view, before, before)], _MARGIN
+    starts, margin = [_start(view, before, before)], _REPLACEMENT_MARGIN
     if before.vector.any():
-        starts, margin = [*starts, _start(view, none, before)], -_MARGIN
+        starts, margin = [*starts, _start(view, none, before)], -_REPLACEMENT_MARGIN
     offset, cost = min((_fit(view, start) for start in starts), key=lambda fit: fit[1])
     still = np.zeros(len(view.prior))
     without = -sum(one.gain(still) for one in starts[-1].matched)
@@ -197,7 +197,7 @@ def _fit(view: View, start: _Start) -> tuple[Offset, float]:
     total = start.at + step
     cost = 0.5 * (total @ P @ total) - sum(one.gain(step) for one in start.matched)
     cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
-    full = np.zeros(COLUMNS)
+    full = np.zeros(UNKNOWNS)
     full[view.unknowns] = np.linalg.solve(left + P, left @ step)
     return start.offset.after(full), float(cost)
 
@@ -215,7 +215,7 @@ def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -
 
 def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> _Equations:
     """Equations of rows and one body."""
-    left, right = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
+    left, right = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
     frames = view.frames
     poses = view.bodies[k].poses, view.information[k]
     terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, LEAST_FRAMES

@@ -5,7 +5,7 @@ from collections import deque
 # Updates whose durations are remembered: two seconds of them at the default period.
 _REMEMBERED = 20
 # Single updates, with births or splits, take longer than any of those before them.
-_MARGIN = 1.5
+_SLOWER = 1.5
 
 
 class Ticker:
@@ -43,7 +43,7 @@ class HeadStart:
     @property
     def ns(self) -> int:
         """Nanoseconds before the deadline."""
-        return min(round(_MARGIN * max(self._durations, default=0)), self._longest_ns)
+        return min(round(_SLOWER * max(self._durations, default=0)), self._longest_ns)
 
     def note(self, duration_ns: int) -> None:
         """Take note of how long the work has taken."""

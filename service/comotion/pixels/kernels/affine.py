@@ -19,7 +19,7 @@ _ROUNDS = 3
 # px; smallest standard deviation that the members of a group are credited with.
 _NOISE_PX = 0.3
 # Median of the sum of two squared standard normal deviates, 2 ln 2.
-_CHI2_MEDIAN = 1.386
+_CHI2_MEDIAN_2D = 1.386
 # The activity of a frame pair is a mean over every eighth local motion: they differ little in it, and
 # one trajectory of one development sequence changed its group.
 _ACTIVITY_STEP = 8
@@ -232,7 +232,7 @@ def _robust_fit(
             if np.count_nonzero(w[:, q]) >= _LEAST_GROUP_MEMBERS:
                 square = _square(fields[:, q], x[:, q], y[:, q], u[:, q], v[:, q])
                 typical = np.median(square[w[:, q] > 0])
-                variance[q] = max(typical / _CHI2_MEDIAN, _NOISE_PX**2)
+                variance[q] = max(typical / _CHI2_MEDIAN_2D, _NOISE_PX**2)
                 w[:, q] = np.where(w[:, q] > 0, 1 / (1 + square / (4 * variance[q])), 0.0)
     return means, moments, fields, variance
 

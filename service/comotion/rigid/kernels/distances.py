@@ -6,7 +6,7 @@ from ...arrays import Floats, Ints
 from ...compiled import compiled
 
 # Beyond this squared distance, in bandwidths, a Gaussian is below 1e-300, which is added to the sum.
-_NEGLIGIBLE = 1400.0
+_LARGEST_EXPONENT = 1400.0
 
 
 @compiled()
@@ -111,6 +111,6 @@ def gaussian_sums(x: Floats, b: Floats, points: Ints, members: Ints, weight: Flo
             squared = 0.0
             for c in range(x.shape[1]):
                 squared += (x[i, c] - b[j, c]) ** 2
-            if points[i] != members[j] and squared < _NEGLIGIBLE:
+            if points[i] != members[j] and squared < _LARGEST_EXPONENT:
                 found[i] += weight[j] * np.exp(-0.5 * squared)
     return found

@@ -6,7 +6,7 @@ from ...arrays import Floats, Ints
 from ...compiled import compiled
 from .records import PoseArrays, RowArrays
 
-COLUMNS = 7
+UNKNOWNS = 7
 """Unknowns: rotation vector, shift and delay."""
 # Unknowns of the error of a pose, and what is added to the mean of their information where it is singular.
 _POSE = 6
@@ -56,8 +56,8 @@ def normal_equations(
     R, t, posed = poses
     squared, coordinates = 0.0, 0.0
     seen = np.empty(len(seconds), np.intp)
-    design, z = np.empty((len(seconds), 3, COLUMNS)), np.empty((len(seconds), 3))
-    pose, cross = information.copy(), np.zeros((len(seconds), _POSE, COLUMNS + 1))
+    design, z = np.empty((len(seconds), 3, UNKNOWNS)), np.empty((len(seconds), 3))
+    pose, cross = information.copy(), np.zeros((len(seconds), _POSE, UNKNOWNS + 1))
     for n in range(len(rows)):
         i, count = rows[n], 0
         for f in range(len(seconds)):
@@ -127,9 +127,9 @@ def _add_pose(A: Floats, r: Floats, J: Floats, inverse: float, pose: Floats, cro
                 continue
             for q in range(_POSE):
                 pose[p, q] += a * J[c, q]
-            for q in range(COLUMNS):
+            for q in range(UNKNOWNS):
                 cross[p, q] += a * A[c, q]
-            cross[p, COLUMNS] += a * r[c]
+            cross[p, UNKNOWNS] += a * r[c]
 
 
 @compiled()
@@ -137,15 +137,15 @@ def _eliminate(
     before: Floats, pose: Floats, cross: Floats, left: Floats, right: Floats
 ) -> tuple[float, float]:
     """Take the pose of a frame out of the equations; return the squared residual and coordinates it takes."""
-    both = np.empty((_POSE, COLUMNS + 1 + _POSE))
-    both[:, : COLUMNS + 1] = cross
-    both[:, COLUMNS + 1 :] = pose - before
+    both = np.empty((_POSE, UNKNOWNS + 1 + _POSE))
+    both[:, : UNKNOWNS + 1] = cross
+    both[:, UNKNOWNS + 1 :] = pose - before
     regular = pose + _RIDGE * np.trace(pose) / _POSE * np.eye(_POSE)
     solved = np.linalg.solve(regular, both)
-    taken = cross.T @ np.ascontiguousarray(solved[:, : COLUMNS + 1])
-    left -= taken[:COLUMNS, :COLUMNS]
-    right += taken[:COLUMNS, COLUMNS]
-    return taken[COLUMNS, COLUMNS], np.trace(solved[:, COLUMNS + 1 :])
+    taken = cross.T @ np.ascontiguousarray(solved[:, : UNKNOWNS + 1])
+    left -= taken[:UNKNOWNS, :UNKNOWNS]
+    right += taken[:UNKNOWNS, UNKNOWNS]
+    return taken[UNKNOWNS, UNKNOWNS], np.trace(solved[:, UNKNOWNS + 1 :])
 
 
 @compiled()
@@ -191,23 +191,23 @@ def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats)
     residual, float64 [4].
     """
     count = len(z)
-    mean, middle = np.zeros((3, COLUMNS)), np.zeros(4)
+    mean, middle = np.zeros((3, UNKNOWNS)), np.zeros(4)
     for k in range(count):
         for c in range(3):
             middle[c] += z[k, c] / count
-            for p in range(COLUMNS):
+            for p in range(UNKNOWNS):
                 mean[c, p] += design[k, c, p] / count
     for k in range(count):
         for c in range(3):
             z[k, c] -= middle[c]
             r = z[k, c]
             middle[3] += r * r * inverse
-            for p in range(COLUMNS):
+            for p in range(UNKNOWNS):
                 design[k, c, p] -= mean[c, p]
-            for p in range(COLUMNS):
+            for p in range(UNKNOWNS):
                 a = design[k, c, p] * inverse
                 right[p] -= a * r
-                for q in range(COLUMNS):
+                for q in range(UNKNOWNS):
                     left[p, q] += a * design[k, c, q]
     return middle
 
