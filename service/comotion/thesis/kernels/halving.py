@@ -24,7 +24,7 @@ def _chunk_bounds(size: int, chunks: int) -> Slots:
     return bounds
 
 
-@compiled(parallel=True)
+@compiled()
 def gather(
     matrix: Matrix,
     members: Slots,
@@ -64,12 +64,29 @@ def gather(
     sums, part_sums = np.zeros((chunks, n), np.float32), np.zeros((chunks, n), np.float32)
     least = np.ones(chunks, np.float32)
     if shared:
-        for k in numba_range(chunks):
-            span = bounds[k], bounds[k + 1]
-            least[k] = _gather_rows(matrix, columns, in_place, room, weight, span, sums[k], part_sums[k])
+        _gather_chunks(matrix, columns, in_place, room, weight, bounds, sums, part_sums, least)
     else:
         least[0] = _gather_rows(matrix, columns, in_place, room, weight, (0, n), sums[0], part_sums[0])
     return _total(sums), _total(part_sums), least.min()
+
+
+# The loops over chunks are functions of their own: in larger ones Numba wakes the other threads even where
+# it does not come to the loop, which takes milliseconds on a loaded machine.
+@compiled(parallel=True)
+def _gather_chunks(
+    matrix: Matrix,
+    members: NDArray[np.uint32],
+    in_place: bool,
+    room: Matrix,
+    weight: Matrix,
+    bounds: Slots,
+    sums: Matrix,
+    part_sums: Matrix,
+    least: Matrix,
+) -> None:
+    for k in numba_range(len(least)):
+        span = bounds[k], bounds[k + 1]
+        least[k] = _gather_rows(matrix, members, in_place, room, weight, span, sums[k], part_sums[k])
 
 
 @compiled(fastmath={"contract"})
@@ -110,7 +127,7 @@ def _gather_rows(
     return float(min(lowest, lows.min()))
 
 
-@compiled(parallel=True)
+@compiled()
 def multiply(matrix: Matrix, vector: Matrix, shared: bool) -> Floats:
     """Product of a symmetric matrix, float32 [n, n] or larger, and a vector, float32 [n]: float64 [n].
 
@@ -120,11 +137,16 @@ def multiply(matrix: Matrix, vector: Matrix, shared: bool) -> Floats:
     bounds = _chunk_bounds(n, chunks)
     products = np.zeros((chunks, n), np.float32)
     if shared:
-        for k in numba_range(chunks):
-            _multiply_rows(matrix, vector, bounds[k], bounds[k + 1], products[k])
+        _multiply_chunks(matrix, vector, bounds, products)
     else:
         _multiply_rows(matrix, vector, 0, n, products[0])
     return _total(products)
+
+
+@compiled(parallel=True)
+def _multiply_chunks(matrix: Matrix, vector: Matrix, bounds: Slots, products: Matrix) -> None:
+    for k in numba_range(len(products)):
+        _multiply_rows(matrix, vector, bounds[k], bounds[k + 1], products[k])
 
 
 @compiled(fastmath={"contract"})
