@@ -23,7 +23,7 @@ from .watch_view import number
 POLL_S = 0.1
 REPORT_S = 1.0
 FIRST_UPDATE_TIMEOUT_S = 10.0
-"""Least time that a run of limited duration waits for its first update."""
+"""Least time that a run of limited duration waits for a router, and for its first update."""
 
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
@@ -117,6 +117,8 @@ def evaluate(
 
     Raises
     ------
+    TimeoutError
+        With a duration, if no router answers.
     ValueError
         If no update was received, or none could be scored because no source publishes truth.
     """
@@ -127,6 +129,7 @@ def evaluate(
         scene=scene,
         settings=settings,
         ready_file=options.ready_file,
+        connect_timeout=None if options.duration is None else FIRST_UPDATE_TIMEOUT_S,
     )
     with presence as component:
         feed = _Feed(component.session, scene, options.on_update)

@@ -30,6 +30,7 @@ from .commands import (
     watch,
 )
 from .errors import UserError, one_line
+from .folded_help import helped
 
 app = typer.Typer(
     name="comotion",
@@ -84,7 +85,7 @@ def run(arguments: Sequence[str]) -> int:
     Any other error is a defect; its traceback is shown.
     """
     try:
-        result = app(list(arguments), prog_name="comotion", standalone_mode=False)
+        result = helped(app, arguments)(prog_name="comotion", standalone_mode=False)
     except typer.TyperException as error:
         return _fail(error.format_message(), error)
     except (UserError, ValueError, OSError) as error:

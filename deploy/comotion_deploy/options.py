@@ -80,10 +80,19 @@ Connect = Annotated[
 Listen = Annotated[
     list[str] | None,
     typer.Option(
+        # Not from the environment, which is the router's: another process would take its port.
+        "--listen",
+        metavar="ENDPOINT",
+        help="Also act as a router, at this endpoint; may be repeated.",
+    ),
+]
+RouterListen = Annotated[
+    list[str] | None,
+    typer.Option(
         "--listen",
         envvar="COMOTION_LISTEN",
         metavar="ENDPOINT",
-        help="Also act as a router, at this endpoint; may be repeated.",
+        help="Endpoint of the router; may be repeated.",
     ),
 ]
 Tls = Annotated[

@@ -145,11 +145,15 @@ class Component:
         Top-level keys of the Zenoh configuration to add or replace.
     has_token
         Whether it declares its liveliness token; False: the caller does.
+    connect_timeout
+        s to wait for a router on entry; None: no limit.
 
     Raises
     ------
     ValueError
         If the name of the scene or component is not valid, or the certificate is for another component.
+    TimeoutError
+        On entry, if no router answers in time.
     SystemExit
         On entry, with status 0, if a signal arrives before a router is available.
     """
@@ -166,6 +170,7 @@ class Component:
         session_id: str | None = None,
         overrides: dict[str, Any] | None = None,
         has_token: bool = True,
+        connect_timeout: float | None = None,
     ) -> None:
         self.keys = Keys(scene)
         self.role: Role = role
@@ -175,6 +180,7 @@ class Component:
         self.last_status: Status | None = None
         self._live_key = self.keys.live(role, name)
         self._has_token = has_token
+        self._connect_timeout = connect_timeout
         self._settings = settings or client_settings()
         identity = None if self._settings.tls is None else self._settings.tls.identity
         if identity is not None:
@@ -255,8 +261,11 @@ class Component:
 
     def _connect(self) -> zenoh.Session:
         try:
-            return connect(self._settings, self._overrides, given_up=self.stop)
-        except TimeoutError:  # a signal arrived
+            return connect(self._settings, self._overrides, timeout=self._connect_timeout, given_up=self.stop)
+        except TimeoutError:
+            if not self.stop.is_set():
+                raise
+            # A signal arrived.
             raise SystemExit(0) from None
 
     def _start_status(self, stack: ExitStack) -> None:

@@ -225,3 +225,12 @@ def test_metrics_of_service_and_sources_feed_the_dashboard(
     for page in pages:
         ticks = [line for line in page.splitlines() if line.startswith("comotion_tick_seconds_count")]
         assert len(ticks) == (page is pages[0])
+
+
+def test_a_scene_that_is_not_there_is_no_recording(start, endpoint, tmp_path) -> None:
+    process = start(
+        "record", tmp_path / "x.mcap", "--scene", "typo", "--duration", 0.3, "--connect", endpoint
+    )
+    assert process.wait() == 2
+    assert process.lines[-1] == "error: no message was received in scene 'typo': nothing was recorded"
+    assert list(tmp_path.iterdir()) == []

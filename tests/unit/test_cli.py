@@ -356,3 +356,48 @@ def test_help_shows_all_its_words() -> None:
         for text in (command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)):
             assert Text.from_markup(text or "").plain == (text or "")
     assert len(commands) > 15
+
+
+def test_options_that_all_commands_share_fold_away(capsys) -> None:
+    assert run(["source", "klt", "--help"]) == 0
+    short = capsys.readouterr().out
+    assert run(["source", "klt", "--help-all"]) == 0
+    whole = capsys.readouterr().out
+    assert "--help-all" in short
+    assert "--max-features" in short
+    for word in ("--connect", "--log-level", "COMOTION_"):
+        assert word not in short.replace("(--connect, --config, --log-level", "")
+        assert word in whole
+    assert len(short.splitlines()) < 0.7 * len(whole.splitlines())
+
+
+def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:
+    monkeypatch.setenv("COMOTION_LISTEN", "tcp/127.0.0.1:7447")
+    commands = {"": typer.main.get_command(app)}
+    commands |= {f"source {name}": one for name, one in commands[""].commands["source"].commands.items()}
+    commands |= commands[""].commands
+    reads = {name for name, one in commands.items() for p in one.params if p.envvar == "COMOTION_LISTEN"}
+    assert reads == {"router"}
+
+
+def test_a_misspelt_parameter_of_a_former_group_gets_a_suggestion(capsys) -> None:
+    assert "did you mean rigid.looseness?" in refused(capsys, "config", "--set", "motion.loosenes=1")
+
+
+def test_evaluate_prints_the_names_of_the_plots_that_it_writes(tmp_path, capsys) -> None:
+    pytest.importorskip("matplotlib")
+    arguments = ["--duration", "0.6", "--period", "0.3", "--plot", str(tmp_path / "x.png")]
+    assert run(["evaluate", "sim:fig4_1", "sim:fig4_3", *arguments]) == 0
+    printed = [line.partition(": ")[2] for line in capsys.readouterr().out.splitlines() if "plot: " in line]
+    assert sorted(printed) == sorted(str(path) for path in tmp_path.iterdir())
+    assert len(printed) == 2
+
+
+def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
+    from comotion_clients import evaluate
+    from comotion_schemas.transport import SessionSettings
+
+    monkeypatch.setattr(evaluate, "FIRST_UPDATE_TIMEOUT_S", 0.2)
+    how = evaluate.EvaluateOptions(duration=0.1, quiet=True)
+    with pytest.raises(TimeoutError):
+        evaluate.evaluate("typo", SessionSettings(connect=("tcp/127.0.0.1:1",)), how)

@@ -255,7 +255,7 @@ def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
     for path, words in (
         (text, "not an .npz archive"),
         (array, "not an .npz archive"),
-        (video, "the suffix is not one of .c3d, .npz"),
+        (video, "its ending is not one of .c3d, .npz, .mcap"),
         (tmp_path / "none.c3d", "No such file"),
         (tmp_path, "suffix|directory"),
     ):

@@ -169,7 +169,7 @@ def record(
     Raises
     ------
     ValueError
-        If the name of the scene or recorder is not valid.
+        If the name of the scene or recorder is not valid, or nothing was received.
     OSError
         If a file exists or cannot be created.
     StorageError
@@ -199,6 +199,10 @@ def record(
     except BaseException:
         series.abandon()
         raise
+    if not series.counts.total:
+        for path in series.paths:
+            path.unlink()
+        raise ValueError(f"no message was received in scene {scene!r}: nothing was recorded")
     return recorder.result()
 
 

@@ -120,7 +120,7 @@ def evaluate(
         return
     from rich.console import Console
 
-    from comotion_experiments.evaluate import as_json, evaluate_inputs, table
+    from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
     from comotion_experiments.inputs import find_inputs, parse_seeds
     from comotion_sources.parts import parse_rates
 
@@ -137,7 +137,9 @@ def evaluate(
         _print_json(as_json(results, config, period))
     else:
         Console(width=None if sys.stdout.isatty() else 120).print(table(results))
-        _print_plot_path(plot)
+        if plot is not None:
+            for one in inputs:
+                _print_plot_path(plot_path(plot, one, several=len(inputs) > 1))
 
 
 def _live(

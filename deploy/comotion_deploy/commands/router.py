@@ -41,7 +41,7 @@ def router(
             help="Mutual TLS and access rules from the certificates in this folder of 'comotion pki'.",
         ),
     ] = None,
-    listen: options.Listen = None,
+    listen: options.RouterListen = None,
     connect: Annotated[
         list[str] | None,
         typer.Option(

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from comotion_schemas.recording import SUFFIX
+
 from ..errors import RecordingError
 from .recording import Recording
 from .streams import recording_batches, recording_streams
@@ -35,5 +37,6 @@ def _read(path: Path) -> Recording:
     readers = {".c3d": read_c3d, ".npz": read_npz}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise RecordingError(f"the suffix is not one of {', '.join(readers)}")
+        # A recorded scene has readers of its own; it is accepted wherever these are.
+        raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
     return reader(path)
