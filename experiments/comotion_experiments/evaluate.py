@@ -18,6 +18,7 @@ from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary, finite_or_none
 from comotion_schemas import HypothesisUpdate, Joint, encode
 
+from .brox_malik import compare
 from .inputs import Input
 from .offline import OnUpdate, Run, run_offline
 from .plot import Trace, save_plot
@@ -36,7 +37,10 @@ _MEANS = (
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates; joints of the last."""
+    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates; joints of the last.
+
+    `compared`: mean NMI of the comparator by clustering, if it was asked for.
+    """
 
     name: str
     seed: int | None
@@ -46,6 +50,7 @@ class Evaluated:
     seconds: float
     digest: str
     joints: list[Joint]
+    compared: dict[str, float]
 
     def values(self) -> dict[str, Any]:
         """Convert to plain numbers."""
@@ -60,6 +65,7 @@ def evaluate_inputs(
     duration: float | None = None,
     plot: Path | None = None,
     progress: bool = True,
+    comparator: bool = False,
 ) -> list[Evaluated]:
     """Run every input through the core.
 
@@ -75,6 +81,8 @@ def evaluate_inputs(
         Path of the plot; with several inputs the name of the input is added.
     progress
         Show a progress bar if standard error is a terminal.
+    comparator
+        Score the affinity of Brox and Malik as well.
 
     Raises
     ------
@@ -90,7 +98,8 @@ def evaluate_inputs(
             )
         except ValueError as error:
             raise ValueError(f"{one.name}: {error}") from None
-        results.append(_evaluated(one, run, digest.hexdigest()))
+        compared = compare(one.open(), duration).means() if comparator else {}
+        results.append(_evaluated(one, run, digest.hexdigest(), compared))
         if plot is not None:
             _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
     return results
@@ -104,7 +113,7 @@ def _tee(trace: Trace, digest: "hashlib._Hash") -> OnUpdate:
     return on_update
 
 
-def _evaluated(one: Input, run: Run, digest: str) -> Evaluated:
+def _evaluated(one: Input, run: Run, digest: str, compared: dict[str, float]) -> Evaluated:
     return Evaluated(
         name=one.name,
         seed=one.seed,
@@ -114,6 +123,7 @@ def _evaluated(one: Input, run: Run, digest: str) -> Evaluated:
         seconds=float(run.seconds[-1]),
         digest=digest,
         joints=run.joints,
+        compared=compared,
     )
 
 
@@ -184,6 +194,7 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
                 **finite_or_none(r.values()),
                 "updates_sha256": r.digest,
                 "joints": [plain(joint) for joint in r.joints],
+                **({"brox_malik": finite_or_none(r.compared)} if r.compared else {}),
             }
             for r in results
         ],
@@ -197,10 +208,11 @@ def table(results: Sequence[Evaluated]) -> Table:
     found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     found.add_column("file", no_wrap=True)
     titles = ("mean NMI", *(("± seeds",) if seeded else ()), "final NMI", "error %", "K found", "K true")
-    for title in (*titles, "switches/100", "ms/update"):
+    for title in (*titles, "switches/100", "ms/update", *_compared_titles(results)):
         found.add_column(title, justify="right", no_wrap=True)
     for name, members in group(results).items():
-        found.add_row(_label(name, 28), *_cells(averages(members), members, seeded=seeded))
+        cells = _cells(averages(members), members, seeded=seeded)
+        found.add_row(_label(name, 28), *cells, *_compared(members))
     if len(group(results)) > 1:
         found.add_section()
         found.add_row("overall", *_cells(overall(results), (), seeded=seeded), style="bold")
@@ -219,6 +231,15 @@ def _cells(row: Mapping[str, float], members: Sequence[Evaluated], *, seeded: bo
         _number(row["switches_per_100"], 2),
         _number(row["ms_per_update"], 1),
     ]
+
+
+def _compared_titles(results: Sequence[Evaluated]) -> list[str]:
+    return [f"Brox-Malik, {name}" for name in results[0].compared] if results else []
+
+
+def _compared(members: Sequence[Evaluated]) -> list[str]:
+    """Mean NMI of the comparator over seeds, by clustering."""
+    return [_number(_mean([one.compared[name] for one in members]), 3) for name in members[0].compared]
 
 
 def _number(value: float, digits: int) -> str:

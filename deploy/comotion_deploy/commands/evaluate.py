@@ -22,12 +22,14 @@ Examples:
 
   comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
 
+  comotion evaluate sim:3d_3 --compare   # with a comparator
+
   comotion evaluate take.mcap   # what comotion record has written
 
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
 
-_OFFLINE_ONLY = ("method", "assignments", "period", "seeds", "split", "rate", "as_received")
+_OFFLINE_ONLY = ("method", "assignments", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
@@ -89,6 +91,15 @@ def evaluate(
             "Default: in the order of acquisition.",
         ),
     ] = False,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            envvar="COMOTION_COMPARE",
+            help="Score the affinity of Brox and Malik as well, with spectral clustering (number of objects "
+            "given) and with divisive k-means.",
+        ),
+    ] = False,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -132,7 +143,7 @@ def evaluate(
         )
     except ImportError as error:
         raise missing_extra("record", error) from None
-    results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot)
+    results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot, comparator=compare)
     if json_:
         _print_json(as_json(results, config, period))
     else:

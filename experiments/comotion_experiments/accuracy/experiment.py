@@ -9,6 +9,7 @@ import numpy as np
 from comotion import FusionConfig
 from comotion.config import RigidConfig, ThesisConfig
 
+from ..brox_malik import CLUSTERINGS, compare
 from .cases import Case
 from .linkage import linkage_nmi
 from .motion import MotionErrors, motion_errors
@@ -48,11 +49,15 @@ class Variation:
 
 @dataclass
 class Results:
-    """Outcomes by case name and method, in the order of seeds, and the other parts of the report."""
+    """Outcomes by case name and method, in the order of seeds, and the other parts of the report.
+
+    `compared`: mean NMI of the comparator by case and clustering.
+    """
 
     experiment: Experiment
     outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
     linkage: dict[str, Array] = field(default_factory=dict)
+    compared: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     motion: MotionErrors = field(default_factory=MotionErrors)
     variations: list["Variation"] = field(default_factory=list)
 
@@ -69,6 +74,8 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
         results.outcomes[case.name, REFERENCE] = [
             run_case(case, config, seed, fusion=ReferenceFusion) for seed in seeds
         ]
+        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
+        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
         if case.group == "recordings":
             results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
     progress("pose and twist")

@@ -18,7 +18,13 @@ def markdown(results: Results, picture: str) -> str:
     """Format the report; `picture` is the path of the reliability diagram."""
     present = {case.group for case in results.experiment.cases}
     parts = [_head(results), *(_table(results, group) for group in _GROUPS if group in present)]
-    parts += [_respawn(results), _motion(results), _reliability(results, picture), _robustness(results)]
+    parts += [
+        _compared(results),
+        _respawn(results),
+        _motion(results),
+        _reliability(results, picture),
+        _robustness(results),
+    ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -85,6 +91,26 @@ def _late(outcome: Outcome) -> float:
 def _spread(values: list[float]) -> str:
     mean = statistics.fmean(values)
     return f"{mean:.3f} ± {statistics.pstdev(values):.3f}" if len(values) > 1 else f"{mean:.3f}"
+
+
+def _compared(results: Results) -> str:
+    """The comparator on every case, mean over seeds, beside the default method."""
+    if not results.compared:
+        return ""
+    clusterings = list(next(iter(results.compared.values())))
+    lines = [
+        "## Brox and Malik's affinity",
+        "",
+        "Mean NMI at every second on the trajectories of the window; spectral clustering is given the number",
+        "of objects. Lengths in metres are scaled so that a scene is as wide as an image.",
+        "",
+        "| | default | " + " | ".join(clusterings) + " |",
+        "|---|---|" + "---|" * len(clusterings),
+    ]
+    for name, found in results.compared.items():
+        ours = _spread([o.mean for o in results.outcomes[name, DEFAULT]])
+        lines.append(f"| {name} | {ours} | " + " | ".join(_spread(found[c]) for c in clusterings) + " |")
+    return "\n".join(lines)
 
 
 def _respawn(results: Results) -> str:

@@ -9,7 +9,14 @@ import numpy as np
 from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
 
-from .methods import engine, one_object, spectral_distance, spectral_interaction
+from .methods import (
+    divisive_brox_malik,
+    engine,
+    one_object,
+    spectral_brox_malik,
+    spectral_distance,
+    spectral_interaction,
+)
 from .sequences import Sequence
 
 LENGTHS: tuple[int | None, ...] = (None, 10, 20, 30)
@@ -17,6 +24,8 @@ BASELINES = {
     "one object": one_object,
     "spectral, distance variance, K given": spectral_distance,
     "spectral, shape interaction, K given": spectral_interaction,
+    "spectral, Brox and Malik, K given": spectral_brox_malik,
+    "divisive k-means, Brox and Malik": divisive_brox_malik,
 }
 OURS = "comotion, K unknown"
 # What cross-validation chooses from: the defaults, and what matters most one step down and up.

@@ -15,6 +15,8 @@ from comotion.pixels.method import PixelMethod
 from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
 
+from ..brox_malik import affinity as pair_affinity
+from ..brox_malik.comparison import divisive
 from .sequences import Sequence
 
 Labels = NDArray[np.int64]
@@ -74,6 +76,16 @@ def spectral_interaction(sequence: Sequence) -> Labels:
     vectors = subspace(frames, min(4 * sequence.objects(), 2 * len(frames.positions)), 6, 60)
     vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), 1e-12)
     return _spectral(np.abs(vectors.T @ vectors).astype(np.float64) ** 4, sequence.objects())
+
+
+def spectral_brox_malik(sequence: Sequence) -> Labels:
+    """Spectral clustering of the affinity of Brox and Malik (2010), K given."""
+    return _spectral(pair_affinity(sequence.positions, pixels=True), sequence.objects())
+
+
+def divisive_brox_malik(sequence: Sequence) -> Labels:
+    """Divisive k-means of the affinity of Brox and Malik (2010)."""
+    return divisive(pair_affinity(sequence.positions, pixels=True), 0).astype(np.int64)
 
 
 def _key_frames(sequence: Sequence) -> KeyFrames:

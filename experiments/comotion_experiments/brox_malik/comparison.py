@@ -1,0 +1,171 @@
+"""Messages in, NMI of the comparator over time out: on the trajectories of the window, at every second."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.cluster import SpectralClustering
+
+from comotion.config import ThesisConfig
+from comotion.thesis.affinity import Affinity
+from comotion.thesis.clustering import make_clustering
+from comotion_clients.metrics import Truth, nmi
+from comotion_schemas import ObservationBatch, TruthBatch
+
+from ..offline import Arrived, Incoming
+from .pair_affinity import Floats, affinity
+
+Labels = NDArray[np.intp]
+Track = tuple[str, str, int]
+
+WINDOW_S, RATE_HZ, EVERY_S = 10.0, 15.0, 1.0
+# s; nothing is interpolated across a longer gap, and what was not seen for so long is not current.
+_GAP_S = 0.5
+# Current trajectories with fewer frames in the window show no motion over five of them.
+_LEAST_FRAMES = 8
+
+
+def spectral(matrix: Floats, count: int) -> Labels:
+    """Spectral clustering (scikit-learn), the number of objects given."""
+    if count < 2 or len(matrix) <= count:
+        return np.zeros(len(matrix), np.intp)
+    # Without any affinity between groups the graph falls apart, which is no defect here.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        clustering = SpectralClustering(count, affinity="precomputed", random_state=0)
+        return np.asarray(clustering.fit_predict(np.maximum(matrix, 1e-9)), np.intp)
+
+
+def divisive(matrix: Floats, count: int) -> Labels:
+    """Divisive k-means of the thesis, which finds the number itself."""
+    del count
+    cluster = make_clustering("divisive-kmeans", ThesisConfig().stop_affinity)
+    return cluster(Affinity.of(matrix)).labels
+
+
+CLUSTERINGS: dict[str, Callable[[Floats, int], Labels]] = {
+    "spectral, K given": spectral,
+    "divisive k-means": divisive,
+}
+
+
+@dataclass
+class Comparison:
+    """NMI at every second, by clustering."""
+
+    seconds: list[float] = field(default_factory=list)
+    scores: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in CLUSTERINGS})
+
+    def means(self) -> dict[str, float]:
+        """Mean NMI over time, NaN where nothing could be scored."""
+        return {name: float(np.mean(found)) if found else math.nan for name, found in self.scores.items()}
+
+
+@dataclass
+class _History:
+    """Observations of one trajectory."""
+
+    t: list[float] = field(default_factory=list)
+    x: list[Floats] = field(default_factory=list)
+
+
+class _Scene:
+    """Trajectories by space, as far as they have been seen."""
+
+    def __init__(self) -> None:
+        self.truth = Truth()
+        self.units: dict[str, str] = {}
+        self._tracks: dict[str, dict[Track, _History]] = {}
+
+    def add(self, batch: ObservationBatch, start_ns: int) -> None:
+        self.units[batch.space] = batch.unit
+        space = self._tracks.setdefault(batch.space, {})
+        stamps = np.full(len(batch.ids), batch.stamp_ns) if batch.stamps_ns is None else batch.stamps_ns
+        for one, stamp, x in zip(batch.ids.tolist(), stamps.tolist(), batch.positions, strict=True):
+            history = space.setdefault((batch.source, batch.session, one), _History())
+            history.t.append((stamp - start_ns) * 1e-9)
+            history.x.append(x.astype(np.float64))
+
+    def window(self, space: str, now: float) -> tuple[Floats, NDArray[np.int32]]:
+        """Positions [F, N, dim] of the current trajectories over the window, and their true objects [N]."""
+        tracks = self._tracks[space]
+        for key in [key for key, one in tracks.items() if one.t[-1] < now - _GAP_S]:
+            del tracks[key]
+        frames = np.arange(max(0.0, now - WINDOW_S), now + 1e-9, 1 / RATE_HZ)
+        columns, objects = [], []
+        for (source, session, one), history in tracks.items():
+            column = _resampled(history, frames)
+            if np.isfinite(column[:, 0]).sum() >= _LEAST_FRAMES:
+                columns.append(column)
+                objects.append(int(self.truth.objects((source, session), np.array([one], np.uint64))[0]))
+        if not columns:
+            return np.zeros((len(frames), 0, 2)), np.zeros(0, np.int32)
+        return np.stack(columns, axis=1), np.array(objects, np.int32)
+
+
+def _resampled(history: _History, frames: Floats) -> Floats:
+    t, x = np.array(history.t), np.array(history.x)
+    order = np.argsort(t, kind="stable")
+    t, x = t[order], x[order]
+    found = np.column_stack([np.interp(frames, t, column) for column in x.T])
+    after = np.searchsorted(t, frames).clip(1, max(len(t) - 1, 1))
+    gap = t[np.minimum(after, len(t) - 1)] - t[after - 1]
+    found[(frames < t[0]) | (frames > t[-1] + 1 / RATE_HZ) | (gap > _GAP_S)] = np.nan
+    return found
+
+
+def compare(messages: Iterable[Incoming], duration: float | None = None) -> Comparison:
+    """Score the affinity of Brox and Malik with each clustering at every second.
+
+    Parameters
+    ----------
+    messages
+        Of an offline run, in time order.
+    duration
+        Seconds; all by default.
+    """
+    scene, found = _Scene(), Comparison()
+    start_ns: int | None = None
+    due = 1
+    for one in messages:
+        message = one.batch if isinstance(one, Arrived) else one
+        if isinstance(message, TruthBatch):
+            scene.truth.add(message)
+            continue
+        start_ns = message.stamp_ns if start_ns is None else start_ns
+        seconds = (message.stamp_ns - start_ns) * 1e-9
+        while seconds > due * EVERY_S and (duration is None or due * EVERY_S <= duration):
+            _score(scene, due * EVERY_S, found)
+            due += 1
+        if duration is not None and seconds > duration:
+            break
+        scene.add(message, start_ns)
+    return found
+
+
+def _score(scene: _Scene, now: float, found: Comparison) -> None:
+    """Score all spaces together; a cluster is of one space."""
+    labels: dict[str, list[Labels]] = {name: [] for name in CLUSTERINGS}
+    truths: list[NDArray[np.int32]] = []
+    for space, unit in sorted(scene.units.items()):
+        positions, objects = scene.window(space, now)
+        if positions.shape[1] < 2:
+            continue
+        matrix = affinity(positions, pixels=unit == "px")
+        count = len(np.unique(objects[objects >= 0]))
+        for name, cluster in CLUSTERINGS.items():
+            offset = sum(int(part.max()) + 1 for part in labels[name])
+            labels[name].append(cluster(matrix, count) + offset)
+        truths.append(objects)
+    if not truths:
+        return
+    objects = np.concatenate(truths)
+    scored = objects >= 0
+    if scored.sum() < 2:
+        return
+    found.seconds.append(now)
+    for name, chosen in labels.items():
+        found.scores[name].append(nmi(np.concatenate(chosen)[scored], objects[scored]))
