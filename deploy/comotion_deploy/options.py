@@ -8,7 +8,6 @@ command are in the table of its name (``[serve]``, ``[source.simulator]``), fusi
 
 import logging
 import sys
-import tomllib
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +21,7 @@ __all__ = ["session_settings"]
 
 COMMON = frozenset({"scene", "connect", "listen", "tls", "insecure", "log_level", "json"})
 FREE_TABLES = frozenset({"fusion", "process", "zenoh"})
+_MAX_BYTES = 1_000_000
 _FILE = "comotion.config-file"
 
 
@@ -191,11 +191,16 @@ def load_toml(path: Path) -> dict[str, Any]:
     UserError
         If the file cannot be read or is not valid TOML.
     """
+    from comotion_sources.bounded import parse_toml, read_text
+    from comotion_sources.errors import InputError
+
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = read_text(path, _MAX_BYTES)
+    except InputError as error:
+        raise UserError(one_line(error)) from None
+    try:
+        return parse_toml(text)
+    except ValueError as error:
         raise UserError(f"{path}: {one_line(error)}") from None
 
 

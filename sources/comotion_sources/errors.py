@@ -3,11 +3,15 @@
 from pydantic import ValidationError
 
 
-class SceneError(ValueError):
+class InputError(ValueError):
+    """An input cannot be used; the base of all errors below and beside."""
+
+
+class SceneError(InputError):
     """A scene does not exist or is malformed."""
 
 
-class RecordingError(ValueError):
+class RecordingError(InputError):
     """A recording is missing, truncated, empty or of an unknown format."""
 
 

@@ -17,7 +17,6 @@ The comotion format::
     quaternion = [0.0, 0.0, 0.0, 1.0]        # x y z w
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +26,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from ..bounded import parse_toml, read_text
+from ..errors import InputError
 from .model import Extrinsics, Intrinsics
 
-_MAX_BYTES = 1_000_000
+_MAX_BYTES = 64_000
 """A larger file is not a calibration, and parsing it as YAML would take seconds."""
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "d")
@@ -38,7 +39,7 @@ _HEIGHT = ("image_height", "image_Height", "height")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
-class CalibrationError(ValueError):
+class CalibrationError(InputError):
     """A calibration is missing, is malformed or does not fit its camera; the message is one line."""
 
 
@@ -67,15 +68,9 @@ def read_calibration(path: Path) -> Calibration:
 
 def _text(path: Path) -> str:
     try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise CalibrationError(f"{path}: {error.strerror}") from None
-    if len(raw) > _MAX_BYTES:
-        raise CalibrationError(f"{path}: {len(raw)} bytes are too many for a calibration file")
-    try:
-        return raw.decode()
-    except UnicodeDecodeError:
-        raise CalibrationError(f"{path}: not a text file, so not a calibration") from None
+        return read_text(path, _MAX_BYTES)
+    except InputError as error:
+        raise CalibrationError(f"{error}, so not a calibration") from None
 
 
 def _one_line(error: Exception) -> str:
@@ -85,7 +80,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _from_toml(text: str) -> Calibration:
-    return calibration_of(tomllib.loads(text))
+    return calibration_of(parse_toml(text))
 
 
 def calibration_of(content: Mapping[str, Any]) -> Calibration:
@@ -165,7 +160,13 @@ def _from_yaml(text: str) -> Calibration:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Loads plain YAML and the tag of OpenCV matrices."""
+    """Loads plain YAML and the tag of OpenCV matrices, without aliases: they make small files large."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.events.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(None, None, "an alias, which no calibration needs,", mark)
+        return super().compose_node(parent, index)
 
 
 def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> Any:

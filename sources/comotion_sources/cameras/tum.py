@@ -24,14 +24,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bounded import read_text
 from ..calibration.files import CalibrationError, format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
+from ..errors import InputError
 from .files import DEFAULT_RATE, read_image, stamp_ns
 from .types import CameraError, Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
 """Longest time between an image and its depth image; the default of the TUM associate tool."""
+# A line of a list has some 40 bytes: a day at 30 Hz.
+_MAX_BYTES = 100_000_000
+_DIGITS = 9
 _MOVED = 1e-3  # m, or parts of a unit quaternion: a camera that moves by more is not fixed
 _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
 _log = logging.getLogger(__name__)
@@ -119,10 +124,9 @@ class _Nearest:
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
     """Return the lines of a list with their numbers, without comments."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise CameraError(f"{path}: {reason}") from None
+        lines = read_text(path, _MAX_BYTES).splitlines()
+    except InputError as error:
+        raise CameraError(str(error)) from None
     return (
         (number, line.strip())
         for number, line in enumerate(lines, 1)
@@ -145,7 +149,7 @@ def _read_names(path: Path) -> dict[int, str]:
     names = {}
     for number, line in _rows(path) if path.is_file() else ():
         key, _, name = line.partition(" ")
-        if not key.isdecimal() or not name:
+        if not key.isdecimal() or len(key) > _DIGITS or not name:
             raise CameraError(f"{path}: line {number} is not 'number name'")
         names[int(key)] = name
     return names

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from comotion_schemas import Keys
 
 from ..calibration.model import Extrinsics, Intrinsics
+from ..errors import InputError
 
 Image = NDArray[np.uint8]
 
@@ -79,5 +80,5 @@ class SceneCamera(Camera, Protocol):
         """Use this session; called once, before the first frame is read."""
 
 
-class CameraError(ValueError):
+class CameraError(InputError):
     """A camera, file or stream cannot be opened or read; the message is one line."""

@@ -7,10 +7,13 @@ The header of a CSV log names the time first, as ``stamp_ns`` (integer nanosecon
 import csv
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TextIO
 
 from .cdr import JOINT_STATE, decode_message, from_message, ros_types
 from .samples import JointSample, SampleError, joint_sample
 
+_MAX_LINE = 100_000
+_MAX_JOINTS = 1000
 _SECONDS = ("time", "t", "stamp", "timestamp")
 
 
@@ -24,7 +27,7 @@ def read_csv(path: Path) -> Iterator[JointSample]:
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
+            rows = csv.reader(_lines(path, file))
             header = [cell.strip() for cell in next(rows, [])]
             _check_header(path, header)
             for row in rows:
@@ -36,9 +39,19 @@ def read_csv(path: Path) -> Iterator[JointSample]:
         raise SampleError(f"{path}: not a CSV file: {error}") from None
 
 
+def _lines(path: Path, file: TextIO) -> Iterator[str]:
+    """Lines of a bounded length: a file without line ends may be larger than the memory."""
+    while line := file.readline(_MAX_LINE + 1):
+        if len(line) > _MAX_LINE:
+            raise SampleError(f"{path}: a line has more than {_MAX_LINE} characters")
+        yield line
+
+
 def _check_header(path: Path, header: list[str]) -> None:
     if not header or (header[0] != "stamp_ns" and header[0] not in _SECONDS):
         raise SampleError(f"{path}: the first column must be stamp_ns or time, then one per joint")
+    if len(header) > _MAX_JOINTS:
+        raise SampleError(f"{path}: more than {_MAX_JOINTS} columns")
     if len(header) < 2:
         raise SampleError(f"{path}: no joint columns")
 

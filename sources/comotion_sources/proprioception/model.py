@@ -7,6 +7,8 @@ from typing import Any
 from ..errors import SceneError
 from ..workcell.extra import require_mujoco
 
+_MAX_BYTES = 16_000_000
+
 
 def load_model(path: Path) -> Any:
     """Load an ``mjModel`` from an MJCF or URDF file.
@@ -21,13 +23,19 @@ def load_model(path: Path) -> Any:
     """
     mujoco = require_mujoco()
     try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise SceneError(f"{path}: more than {_MAX_BYTES} bytes")
         root = ET.parse(path).getroot()  # noqa: S314 - a file the user names; expat limits expansion
         if root.tag == "robot":
             return mujoco.MjModel.from_xml_string(_kinematics_only(root))
         return mujoco.MjModel.from_xml_path(str(path))
     except OSError as error:
         raise SceneError(f"{path}: {error.strerror}") from None
-    except (ET.ParseError, ValueError) as error:
+    except RecursionError:
+        raise SceneError(f"{path}: its elements are nested too deeply") from None
+    except SceneError:
+        raise
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise SceneError(f"{path}: {' '.join(str(error).split())}") from None
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
+
 Vector = NDArray[np.float64]
 
 
@@ -28,7 +30,7 @@ class JointSample:
     positions: Vector
 
 
-class SampleError(ValueError):
+class SampleError(InputError):
     """An input is not a valid joint sample; the message is one line."""
 
 

@@ -20,6 +20,7 @@ from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
 from comotion_schemas.types import is_name
 
 from ..errors import RecordingError
+from .chunks import require_bounded
 
 # Raised by mcap and its decompressors on damaged bytes.
 _DAMAGED = (
@@ -149,6 +150,10 @@ class MessageLog:
             raise self._damaged(error) from None
         if summary is None or summary.statistics is None:
             raise self._damaged("it has no index")
+        try:
+            require_bounded(self._file, summary.chunk_indexes)
+        except (*_DAMAGED, OSError, ValueError) as error:
+            raise self._damaged(error) from None
         if not any(kind_of(channel.topic) for channel in summary.channels.values()):
             raise RecordingError(f"{self.path}: it holds no message of a scene")
         return reader, summary

@@ -5,7 +5,6 @@ Lengths are in the unit of the scene, angles in rad, times in seconds. The packa
 """
 
 import math
-import tomllib
 from importlib import resources
 from importlib.resources.abc import Traversable
 from itertools import pairwise
@@ -14,8 +13,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ..errors import SceneError, describe
+from ..bounded import parse_toml, read_text
+from ..errors import InputError, SceneError, describe
 
+_MAX_BYTES = 1_000_000
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -223,26 +224,24 @@ def load_scene(scene: str | Path) -> SceneSpec:
     """
     text = _read(scene)
     try:
-        return SceneSpec.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
+        return SceneSpec.model_validate(parse_toml(text))
     except ValidationError as error:
         raise SceneError(f"scene {scene}: {describe(error)}") from None
+    except ValueError as error:
+        raise SceneError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
 
 
 def _read(scene: str | Path) -> str:
     try:
         if str(scene) in scene_names():
             return (_shipped() / f"{scene}.toml").read_text(encoding="utf-8")
-        return Path(scene).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SceneError(
-            f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}"
-        ) from None
-    except UnicodeDecodeError:
-        raise SceneError(f"scene {scene}: not a text file") from None
+        if not Path(scene).exists():
+            raise SceneError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
+        return read_text(Path(scene), _MAX_BYTES)
+    except InputError as error:
+        raise SceneError(str(error)) from None
     except OSError as error:
-        raise SceneError(f"scene {scene}: {error.strerror}") from None
+        raise SceneError(f"{scene}: {error.strerror}") from None
 
 
 def _shipped() -> Traversable:

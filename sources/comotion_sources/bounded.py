@@ -1,0 +1,58 @@
+"""Small files in, their text or tables out; what is too large, too deep or no text is refused in one line."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+# The parser takes time that grows with the square of the length of a dotted key.
+_LONG_KEY = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){20}""")
+_DEPTH = 30
+
+
+def read_text(path: Path, most_bytes: int) -> str:
+    """Read a text file of a size that its kind allows.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is larger, or is not UTF-8; the message names the file.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(most_bytes + 1)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    if len(raw) > most_bytes:
+        raise InputError(f"{path}: more than {most_bytes} bytes")
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML of a depth that people write.
+
+    Raises
+    ------
+    ValueError
+        If it is not valid, or nested more than 30 times.
+    """
+    if _LONG_KEY.search(text):
+        raise ValueError("a key has more than 20 parts")
+    try:
+        found = tomllib.loads(text)
+        deep = _is_deeper(found, _DEPTH)
+    except RecursionError:
+        deep = True
+    if deep:
+        raise ValueError(f"nested more than {_DEPTH} times")
+    return found
+
+
+def _is_deeper(value: object, depth: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return depth < 0 or any(_is_deeper(one, depth - 1) for one in inner)

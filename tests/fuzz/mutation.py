@@ -1,0 +1,46 @@
+"""A seed and inputs in, mutated inputs out; for the suite, and where atheris is not installed."""
+
+import random
+from collections.abc import Iterator, Sequence
+
+_NUMBERS = (
+    b"0",
+    b"-1",
+    b"1e999",
+    b"nan",
+    b"99999999999999999999",
+    b"\xff" * 8,
+    b"\x00" * 8,
+    b"\x7f" + b"\xff" * 7,
+)
+_MOST = 8
+
+
+def mutated(inputs: Sequence[bytes], seed: int) -> Iterator[bytes]:
+    """Endlessly many inputs with a few changes each."""
+    chance = random.Random(seed)
+    while True:
+        data = bytearray(chance.choice(inputs))
+        for _ in range(chance.randint(1, _MOST)):
+            _change(chance, data, inputs)
+        yield bytes(data)
+
+
+def _change(chance: random.Random, data: bytearray, inputs: Sequence[bytes]) -> None:
+    at = chance.randrange(len(data) + 1)
+    end = min(len(data), at + chance.randint(1, 16))
+    match chance.randrange(6):
+        case 0:
+            data[at:end] = bytes(chance.randrange(256) for _ in range(end - at))
+        case 1:
+            del data[at:end]
+        case 2:
+            data[at:at] = data[at:end] * chance.choice((1, 2, 50))
+        case 3:
+            data[at:end] = chance.choice(_NUMBERS)
+        case 4:
+            other = chance.choice(inputs)
+            start = chance.randrange(len(other) + 1)
+            data[at:end] = other[start : start + 64]
+        case 5 if data:
+            data[at % len(data)] ^= 1 << chance.randrange(8)

@@ -1,0 +1,279 @@
+"""What is fuzzed: a function of bytes, valid inputs to start from, and the errors that it may raise."""
+
+import io
+import struct
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comotion import Fusion, FusionConfig
+from comotion.runtime.state_file import load_fusion
+from comotion_deploy.errors import UserError
+from comotion_deploy.options import load_toml
+from comotion_schemas import DecodeError, JointStates, ObservationBatch, TruthBatch, decode, encode
+from comotion_schemas.keys import Keys
+from comotion_sources.calibration.files import read_calibration
+from comotion_sources.cameras.tum import TumFolder
+from comotion_sources.errors import InputError
+from comotion_sources.proprioception.joint_logs import read_csv
+from comotion_sources.proprioception.model import load_model
+from comotion_sources.recordings import read_recording, recording_batches
+from comotion_sources.recordings.messages import MessageLog
+from comotion_sources.simulator.spec import load_scene
+
+SESSION = "a" * 16
+NOW_NS = 1_700_000_000_000_000_000
+CORPUS = Path(__file__).with_name("corpus")
+
+
+@dataclass(frozen=True)
+class Target:
+    """`run` takes the bytes; `allowed` are its errors, each of one line; `modules` are those it covers."""
+
+    run: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+    allowed: tuple[type[Exception], ...]
+    modules: tuple[str, ...]
+
+    def check(self, data: bytes) -> None:
+        """Run it; any other error, or one of several lines, is a finding."""
+        try:
+            self.run(data)
+        except self.allowed as error:
+            lines = str(error).splitlines()
+            if len(lines) > 1:
+                raise AssertionError("more than one line") from error
+
+
+def batch(seq: int = 0, **changes: Any) -> ObservationBatch:
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.01 * seq], [1, 1, 0.01 * seq]], np.float32)
+    fields: dict[str, Any] = {
+        "source": "cam",
+        "session": SESSION,
+        "seq": seq,
+        "space": "world",
+        "unit": "m",
+        "dim": 3,
+        "stamp_ns": NOW_NS + seq * 50_000_000,
+        "ids": np.arange(4, dtype=np.uint64),
+        "positions": positions,
+    }
+    return ObservationBatch(**(fields | changes))
+
+
+def _decode(data: bytes) -> None:
+    encode(decode(data))
+
+
+def _messages() -> list[bytes]:
+    update = Fusion().update(NOW_NS)
+    truth = TruthBatch(
+        source="cam",
+        session=SESSION,
+        ids=np.arange(2, dtype=np.uint64),
+        objects=np.array([0, 1], np.int32),
+        names={"0": "a"},
+    )
+    joints = JointStates(source="r", session=SESSION, seq=0, stamp_ns=1, names=["a"], positions=np.zeros(1))
+    turned = batch(quaternions=np.tile(np.float32([0, 0, 0, 1]), (4, 1)), sigma=0.01)
+    return [encode(one) for one in (batch(), turned, update, truth, joints)]
+
+
+def _core(data: bytes) -> None:
+    """Numbers of the data become batches of two sources: any stamps, ids, positions, spaces, sessions."""
+    fusion = Fusion(FusionConfig(window=1.0, max_tracks=50))
+    now = NOW_NS
+    for k, part in enumerate(struct.iter_unpack("<qQ3fBBB", data[: min(len(data) // 31, 20) * 31])):
+        stamp, seq, x, y, z, what, count, ahead = part
+        dim = 3 if what & 1 else 2
+        rows = count % 9
+        row = np.nan_to_num(np.float32([x, y, z]), posinf=3e38, neginf=-3e38)[:dim]
+        relative = NOW_NS + stamp % 4_000_000_000 - 2_000_000_000
+        fusion.ingest(
+            batch(
+                seq if what & 2 else k,
+                source="cam" if what & 4 else "lidar",
+                session=("b" if what & 8 else "a") * 16,
+                space="world" if what & 16 else "other",
+                unit="m" if what & 32 else "px",
+                dim=dim,
+                stamp_ns=stamp if what & 64 else relative,
+                ids=np.arange(count, count + rows, dtype=np.uint64),
+                positions=np.tile(row, (rows, 1)) + np.arange(rows, dtype=np.float32)[:, None],
+                ended=np.arange(3, dtype=np.uint64) if what & 128 else None,
+            )
+        )
+        now += ahead * 10_000_000
+        encode(fusion.update(now))
+    fusion.snapshot()
+
+
+def _wire(data: bytes) -> None:
+    """What arrives on a key, as the service takes it in."""
+    source = data[:4].hex()
+    Keys("fuzz").stream("obs", source)
+    found = decode(data[4:])
+    if isinstance(found, ObservationBatch):
+        fusion = Fusion(FusionConfig(window=1.0))
+        fusion.ingest(found)
+        fusion.update(NOW_NS)
+        fusion.update(min(found.stamp_ns, 2**62))
+
+
+def _file(name: str, read: Callable[[Path], object]) -> Callable[[bytes], None]:
+    def run(data: bytes) -> None:
+        path = _folder() / name
+        path.write_bytes(data)
+        read(path)
+
+    return run
+
+
+@cache
+def _folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="comotion-fuzz-"))
+
+
+def _npz(path: Path) -> None:
+    for found in recording_batches(read_recording(path), split=2):
+        encode(found)
+
+
+def _npz_seeds() -> list[bytes]:
+    buffer = io.BytesIO()
+    positions = np.random.default_rng(0).normal(size=(6, 3, 2))
+    names = np.array(["", "a"])
+    np.savez(buffer, positions=positions, times=np.arange(6) / 30, labels=np.ones(3, int), label_names=names)
+    return [buffer.getvalue()]
+
+
+def _mcap(path: Path) -> None:
+    with MessageLog(path) as log:
+        for one in log.messages():
+            one.decode()
+
+
+def _mcap_seeds() -> list[bytes]:
+    from mcap.writer import CompressionType, Writer
+
+    from comotion_schemas.recording import MESSAGE_ENCODING
+
+    found = []
+    for compression in CompressionType:
+        buffer = io.BytesIO()
+        writer = Writer(buffer, compression=compression)
+        writer.start()
+        channel = writer.register_channel(Keys().stream("obs", "cam"), MESSAGE_ENCODING, 0)
+        for seq in range(3):
+            writer.add_message(channel, seq, encode(batch(seq)), seq, seq)
+        writer.finish()
+        found.append(buffer.getvalue())
+    return found
+
+
+def _tum(path: Path) -> None:
+    (path.parent / "groundtruth.txt").write_bytes(path.read_bytes())
+    (path.parent / "objects.txt").write_bytes(path.read_bytes())
+    (path.parent / "depth.txt").write_bytes(path.read_bytes())
+    TumFolder(path.parent)
+
+
+def _state(path: Path) -> None:
+    load_fusion(path, FusionConfig(), "default", SESSION, NOW_NS).update(NOW_NS)
+
+
+def _state_seeds() -> list[bytes]:
+    fusion = Fusion(FusionConfig(window=1.0))
+    for seq in range(5):
+        fusion.ingest(batch(seq))
+        fusion.update(NOW_NS + seq * 50_000_000)
+    return [fusion.snapshot(), Fusion().snapshot()]
+
+
+def _text(*texts: str) -> Callable[[], list[bytes]]:
+    return lambda: [text.encode() for text in texts]
+
+
+_OPENCV = """%YAML:1.0
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+  rows: 3
+  cols: 3
+  dt: d
+  data: [525., 0., 319.5, 0., 525., 239.5, 0., 0., 1.]
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 1e-5]}
+"""
+_ROS = "image_width: 1\nimage_height: 1\nK: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+_LOGS = "time,a,b\n0.0,1,2\n0.1,1,2\n", "stamp_ns,a\n1,2\n"
+_LISTS = "1.0 rgb/1.png\n2.0 rgb/2.png\n", "1 0 0 0 0 0 0 1\n"
+_CAMERA = """[intrinsics]
+width = 640
+height = 480
+fx = 525.0
+fy = 525.0
+cx = 319.5
+cy = 239.5
+[extrinsics]
+translation = [0.0, 0.0, 1.2]
+quaternion = [0.0, 0.0, 0.0, 1.0]
+"""
+_SCENE = """name = "two"
+dim = 2
+duration = 2.0
+[[objects]]
+name = "a"
+features = 3
+"""
+_URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute">
+<parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+</joint></robot>"""
+_CONFIG = 'scene = "cell"\n[fusion]\nwindow = 4.0\n[process.router]\nrun = "router"\n'
+
+_RECORDINGS = "comotion_sources.recordings"
+_ROBOTS = "comotion_sources.proprioception"
+
+
+def _wire_seeds() -> list[bytes]:
+    return [b"\0" * 4 + one for one in _messages()]
+
+
+def _core_seeds() -> list[bytes]:
+    return [bytes(range(256)) * 2, np.random.default_rng(0).bytes(620)]
+
+
+def _of_file(
+    name: str, read: Callable[[Path], object], seeds: Callable[[], list[bytes]], *modules: str
+) -> Target:
+    return Target(_file(name, read), seeds, (InputError, UserError), modules)
+
+
+TARGETS: dict[str, Target] = {
+    "codec": Target(_decode, _messages, (DecodeError,), ("comotion_schemas",)),
+    "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
+    "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
+    "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
+    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, _RECORDINGS, "mcap"),
+    "yaml": _of_file(
+        "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"
+    ),
+    "camera-toml": _of_file("a.toml", read_calibration, _text(_CAMERA), "comotion_sources.calibration"),
+    "scene": _of_file("s.toml", load_scene, _text(_SCENE), "comotion_sources.simulator"),
+    "config": _of_file("c.toml", load_toml, _text(_CONFIG), "comotion_deploy.options"),
+    "urdf": _of_file("r.urdf", load_model, _text(_URDF), _ROBOTS),
+    "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _text(*_LOGS), _ROBOTS),
+    "tum": _of_file("rgb.txt", _tum, _text(*_LISTS), "comotion_sources.cameras"),
+    "state": Target(_file("s.state", _state), _state_seeds, (), ("comotion.snapshot", "comotion.runtime")),
+}
+
+
+def corpus(name: str) -> list[bytes]:
+    """Valid inputs of a target, and inputs that were once a finding."""
+    folder = CORPUS / name
+    kept = sorted(folder.iterdir()) if folder.is_dir() else []
+    return TARGETS[name].seeds() + [file.read_bytes() for file in kept]
