@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup demo test check format schemas clean
+.PHONY: help setup demo test test-long check format schemas clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 setup: $(STAMP)  ## create .venv and install comotion with what the tests need
 
@@ -25,6 +25,9 @@ demo: setup  ## router, three sources, service and watch; a summary and a plot a
 
 test: setup  ## the whole test suite, on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+test-long: setup  ## the tests that take a minute or more each
+	$(BIN)/python -m pytest -m long
 
 check: setup  ## lint, format, types, import rules
 	$(BIN)/ruff check .

@@ -196,6 +196,7 @@ class SceneModel:
     def _source_rows(self, now: float) -> list[SourceRow]:
         tracks = self._tracks_per_source()
         reported = {} if self._service is None else self._service.ages
+        clocks = {} if self._service is None else self._service.clock_offsets
         rows = []
         for name, source in sorted(self._sources.items()):
             age = source.age(now, reported.get(name, float("inf")))
@@ -213,6 +214,7 @@ class SceneModel:
                     losing=source.stream.losing(now),
                     tracks=tracks.get(name, 0),
                     space=source.space,
+                    clock=clocks.get(name),
                 )
             )
         return rows

@@ -17,6 +17,7 @@ class SourceRow:
 
     `state`: ``silent``: no batch so far; ``stalled``: no batch for too long; ``gone``: left the scene.
     `losing`: batches were lost in the last 10 s. `tracks`: number of its tracks in the newest update.
+    `clock`: s by which its clock is ahead of the service's, as the service measures it; None if unknown.
     """
 
     name: str
@@ -28,6 +29,7 @@ class SourceRow:
     losing: bool
     tracks: int
     space: str
+    clock: float | None = None
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ with its clock, and those that the cache of every component's publisher answers.
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from math import isfinite
 from typing import Any, Literal
 
 from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS
 
 from .scene_problems import ComponentRow, find_problems
@@ -52,33 +52,12 @@ class SceneStatus:
 
 
 @dataclass
-class _Clock:
-    """Bounds of how far a clock is ahead of this machine's, in s.
-
-    A stamp that arrives bounds it from below, for it was made before; a stamp that answers a query bounds it
-    from above too, for it was made after the query. What has no answers, like a Status that comes by itself,
-    is taken to travel no longer than a query to its publisher's cache and back.
-    """
-
-    least_s: float = float("-inf")
-    most_s: float = float("inf")
-    trip_s: float = float("inf")
-
-    def estimate(self) -> tuple[float, float] | None:
-        """Offset and bound of its error, both in s."""
-        most_s = min(self.most_s, self.least_s + self.trip_s)
-        if not (isfinite(self.least_s) and isfinite(most_s)):
-            return None
-        return (self.least_s + most_s) / 2, abs(most_s - self.least_s) / 2
-
-
-@dataclass
 class _Seen:
     status: Status | None = None
     arrived_s: float = float("-inf")
     present: bool = False
     role: str = ""
-    clock: _Clock = field(default_factory=_Clock)
+    clock: ClockBounds = field(default_factory=ClockBounds)
 
 
 class StatusModel:
@@ -100,7 +79,7 @@ class StatusModel:
         """Add a Status; one from a publisher's cache is older than its arrival tells."""
         seen = self._seen.setdefault(status.component, _Seen())
         seen.status, seen.arrived_s, seen.role = status, arrived_s, status.role
-        seen.clock.least_s = max(seen.clock.least_s, status.stamp_ns / 1e9 - arrived_s)
+        seen.clock.on_stamp(status.stamp_ns / 1e9 - arrived_s)
 
     def on_presence(self, role: str, token: str, *, alive: bool) -> None:
         """Add a change of a liveliness token; `token` is its last chunk."""
@@ -121,13 +100,11 @@ class StatusModel:
     def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
         """Add the answer of a service to a query for its Status."""
         clock = self._seen.setdefault(status.component, _Seen()).clock
-        clock.least_s = max(clock.least_s, status.stamp_ns / 1e9 - received_s)
-        clock.most_s = min(clock.most_s, status.stamp_ns / 1e9 - sent_s)
+        clock.on_answer(status.stamp_ns / 1e9, sent_s, received_s)
 
     def on_cache_answer(self, name: str, trip_s: float) -> None:
         """Add the time until a publisher's cache has answered."""
-        clock = self._seen.setdefault(name, _Seen()).clock
-        clock.trip_s = min(clock.trip_s, trip_s)
+        self._seen.setdefault(name, _Seen()).clock.on_trip(trip_s)
 
     def on_router(self, described: Mapping[str, Any]) -> None:
         """Add what a router says of itself; what is malformed is left out."""

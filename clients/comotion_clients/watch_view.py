@@ -248,6 +248,7 @@ SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
     _Column("tracks", 6, lambda r: str(r.tracks), from_width=57),
     _Column("lag", 8, lambda r: duration(r.lag), from_width=66),
     _Column("space", 12, lambda r: r.space, left=True, from_width=79),
+    _Column("clock", 8, lambda r: "" if r.clock is None else f"{1e3 * r.clock:+.0f} ms", from_width=88),
 )
 _IDENTITY_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
     _Column(" ", 1, _swatch),

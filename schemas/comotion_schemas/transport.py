@@ -26,6 +26,8 @@ TRANSPORT_LIMIT = 32 * 1024 * 1024
 """Above the limit of the codec, so that the receiver rejects an oversized message with a reason."""
 LEASE_MS = 2000
 """Time after which Zenoh declares a silent link dead."""
+OPEN_TIMEOUT_MS = 3000
+"""Ends an attempt that began while a link was cut; with the 10 s of Zenoh a cut of 5 s lasted 12."""
 WAIT_BEFORE_DROP_US = 10_000
 """With the 1 ms of Zenoh, batches are dropped whenever a loaded machine schedules the sender late."""
 _CONNECT_TRY_MS = 500  # a signal is handled between two tries
@@ -104,6 +106,7 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
         "transport": {
             # Shared memory leaks across publisher restarts.
             "shared_memory": {"enabled": False},
+            "unicast": {"open_timeout": OPEN_TIMEOUT_MS, "accept_timeout": OPEN_TIMEOUT_MS},
             "link": {
                 "tx": {
                     "lease": LEASE_MS,

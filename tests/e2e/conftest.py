@@ -43,10 +43,16 @@ def free_endpoint() -> str:
 class Process:
     """One command under test; its lines are read as they come."""
 
-    def __init__(self, arguments: tuple[str, ...], env: Mapping[str, str] | None, cwd: Path | None) -> None:
+    def __init__(
+        self,
+        arguments: tuple[str, ...],
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+        program: tuple[str, ...] = (sys.executable, "-m", "comotion_deploy"),
+    ) -> None:
         self.arguments = arguments
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "comotion_deploy", *arguments],
+            [*program, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -258,6 +264,12 @@ def start_shared() -> Iterator[Start]:
     """Run a command for all tests of a module."""
     with running() as run:
         yield run
+
+
+@pytest.fixture
+def spawn() -> Callable[..., Process]:
+    """Start any program; the caller closes it."""
+    return lambda *command: Process(tuple(map(str, command)), program=())
 
 
 @pytest.fixture

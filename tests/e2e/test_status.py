@@ -1,6 +1,7 @@
 """`comotion status` on a running scene, by its exit status and its output."""
 
 import json
+import sys
 import time
 
 import pytest
@@ -64,3 +65,35 @@ def test_no_router_is_an_error(free_port_endpoint, start) -> None:
     alone = start("status", "--connect", free_port_endpoint, "--timeout", 0.5, ready=False)
     assert alone.wait() == 2
     assert "no router answers" in alone.output
+
+
+AHEAD = """
+import sys, time
+real = time.time_ns
+time.time_ns = lambda: real() + 400_000_000
+import numpy as np
+from comotion_sources.runtime import SourcePublisher
+from comotion_schemas.transport import client_settings
+
+rest = np.random.default_rng(7).random((12, 3))
+settings = client_settings([sys.argv[1]])
+with SourcePublisher("ahead", space="world", unit="m", dim=3, settings=settings) as source:
+    source.ready()
+    while not source.stop.wait(0.05):
+        source.observe(ids=np.arange(12), positions=rest)
+"""
+
+
+@pytest.mark.long
+def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, spawn, tmp_path) -> None:
+    service = serve("--correct-clocks", "--no-state")
+    script = tmp_path / "ahead.py"
+    script.write_text(AHEAD)
+    source = spawn(sys.executable, script, service.endpoint)
+    try:
+        status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
+        assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
+        # Its stamps are no longer those of the future.
+        service.statuses.until(lambda status: status.ages.get("ahead", -1.0) > 0.0)
+    finally:
+        source.close()

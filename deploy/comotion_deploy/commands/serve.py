@@ -72,6 +72,14 @@ def serve(
             "--clock", envvar="COMOTION_CLOCK", help="The wall clock, or the newest stamp received."
         ),
     ] = ClockChoice.WALL,
+    correct_clocks: Annotated[
+        bool,
+        typer.Option(
+            "--correct-clocks",
+            envvar="COMOTION_CORRECT_CLOCKS",
+            help="Shift the stamps of sources whose hosts' clocks differ from this one's, as measured.",
+        ),
+    ] = False,
     name: Annotated[
         str | None,
         typer.Option(
@@ -140,5 +148,6 @@ def serve(
             etcd=tuple(url.strip() for url in (etcd or "").split(",") if url.strip()),
             etcd_tls=settings.tls,
             lease=lease,
+            correct_clocks=correct_clocks,
         )
     )

@@ -2,12 +2,14 @@
 
 import gc
 import time
+from dataclasses import replace
 
 from comotion_schemas import HypothesisUpdate
 
 from ..fusion import Fusion
 from .health import Arrivals, Health, Watchdog
 from .intake import Intake
+from .source_clocks import SourceClocks
 from .state_keeper import StateKeeper
 
 # Twice per Status, which is published every second.
@@ -19,7 +21,8 @@ _DROP_IDLE_NS = 10_000_000_000
 class Housekeeping:
     """Does what may take a moment right after an update, when the next one is farthest away."""
 
-    def __init__(self, fusion: Fusion, watchdog: Watchdog, keeper: StateKeeper) -> None:
+    def __init__(self, fusion: Fusion, watchdog: Watchdog, keeper: StateKeeper, clocks: SourceClocks) -> None:
+        self._clocks = clocks
         self._fusion = fusion
         self._watchdog = watchdog
         self._keeper = keeper
@@ -55,12 +58,12 @@ class Housekeeping:
         return True
 
     def _report(self, intake: Intake, monotonic_ns: int, now_ns: int) -> None:
-        self._watchdog.report(
-            self._health.report(
-                monotonic_ns,
-                arrivals=Arrivals(intake.received, intake.present, intake.rejection),
-                sources=self._fusion.sources(now_ns),
-                stats=self._fusion.stats,
-                notes=[self._keeper.error] if self._keeper.error else [],
-            )
+        fields = self._health.report(
+            monotonic_ns,
+            arrivals=Arrivals(intake.received, intake.present, intake.rejection),
+            sources=self._fusion.sources(now_ns),
+            stats=self._fusion.stats,
+            notes=[*([self._keeper.error] if self._keeper.error else []), *self._clocks.notes()],
         )
+        counters = {**fields.counters, "clock_steps": self._clocks.steps}
+        self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))

@@ -37,6 +37,7 @@ from .intake import Intake
 from .output import Follower, Output
 from .presence import Presence
 from .queries import handlers
+from .source_clocks import SourceClocks
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
 from .ticker import HeadStart, Ticker
@@ -57,7 +58,8 @@ class ServeOptions:
     `state` is the file that carries identities across restarts, written every `state_interval` s and
     whenever the set of hypotheses has changed; None: nothing is kept. With `etcd`, the urls of a cluster,
     the service is one of several replicas of the scene, of which one speaks; `lease` is the time in s after
-    which one that the cluster cannot reach loses the scene.
+    which one that the cluster cannot reach loses the scene. `correct_clocks` shifts the stamps of sources
+    whose clocks differ from this machine's.
     """
 
     config: FusionConfig = field(default_factory=FusionConfig)
@@ -71,6 +73,7 @@ class ServeOptions:
     etcd: tuple[str, ...] = ()
     etcd_tls: TlsFiles | None = None
     lease: int = DEFAULT_LEASE_S
+    correct_clocks: bool = False
 
 
 def serve(options: ServeOptions) -> None:
@@ -110,7 +113,9 @@ def serve(options: ServeOptions) -> None:
             stack.enter_context(election)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
-        _Loop(options, fusion, component, Housekeeping(fusion, watchdog, keeper), leadership).run()
+        clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
+        housekeeping = Housekeeping(fusion, watchdog, keeper, clocks)
+        _Loop(options, fusion, component, housekeeping, leadership, clocks).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -167,8 +172,10 @@ class _Loop:
         component: Component,
         housekeeping: Housekeeping,
         leadership: Leadership,
+        clocks: SourceClocks,
     ) -> None:
         self._fusion = fusion
+        self._source_clocks = clocks
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
@@ -202,7 +209,8 @@ class _Loop:
 
     def _receive(self) -> None:
         now = time.monotonic_ns()
-        for batch in self._intake.receive(now):
+        for received in self._intake.receive(now):
+            batch = self._source_clocks.correct(received)
             if self._clock.observe(batch.stamp_ns, now):
                 _log.info("time starts over with a batch of %s", batch.source)
                 self._fusion.start_over()
