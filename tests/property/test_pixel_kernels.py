@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from comotion.pixels.kernels import affine, epipolar, linkage, neighbours, similarity
+from comotion.pixels.kernels import affine, epipolar, linkage, neighbours, robust_affine, similarity
 
 from ..reference import pixels as twin
 
@@ -206,4 +206,8 @@ def test_epipolar_residuals(rng):
     y[:5] += 4
     assert_allclose(epipolar.residual_alone(x, y), twin.residual_alone(x, y), rtol=1e-3)
     halves = x[:12], y[:12], x[12:], y[12:]
-    assert_allclose(epipolar.residual_joint(*halves), twin.residual_joint(*halves), rtol=1e-3)
+    assert_allclose(epipolar.residuals_joint(*halves), twin.residuals_joint(*halves), rtol=1e-3)
+    alone = robust_affine.affine_residual_alone(x, y)
+    assert_allclose(alone, twin.affine_residual_alone(x, y), rtol=1e-3)
+    joint = robust_affine.affine_residuals_joint(*halves)
+    assert_allclose(joint, twin.affine_residuals_joint(*halves), rtol=1e-3)

@@ -234,7 +234,26 @@ def residual_alone(x, y):
     return np.median(fundamental_residuals(x, y, np.ones(len(x)))), np.median(moved)
 
 
-def residual_joint(xa, ya, xb, yb):
+def residuals_joint(xa, ya, xb, yb, residuals=fundamental_residuals):
     prior = np.repeat([len(xa) ** -0.5, len(xb) ** -0.5], [len(xa), len(xb)])
-    square = fundamental_residuals(np.concatenate([xa, xb]), np.concatenate([ya, yb]), prior)
-    return max(np.median(square[: len(xa)]), np.median(square[len(xa) :]))
+    square = residuals(np.concatenate([xa, xb]), np.concatenate([ya, yb]), prior)
+    return np.median(square[: len(xa)]), np.median(square[len(xa) :])
+
+
+def affine_residuals(x, y, prior):
+    """Squared residuals [n] under a reweighted affine motion."""
+    weight, square = prior, None
+    for _ in range(4):
+        rows = np.column_stack([x, np.ones(len(x))]) * np.sqrt(weight)[:, None]
+        motion = np.linalg.lstsq(rows, (y - x) * np.sqrt(weight)[:, None], rcond=None)[0]
+        square = ((y - x - np.column_stack([x, np.ones(len(x))]) @ motion) ** 2).sum(axis=1)
+        weight = prior / np.sqrt(1 + square / (4 * max(np.median(square), 1e-4)))
+    return square
+
+
+def affine_residual_alone(x, y):
+    return np.median(affine_residuals(x, y, np.ones(len(x))))
+
+
+def affine_residuals_joint(xa, ya, xb, yb):
+    return residuals_joint(xa, ya, xb, yb, affine_residuals)

@@ -1,5 +1,6 @@
 """Grouping in pixel space: parity with literal references, small scenes, life between updates."""
 
+import itertools
 import os
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from comotion.pixels.merging import BoundaryContrast, merge
 from comotion.pixels.method import group
 from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
+from comotion.pixels.wide_baseline import WideBaselineTest, wide_pairs
 from comotion_clients.metrics import misclassification
 from comotion_schemas import UNDETERMINED, ObservationBatch
 
@@ -191,6 +193,43 @@ def test_a_group_that_moves_past_a_resting_one_is_another_body():
     assert found.one_rests
 
 
+def wide_baseline_test(*bodies, noise=0.1):
+    positions = np.concatenate(bodies, axis=1)
+    positions = positions + np.random.default_rng(0).normal(0, noise, positions.shape)
+    ends = np.cumsum([0, *(body.shape[1] for body in bodies)])
+    groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+    return WideBaselineTest(frames_of(positions), groups, PixelsConfig()), groups
+
+
+def test_parallax_within_a_body_explains_that_between_its_parts():
+    rng = np.random.default_rng(4)
+    body = perspective_body(rng, 80, (0.03, 0.0, 0.05), 0.004)
+    nearest = np.argsort(np.linalg.norm(body[-1] - body[0], axis=1))
+    test, (slow, fast) = wide_baseline_test(body[:, nearest[:40]], body[:, nearest[40:]])
+    assert test.one_body(slow, fast)
+    assert not test.two_bodies(slow, fast)
+    assert not test.one_body(slow[:8], fast)
+
+
+def test_two_bodies_that_only_translate_share_a_geometry_but_no_parallax():
+    rng, t = np.random.default_rng(5), np.arange(24)[:, None, None]
+    test, (left, right) = wide_baseline_test(
+        rng.uniform(0, 200, (1, 40, 2)) + t * [1.0, 0.2], rng.uniform(200, 400, (1, 40, 2)) + t * [-1.0, 0.7]
+    )
+    assert not test.one_body(left, right)
+    assert not test.two_bodies(left, right)
+
+
+def test_a_few_features_of_another_body_contradict_over_a_wide_baseline():
+    rng = np.random.default_rng(6)
+    background = perspective_body(rng, 40, (0.03, 0.0, 0.02), 0.004)
+    body = perspective_body(rng, 8, (-0.02, 0.02, 0.0), -0.004)
+    test, (scene, few) = wide_baseline_test(background, body)
+    assert test.two_bodies(scene, few)
+    # In a short window there is no wide baseline.
+    assert wide_pairs(10) == []
+
+
 def test_boundary_contrast_compares_similarity_across_with_that_within():
     x = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
     left, right = np.arange(10), np.arange(10, 20)
@@ -215,6 +254,8 @@ def test_previous_hypotheses_shift_the_merge_threshold():
     )
     test = EpipolarTest(frames)
     left, right = np.arange(40), np.arange(40, 80)
+    # Without the test that would join them whatever they were before.
+    wide = WideBaselineTest(frames, [left, right], PixelsConfig(parallax_epipolar=-9.0))
     distance = BoundaryContrast(frames, np.ones((80, 80), np.float32)).between(left, right).distance
     threshold = p.boundary_least + p.epipolar_weight * test.compare(left, right).log_ratio
 
@@ -222,7 +263,8 @@ def test_previous_hypotheses_shift_the_merge_threshold():
         value = np.ones((80, 80), np.float32)
         drop = threshold - p.boundary_distance * np.log1p(distance) + surplus
         value[:40, 40:] = value[40:, :40] = np.exp(drop)
-        return len(set(merge(superclusters, BoundaryContrast(frames, value), test, p, before).tolist()))
+        boundary = BoundaryContrast(frames, value)
+        return len(set(merge(superclusters, boundary, test, wide, p, before).tolist()))
 
     apart, together = np.repeat([7, 8], 40), np.full(80, 7)
     assert [groups(0.5 * p.held_apart, before) for before in (None, together, apart)] == [1, 1, 2]

@@ -18,6 +18,8 @@ from .metrics import mean
 IMAGES = "images"
 """The group of all image families."""
 _STRONG = {"camera_speed": (0.4, 0.8), "camera_spin": (5.0, 15.0), "depth": (1.2, 6.0)}
+_LOW_NOISE = {"sigma": 0.05, "drift": 0.04}
+_TELE = {"zoom": (2.0, 6.0), "depth": (1.5, 3.0), "speed": (0.05, 0.2), "spin": (2.0, 20.0), **_LOW_NOISE}
 _STILL = {"camera_speed": (0.0, 0.0), "camera_spin": (0.0, 0.0)}
 
 
@@ -118,6 +120,27 @@ _ROWS: dict[str, tuple[str, dict[str, Any]]] = {
     "image_gaps": (
         "features end, begin late, are hidden",
         {"complete": False, "returns": True, "dropout": 0.4, "frames": 45},
+    ),
+    "image_tele": (
+        "weak perspective, low noise, features drift",
+        {**_TELE, "camera_speed": (0.2, 1.5)},
+    ),
+    "image_tele_static": ("likewise, the camera rests", {**_TELE, **_STILL, "speed": (0.05, 0.3)}),
+    "image_tele_translation": (
+        "likewise, nothing turns",
+        {**_TELE, "spin": (0.0, 0.0), "camera_spin": (0.0, 0.0), "camera_speed": (0.2, 1.5)},
+    ),
+    "image_dense": (
+        "many features on nearer bodies, strong camera motion, features drift",
+        {
+            **_STRONG,
+            "features": (40, 150),
+            "background": (150, 300),
+            "bodies": (1, 3),
+            "spin": (2.0, 20.0),
+            "depth": (1.2, 3.0),
+            **_LOW_NOISE,
+        },
     ),
     "image_many": ("four or five bodies", {"bodies": (4, 5), "features": (20, 40)}),
 }

@@ -16,6 +16,7 @@ _FEWEST = 6
 _ZERO = np.zeros(3)
 # Where bodies of 0.3 to 0.6 m stand; the camera looks at what is this much farther than the nearest.
 _NEAR_M, _LOOKS_AT = 1.5, 1.5
+_FOCAL_PX = 525.0
 
 
 Numbers: TypeAlias = tuple[int, int]
@@ -43,7 +44,10 @@ class ImageParameters:
         The camera moves along its axis, and does not turn.
     flat
         Bodies and background are planes.
-    frames, complete, returns, dropout, sigma
+    zoom
+        The camera stands so many times as far away, with so many times the focal length: the image stays,
+        its perspective weakens.
+    frames, complete, returns, dropout, sigma, drift
         As in :class:`~comotion_sources.simulator.images.ImageScene`.
     """
 
@@ -58,11 +62,13 @@ class ImageParameters:
     camera_spin: Span = (2.0, 10.0)
     axial: bool = False
     flat: bool = False
+    zoom: Span = (1.0, 1.0)
     frames: int = 30
     complete: bool = True
     returns: bool = False
     dropout: float = 0.0
     sigma: float = 0.3
+    drift: float = 0.0
 
 
 def image_sequences(seed: int, name: str, how: ImageParameters) -> list[Sequence]:
@@ -74,17 +80,20 @@ def image_sequences(seed: int, name: str, how: ImageParameters) -> list[Sequence
 
 def _sequence(name: str, rng: np.random.Generator, how: ImageParameters) -> Sequence:
     count = _whole(rng, how.bodies)
-    camera = _camera(rng, how)
+    # Drawn apart, so that the scene does not depend on it.
+    zoom = float(rng_of(0, "zoom", name).uniform(*how.zoom))
+    camera = _camera(rng, how, zoom)
     solids = _background(rng, how)
     solids += [_body(rng, how, number, count) for number in range(count)]
     scene = ImageScene(
         solids=solids,
-        camera=Pinhole(motion=camera),
+        camera=Pinhole(motion=camera, focal=zoom * _FOCAL_PX),
         frames=how.frames,
         complete=how.complete,
         returns=how.returns,
         dropout=how.dropout,
         sigma=how.sigma,
+        drift=how.drift,
     )
     tracks = observe_images(scene, int(rng.integers(2**31)))
     return _seen_enough(Sequence(name, tracks.positions, tracks.times, tracks.objects))
@@ -96,16 +105,18 @@ def _seen_enough(sequence: Sequence) -> Sequence:
     return sequence.of(np.isin(sequence.truth, objects[counts >= _FEWEST]))
 
 
-def _camera(rng: np.random.Generator, how: ImageParameters) -> Glide:
+def _camera(rng: np.random.Generator, how: ImageParameters, zoom: float) -> Glide:
     """Move sideways while looking at one place and turning besides, or ahead."""
-    if how.axial:
-        return _glide(_ZERO, np.array([0.0, 0.0, rng.uniform(*how.camera_speed)]))
-    velocity = _direction(rng) * np.array([1.0, 0.6, 0.5]) * rng.uniform(*how.camera_speed)
     target = _LOOKS_AT * how.depth[0]
-    look = np.array([velocity[1], -velocity[0], 0.0]) / target
-    besides = _direction(rng) * np.array([0.3, 0.3, 1.0]) * np.radians(rng.uniform(*how.camera_spin))
+    place = np.array([0.0, 0.0, (1.0 - zoom) * target])
+    if how.axial:
+        return _glide(place, np.array([0.0, 0.0, rng.uniform(*how.camera_speed)]))
+    velocity = _direction(rng) * np.array([1.0, 0.6, 0.5]) * rng.uniform(*how.camera_speed)
+    look = np.array([velocity[1], -velocity[0], 0.0]) / (target * zoom)
+    besides = _direction(rng) * np.array([0.3 / zoom, 0.3 / zoom, 1.0])
+    besides *= np.radians(rng.uniform(*how.camera_spin))
     swing = _direction(rng) * rng.uniform(*how.camera_speed) * 0.1
-    return _glide(_ZERO, velocity, turn=look + besides, swing=swing)
+    return _glide(place, velocity, turn=look + besides, swing=swing)
 
 
 def _background(rng: np.random.Generator, how: ImageParameters) -> list[Solid]:

@@ -96,7 +96,7 @@ class PixelsConfig(BaseModel):
     )
     merge_cap: Count = Field(default=100, description="members from which on the threshold grows no more")
     merge_range: tuple[Positive, Positive] = Field(
-        default=(0.15, 6.0),
+        default=(0.15, 20.0),
         description="multiples of the threshold below which no superclusters merge, and from which on all do",
     )
     boundary_distance: Weight = Field(
@@ -119,6 +119,25 @@ class PixelsConfig(BaseModel):
     )
     epipolar_unknown: Finite = Field(
         default=0.3, description="nat; that log ratio where the epipolar geometry cannot be estimated"
+    )
+    drift: Weight = Field(
+        default=0.02,
+        description="share of a motion in the image by which features drift or a lens distorts it",
+    )
+    epipolar_contradiction: Finite = Field(
+        default=0.8,
+        description="nat; log ratio of two groups' joint epipolar residual over wide baselines to noise and "
+        "drift, above which they are two bodies",
+    )
+    parallax_excess: Finite = Field(
+        default=1.2,
+        description="nat; largest log ratio of two groups' joint affine residual to the larger own one at "
+        "which parallax within them explains that between them",
+    )
+    parallax_epipolar: Finite = Field(
+        default=0.2,
+        description="nat; largest log ratio of two groups' joint epipolar residual over wide baselines to "
+        "their own at which they are parts of one body with parallax",
     )
     smallest: Count = Field(default=5, description="members below which a group dissolves")
     smallest_share: Share = Field(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Floats, Ints
-from .kernels.epipolar import residual_alone, residual_joint
+from .kernels.epipolar import residual_alone, residuals_joint
 from .key_frames import KeyFrames
 
 # Eight points are fitted exactly.
@@ -88,7 +88,7 @@ class EpipolarTest:
         if not pairs:
             return None
         log_ratio = float(np.mean([_log_ratio(a, b) for a, b in pairs]))
-        return EpipolarComparison(log_ratio, any(_one_rests(a.motion, b.motion) for a, b in pairs))
+        return EpipolarComparison(log_ratio, any(one_rests(a.motion, b.motion) for a, b in pairs))
 
     def _own(self, group: Ints) -> list[_Own]:
         key = group.tobytes()
@@ -97,9 +97,7 @@ class EpipolarTest:
         return self._alone[key]
 
     def _fit(self, group: Ints, first: int, second: int) -> _Own:
-        seen = group[self._visible[first, group] & self._visible[second, group]]
-        if len(seen) > _POINTS:
-            seen = seen[(np.arange(_POINTS) * len(seen)) // _POINTS]
+        seen = thinned(group[self._visible[first, group] & self._visible[second, group]])
         x, y = self._positions[first, seen], self._positions[second, seen]
         if len(seen) < _LEAST_POINTS:
             return _Own(x, y, 0.0, 0.0)
@@ -107,11 +105,17 @@ class EpipolarTest:
 
 
 def _log_ratio(a: _Own, b: _Own) -> float:
-    joint = residual_joint(a.x, a.y, b.x, b.y)
+    joint = max(residuals_joint(a.x, a.y, b.x, b.y))
     alone = (a.residual + b.residual) / 2
     return math.log((math.sqrt(joint) + _FLOOR_PX) / (math.sqrt(alone) + _FLOOR_PX))
 
 
-def _one_rests(first: float, second: float) -> bool:
+def thinned(group: Ints) -> Ints:
+    """Members that represent a group in a frame pair, evenly spread."""
+    return group if len(group) <= _POINTS else group[(np.arange(_POINTS) * len(group)) // _POINTS]
+
+
+def one_rests(first: float, second: float) -> bool:
+    """Whether of two groups that move so far, px, one rests while the other moves."""
     slow, fast = min(first, second), max(first, second)
     return slow < _RESTING_PX and fast > _TIMES_AS_FAR * max(slow, _SLOWEST_PX)

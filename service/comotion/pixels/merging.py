@@ -10,6 +10,7 @@ from .epipolar import EpipolarTest
 from .kernels.neighbours import similarity_to_nearest
 from .key_frames import KeyFrames
 from .linkage import Superclusters
+from .wide_baseline import WideBaselineTest
 
 # Members of the other and of the own group that a member is compared with.
 _NEAREST = 5
@@ -78,17 +79,19 @@ def merge(
     superclusters: Superclusters,
     boundary: BoundaryContrast,
     epipolar: EpipolarTest,
+    wide_baseline: WideBaselineTest,
     parameters: PixelsConfig,
     previous: Labels | None = None,
 ) -> Ints:
     """Group of every supercluster, intp [P], as the index of a supercluster in it.
 
     The most similar pair comes first. Two groups merge if similarity does not drop across their boundary
-    and they share an epipolar geometry; one can make up for the other. Hypotheses of the trajectories at
+    and they share an epipolar geometry; one can make up for the other. Epipolar
+    geometry over wide baselines can overrule that. Hypotheses of the trajectories at
     the previous update (`previous` int64 [N], negative for none) count too: groups of one hypothesis are
     merged more easily, groups of different ones less. In the end groups that are too small dissolve.
     """
-    state = _Merging(superclusters, boundary, epipolar, parameters, previous)
+    state = _Merging(superclusters, boundary, epipolar, wide_baseline, parameters, previous)
     while (pair := state.best_pair()) is not None:
         state.join(*pair)
     state.dissolve()
@@ -101,12 +104,14 @@ class _Merging:
         superclusters: Superclusters,
         boundary: BoundaryContrast,
         epipolar: EpipolarTest,
+        wide_baseline: WideBaselineTest,
         parameters: PixelsConfig,
         previous: Labels | None,
     ) -> None:
         self._p = parameters
         self._boundary = boundary
         self._epipolar = epipolar
+        self._wide_baseline = wide_baseline
         self._members = superclusters.members()
         self._weighted = superclusters.weighted.copy()
         self._evidence = superclusters.evidence.copy()
@@ -163,7 +168,11 @@ class _Merging:
         if min(self._size[a], self._size[b]) < self._smallest:
             return ratio >= 1
         if (a, b) not in self._decided:
-            self._decided[a, b] = self._one_body(a, b, ratio)
+            groups = self._members[a], self._members[b]
+            if self._one_body(a, b, ratio):
+                self._decided[a, b] = not self._wide_baseline.two_bodies(*groups)
+            else:
+                self._decided[a, b] = self._wide_baseline.one_body(*groups)
         return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:

@@ -9,7 +9,7 @@ local motions that explain both, and by the subspace that they span together. Th
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
-   objects (:mod:`.merging`, :mod:`.epipolar`).
+   objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
 7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
 8. Keep the labels of trajectories with little evidence, and assign newborn ones (:mod:`.reassignment`).
 """
@@ -35,6 +35,7 @@ from .merging import BoundaryContrast, merge
 from .neighbour_sampling import sample_members
 from .reassignment import assign_newborns, label_hysteresis, reassign, vote_of_neighbours
 from .similarity import Similarity, combine, preference, subspace
+from .wide_baseline import WideBaselineTest
 
 # Affinity of a pair that has not been compared: nothing is known for or against it.
 _UNKNOWN_AFFINITY = 0.5
@@ -83,7 +84,8 @@ def group(
     similarity = combine(kernel, vectors, p)
     superclusters = link(similarity, p.supercluster_similarity)  # 5
     boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)
-    merged = merge(superclusters, boundary, epipolar, p, previous)  # 6
+    wide_baseline = WideBaselineTest(frames, superclusters.members(), p)
+    merged = merge(superclusters, boundary, epipolar, wide_baseline, p, previous)  # 6
     _, labels = np.unique(merged[superclusters.of], return_inverse=True)
     labels, explained = reassign(frames, labels, p.ridge)  # 7
     weighted, evidence = pool(similarity, labels)

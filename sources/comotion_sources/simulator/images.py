@@ -86,6 +86,8 @@ class ImageScene:
         Number of images, and Hz.
     sigma
         px; noise of an observation, per axis.
+    drift
+        px per root of a frame; random walk of a feature on its body, per axis.
     complete
         Only features that are seen in all frames.
     returns
@@ -101,6 +103,7 @@ class ImageScene:
     frames: int = 30
     rate: float = 15.0
     sigma: float = 0.3
+    drift: float = 0.0
     complete: bool = True
     returns: bool = False
     dropout: float = 0.0
@@ -129,7 +132,10 @@ def observe_images(scene: ImageScene, seed: int) -> ImageTracks:
         positions.append(found)
         objects.append(np.full(found.shape[1], solid.object, np.int64))
     exact = np.concatenate(positions, axis=1)
-    return ImageTracks(times, exact + scene.sigma * rng.normal(size=exact.shape), np.concatenate(objects))
+    noise = scene.sigma * rng.normal(size=exact.shape)
+    if scene.drift:
+        noise += scene.drift * rng.normal(size=exact.shape).cumsum(axis=0)
+    return ImageTracks(times, exact + noise, np.concatenate(objects))
 
 
 def _tracks(scene: ImageScene, index: int, times: Array, rng: np.random.Generator) -> Array:

@@ -18,16 +18,15 @@ def residual_alone(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 @compiled()
-def residual_joint(xa: Floats, ya: Floats, xb: Floats, yb: Floats) -> float:
-    """Larger of the two groups' median squared residuals when both are fitted together, px²."""
+def residuals_joint(xa: Floats, ya: Floats, xb: Floats, yb: Floats) -> tuple[float, float]:
+    """Median squared residual of each of two groups when both are fitted together, px²."""
     count = len(xa)
     prior = np.empty(count + len(xb))
     # A large group must not outvote a small one.
     prior[:count] = count**-0.5
     prior[count:] = len(xb) ** -0.5
     square = _robust_residuals(np.concatenate((xa, xb)), np.concatenate((ya, yb)), prior)
-    joint: float = max(np.median(square[:count]), np.median(square[count:]))
-    return joint
+    return np.median(square[:count]), np.median(square[count:])
 
 
 @compiled()
