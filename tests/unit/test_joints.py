@@ -81,7 +81,7 @@ def residuals(x, kind, states):
 def test_a_fit_is_the_one_of_scipy(kind, reach):
     body = child(kind, np.linspace(0, reach, 10))
     states = relative_states(world(10), body, np.zeros(3))
-    fit = judge(states, {}).fits[kind]
+    fit = judge(states, {}, 10.0).fits[kind]
     model = fit.model
     start = np.concatenate([Rotation.from_matrix(model.R0).as_rotvec(), model.p0, model.u, model.c, fit.q])
     start += np.random.default_rng(1).normal(0, 0.01, len(start))

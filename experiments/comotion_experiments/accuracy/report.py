@@ -102,7 +102,7 @@ def _compared(results: Results) -> str:
         "## Brox and Malik's affinity",
         "",
         "Mean NMI at every second on the trajectories of the window; spectral clustering is given the number",
-        "of objects. Lengths in metres are scaled so that a scene is as wide as an image.",
+        "of objects. Lengths in metres are scaled to a width of the scene that was chosen in its favour.",
         "",
         "| | default | " + " | ".join(clusterings) + " |",
         "|---|---|" + "---|" * len(clusterings),

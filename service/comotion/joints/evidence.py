@@ -20,7 +20,7 @@ from .states import States, turns_between
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
 # Parameters of a free pair: the mean of six numbers and the spread of each.
 _FREE = 12
-# Successive frames are not independent: so many count as one. Chosen on seed 0 of docs/joints.md.
+# Successive states are not independent: so many count as one. Chosen on seed 0 of docs/joints.md.
 _TEMPERATURE = 2.0
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-9
@@ -51,15 +51,17 @@ class Verdict:
         return max(self.probability, key=lambda kind: self.probability[kind])
 
 
-def judge(states: States, known: Mapping[FixedKind, Model]) -> Verdict:
+def judge(states: States, known: Mapping[FixedKind, Model], reach: float) -> Verdict:
     """Fit every kind to n > 0 states and weigh them.
 
     Parameters
     ----------
     known
         Models of the last judgement, from which fits start.
+    reach
+        How far from the child a hinge may be, as in :func:`fit`.
     """
-    fits = {kind: _best_fit(states, kind, known.get(kind)) for kind in KINDS}
+    fits = {kind: _best_fit(states, kind, known.get(kind), reach) for kind in KINDS}
     costs: dict[JointKind, float] = {kind: _cost(one) for kind, one in fits.items()}
     costs["free"] = _free_cost(states, fits["fixed"])
     values = -np.array(list(costs.values()))
@@ -69,9 +71,9 @@ def judge(states: States, known: Mapping[FixedKind, Model]) -> Verdict:
     return Verdict(fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift)
 
 
-def _best_fit(states: States, kind: FixedKind, known: Model | None) -> Fit:
-    starts = [first_guess(states, kind)] if known is None or kind == "fixed" else [known]
-    return min((fit(states, one) for one in starts), key=lambda one: one.cost)
+def _best_fit(states: States, kind: FixedKind, known: Model | None, reach: float) -> Fit:
+    start = first_guess(states, kind) if known is None or kind == "fixed" else known
+    return fit(states, start, reach)
 
 
 def first_guess(states: States, kind: FixedKind) -> Model:
@@ -107,7 +109,8 @@ def _principal(vectors: Floats) -> Floats:
 def _cost(one: Fit) -> float:
     n = len(one.q)
     independent = max(n / _TEMPERATURE, 1.0)
-    total = one.cost / _TEMPERATURE + 0.5 * FREE_PARAMETERS[one.model.kind] * np.log(independent + 1)
+    likelihood = (one.cost - one.improbability) / _TEMPERATURE
+    total = likelihood + one.improbability + 0.5 * FREE_PARAMETERS[one.model.kind] * np.log(independent + 1)
     if one.model.kind != "fixed":
         spread = 1 + float(np.mean(((one.q - one.q.mean()) / one.q_sigma) ** 2))
         total += independent * (0.5 * np.log(spread) + _density(1))

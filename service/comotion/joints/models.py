@@ -27,8 +27,6 @@ _STEPS = 8
 _SETTLED = 1e-2
 # Degrees of freedom of Student's t: residuals beyond some five standard deviations count less and less.
 HEAVY = 30.0
-# The axis of a hinge passes the child within so many of its distances from the parent.
-_REACH = 3.0
 _NUMBERS: dict[FixedKind, int] = {"fixed": FIXED, "prismatic": PRISMATIC, "revolute": REVOLUTE}
 FREE_PARAMETERS: dict[FixedKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
 
@@ -77,6 +75,8 @@ class Fit:
         float64 [n], squared whitened residual, q being free.
     covariance
         float64 [10, 10] of the steps of (turn of R0, p0, c, axis); c and axis across the axis.
+    improbability
+        Minus the log prior of the model, without its constant.
     """
 
     model: Model
@@ -84,11 +84,12 @@ class Fit:
     q_sigma: Floats
     squared: Floats
     covariance: Floats
+    improbability: float
 
     @property
     def cost(self) -> float:
-        """Minus the log likelihood of the states, without its constant."""
-        return float(_robust(self.squared).sum())
+        """Minus the log posterior of the model, without its constant."""
+        return float(_robust(self.squared).sum()) + self.improbability
 
 
 def _robust(squared: Floats) -> Floats:
@@ -96,7 +97,7 @@ def _robust(squared: Floats) -> Floats:
     return np.asarray(0.5 * HEAVY * np.log1p(squared / HEAVY), np.float64)
 
 
-def fit(states: States, start: Model) -> Fit:
+def fit(states: States, start: Model, reach: float) -> Fit:
     """Fit a model from a start.
 
     Parameters
@@ -105,9 +106,12 @@ def fit(states: States, start: Model) -> Fit:
         n > 0 states.
     start
         Of the kind that is fitted.
+    reach
+        Standard deviation of the distance between the child and the axis of a hinge: a hinge that is far
+        away is a slide.
     """
     W = np.ascontiguousarray(np.linalg.cholesky(states.information).transpose(0, 2, 1))
-    q, model, prior = positions(start, states), start, _point_prior(states, start)
+    q, model, prior = positions(start, states), start, (states.p.mean(0), 1 / reach**2)
     for _ in range(_STEPS):
         system = _equations(states, W, model, q, prior)
         step = np.asarray(np.linalg.solve(system.left, system.right), np.float64)
@@ -121,7 +125,9 @@ def fit(states: States, start: Model) -> Fit:
     extra = system.slope[:, UNKNOWNS]
     squared = np.asarray((system.residual**2).sum(1) - extra**2 * system.strength, np.float64)
     sigma = np.sqrt(1 / system.strength) if model.kind != "fixed" else np.zeros(len(q))
-    return Fit(model, q + extra, sigma, squared, np.asarray(np.linalg.inv(system.left), np.float64))
+    covariance = np.asarray(np.linalg.inv(system.left), np.float64)
+    away = _across(model.u).T @ (model.c - prior[0]) if model.kind == "revolute" else np.zeros(2)
+    return Fit(model, q + extra, sigma, squared, covariance, float(0.5 * prior[1] * (away**2).sum()))
 
 
 def positions(model: Model, states: States) -> Floats:
@@ -131,13 +137,6 @@ def positions(model: Model, states: States) -> Floats:
     if model.kind == "revolute":
         return np.asarray(turns_between(states.R, model.R0) @ model.u)
     return np.zeros(len(states))
-
-
-def _point_prior(states: States, start: Model) -> tuple[Floats, float]:
-    """Where the axis of a hinge may be: mean [3] and inverse variance."""
-    centre = states.p.mean(0)
-    reach = max(float(np.linalg.norm(centre)), float(np.linalg.norm(start.p0 - start.c)), 1e-3)
-    return centre, 1 / (_REACH * reach) ** 2
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ..partition import BodyMotion
 from .evidence import KINDS, Verdict, judge
 from .memory import KeyStates
 from .models import FixedKind, Model, joint_position
-from .states import States, relative_states
+from .states import States, averaged, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
@@ -22,6 +22,8 @@ _RECENT = 1.0
 _BROKEN = 9.0
 _WORSE = 4.0
 _CONSTRAINTS = {"fixed": 6, "prismatic": 5, "revolute": 5}
+# A hinge is within so many radii of the child's features; unit of the space, least radius.
+_REACH, _LEAST_RADIUS = 4.0, 1e-3
 # Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
 # of its slope per s, in errors of a frame.
 _NOW, _SLOPE = 0.82, 4.4
@@ -90,14 +92,14 @@ class Pair:
         """Decide anew what the pair is."""
         stamp_ns = int(parent.stamps[-1])
         window = relative_states(parent, child, self.point)
-        window = window.of(window.stamps > self._absorbed_ns)
+        window = averaged(window.of(window.stamps > self._absorbed_ns))
         states = States.joined([self._keys.states, window])
         self.judged_ns = stamp_ns
         if len(window) < 2:
             return
         self._together |= _has_moved(child, self._config) and _has_moved(parent, self._config)
         self.typical_information = window.information[-1]
-        verdict = judge(states, self.models)
+        verdict = judge(states, self.models, _REACH * max(child.radius or parent.radius, _LEAST_RADIUS))
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
             self._begin_again(stamp_ns)
             return

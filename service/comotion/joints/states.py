@@ -52,6 +52,22 @@ class States:
         return cls(*(np.concatenate([getattr(s, f.name) for s in parts]) for f in fields(cls)))
 
 
+def averaged(states: States) -> States:
+    """The mean of every two successive states, which says the same for half the work.
+
+    A last one without company is left out.
+    """
+    first, second = states.of(slice(0, len(states) - 1, 2)), states.of(slice(1, None, 2))
+    if not len(first):
+        return states
+    return States(
+        second.stamps,
+        turned(first.R, 0.5 * turns_between(second.R, first.R)),
+        (first.p + second.p) / 2,
+        first.information + second.information,
+    )
+
+
 def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> States:
     """States of a child against its parent over the frames in which both have a pose.
 

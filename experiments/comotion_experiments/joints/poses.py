@@ -1,0 +1,123 @@
+"""Joints from poses alone: made-up hinges and slides with the noise of the accuracy report."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comotion.config import JointsConfig
+from comotion.joints.pair import Pair
+from comotion.partition import BodyMotion
+
+from .features import angle_between
+
+# Of a coordinate: median errors of 0.98 degrees and 2.26 mm of docs/research/accuracy.md.
+TURN_SIGMA, PLACE_SIGMA = np.radians(0.98) / 1.54, 2.26e-3 / 1.54
+RATE_HZ, SECONDS = 15, 10.0
+_ARM_M = 0.3
+# Degrees and metres that a hinge and a slide have moved.
+CASES = (
+    ("revolute", 15.0),
+    ("revolute", 20.0),
+    ("revolute", 45.0),
+    ("revolute", 90.0),
+    ("prismatic", 0.05),
+    ("prismatic", 0.2),
+    ("revolute", 3.0),
+    ("prismatic", 0.008),
+)
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseCase:
+    """Results of one kind and motion over seeds; axis in degrees, point in mm, time in ms of a judgement."""
+
+    kind: str
+    moved: float
+    axis: list[float]
+    point: list[float]
+    kinds: list[str]
+    milliseconds: list[float]
+
+
+def run_case(kind: str, moved: float, seeds: int) -> PoseCase:
+    """Judge one joint for each seed, twice, as the service does before it publishes."""
+    found = PoseCase(kind, moved, [], [], [], [])
+    for seed in range(seeds):
+        child, axis, point = _child(kind, np.radians(moved) if kind == "revolute" else moved, seed)
+        pair = Pair(1, 2, np.zeros(3), JointsConfig())
+        for _ in range(2):
+            begun = time.process_time()
+            pair.judge(_world(child.stamps), child)
+            found.milliseconds.append(1e3 * (time.process_time() - begun))
+        model = pair.models[kind]  # type: ignore[index]
+        found.kinds.append(pair.known.kind)
+        found.axis.append(angle_between(model.u, axis))
+        off = model.c - point
+        found.point.append(float(1e3 * np.linalg.norm(off - axis * (axis @ off))))
+    return found
+
+
+def _world(stamps: NDArray[np.int64]) -> BodyMotion:
+    n = len(stamps)
+    return BodyMotion(
+        stamps=stamps,
+        R=np.tile(np.eye(3), (n, 1, 1)),
+        t=np.zeros((n, 3)),
+        posed=np.ones(n, np.bool_),
+        turn_covariance=np.zeros((n, 3, 3)),
+        place_variance=np.zeros(n),
+        centre=np.zeros(3),
+        radius=0.0,
+        static=True,
+    )
+
+
+def _child(kind: str, moved: float, seed: int) -> tuple[BodyMotion, Floats, Floats]:
+    """A body that moves evenly along its joint, the axis, and a point on it."""
+    rng = np.random.default_rng(seed)
+    n = round(RATE_HZ * SECONDS)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    point = rng.normal(0, 0.2, 3)
+    arm = np.cross(axis, rng.normal(size=3))
+    start = point + _ARM_M * arm / np.linalg.norm(arm)
+    q = np.linspace(0, moved, n)
+    R0 = Rotation.random(random_state=seed).as_matrix()
+    E = Rotation.from_rotvec(q[:, None] * axis * (kind == "revolute")).as_matrix()
+    t = point + E @ (start - point) + q[:, None] * axis * (kind == "prismatic")
+    noise = Rotation.from_rotvec(rng.normal(0, TURN_SIGMA, (n, 3))).as_matrix()
+    body = BodyMotion(
+        stamps=(np.arange(n) * (1_000_000_000 // RATE_HZ)).astype(np.int64),
+        R=noise @ E @ R0,
+        t=t + rng.normal(0, PLACE_SIGMA, t.shape),
+        posed=np.ones(n, np.bool_),
+        turn_covariance=np.tile(np.eye(3) * TURN_SIGMA**2, (n, 1, 1)),
+        place_variance=np.full(n, PLACE_SIGMA**2),
+        centre=np.zeros(3),
+        radius=0.1,
+        static=False,
+    )
+    return body, axis, point
+
+
+def table(cases: list[PoseCase]) -> str:
+    """Markdown table, medians over seeds."""
+    lines = [
+        "| joint | moved by | axis, degrees | point, mm | kind right, % | undetermined, % | CPU ms |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for one in cases:
+        hinge = one.kind == "revolute"
+        moved = f"{one.moved:g}°" if hinge else f"{100 * one.moved:g} cm"
+        point = f"{np.median(one.point):.2f}" if hinge else "-"
+        right = 100 * np.mean([kind == one.kind for kind in one.kinds])
+        unknown = 100 * np.mean([kind == "undetermined" for kind in one.kinds])
+        lines.append(
+            f"| {one.kind} | {moved} | {np.median(one.axis):.2f} | {point} | {right:.0f} | {unknown:.0f} "
+            f"| {np.median(one.milliseconds):.1f} |"
+        )
+    return "\n".join(lines)
