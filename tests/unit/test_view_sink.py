@@ -74,6 +74,18 @@ class TestWithRerun:
         ):
             sink.wait(threading.Event(), duration=30)
 
+    def test_page_and_data_are_for_this_machine_alone(self) -> None:
+        from comotion_clients.viewing.sink import Destination, RerunSink, free_port
+
+        page, data = free_port(), free_port()
+        with RerunSink(Destination(web_port=page, data_port=data)) as sink:
+            assert str(page) in sink.url
+            # Of every listening socket: local address and state, see proc_net_tcp.
+            lines = [Path("/proc/net", name).read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
+            sockets = [line.split() for line in lines[0] + lines[1]]
+            addresses = {s[1].split(":")[0] for s in sockets if int(s[1].split(":")[1], 16) in {page, data}}
+        assert addresses == {"0100007F"}
+
     @pytest.mark.parametrize("option", ["--port", "--data-port"])
     def test_a_port_in_use_is_told(self, option: str, capsys: pytest.CaptureFixture[str]) -> None:
         import socket

@@ -2,27 +2,22 @@
 
 import contextlib
 import math
-import os
 import socket
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 import urllib.parse
 from collections.abc import Iterable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import rerun as rr
-import rerun_cli
 from scipy.spatial.transform import Rotation
 
 from .blueprint import TIMELINE, blueprint, prepare
 from .paths import plain
+from .program import Program
 from .shapes import (
     Arrows,
     Boxes,
@@ -41,6 +36,8 @@ from .shapes import (
 LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0  # longest wait for delivery
 _FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
+_PAGE_S = 30.0  # longest wait until the page is served
+_POLL_S = 0.05
 _CHECK_S = 0.2  # between two checks whether the window is closed
 _TRAIL_RADIUS = 1.0  # points of the screen
 
@@ -85,8 +82,7 @@ class RerunSink:
         self._where = destination
         self._layout: Layout | None = None
         self._styled: set[str] = set()
-        self._window: subprocess.Popen[bytes] | None = None
-        self._exit = ExitStack()
+        self._program: Program | None = None
         self._live = destination.window or destination.web_port is not None
         self._recording = rr.RecordingStream(
             "comotion",
@@ -118,16 +114,11 @@ class RerunSink:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._window is not None and self._window.poll() is None:
-            self._window.terminate()
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._window.wait(2.0)
-            self._window.kill()
-            self._window.wait()
+        if self._program is not None:
+            self._program.close()
         with contextlib.suppress(Exception):  # the viewer may have gone
             self._recording.flush(timeout_sec=_FLUSH_S)
         self._recording.disconnect()
-        self._exit.close()
 
     @property
     def closed(self) -> bool:
@@ -136,15 +127,9 @@ class RerunSink:
         Raises
         ------
         OSError
-            If the window could not be opened, or has crashed.
+            If the window could not be opened, or it or the server of the page has crashed.
         """
-        status = None if self._window is None else self._window.poll()
-        if status:
-            self._output.seek(0)
-            lines = [line.strip() for line in self._output if line.strip()]
-            message = next((line for line in lines if "panicked" in line or "rror" in line), "")
-            raise OSError(f"the window has failed (status {status}): {message or ' '.join(lines)[-200:]}")
-        return status is not None
+        return self._program is not None and self._program.ended
 
     def wait(self, stop: threading.Event, duration: float | None = None) -> None:
         """Wait until `stop` is set, `duration` (s) is over, or the window is closed."""
@@ -180,24 +165,31 @@ class RerunSink:
 
     def _serve_page(self, port: int, data_uri: str) -> None:
         require_free(port)
-        rr.serve_web_viewer(web_port=port, open_browser=False)
+        # A process of its own: the server inside the SDK listens on every interface.
+        self._program = Program("--serve-web", data_uri, "--bind", LOOPBACK, "--web-viewer-port", str(port))
+        try:
+            self._wait_for_page(port)
+        except OSError:
+            self.__exit__()
+            raise
         self.url = page_url(port, data_uri)
         if self._where.open_browser:
             import webbrowser
 
             webbrowser.open(self.url)
 
+    def _wait_for_page(self, port: int) -> None:
+        deadline = time.monotonic() + _PAGE_S
+        while not self.closed:
+            with contextlib.suppress(ConnectionRefusedError), socket.create_connection((LOOPBACK, port), 1.0):
+                return
+            if time.monotonic() > deadline:
+                raise OSError(f"the page does not answer at port {port}")
+            time.sleep(_POLL_S)
+
     def _open_window(self, data_uri: str) -> None:
-        program = Path(rerun_cli.__file__).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
-        command = [str(program), "--connect", data_uri, "--memory-limit", self._where.memory]
-        command += ["--hide-welcome-screen", "--bind", LOOPBACK]
-        # As rerun.spawn does: no dialogue at the first start.
-        environment = {"RUST_LOG": "error", **os.environ, "RERUN_APP_ONLY": "true"}
-        kept = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
-        self._output = self._exit.enter_context(kept)
-        self._window = subprocess.Popen(  # noqa: S603 - the viewer of the package
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output
-        )
+        memory = ("--memory-limit", self._where.memory)
+        self._program = Program("--connect", data_uri, *memory, "--hide-welcome-screen", "--bind", LOOPBACK)
 
 
 def components(shape: Shape) -> list[Any]:
