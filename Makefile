@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup demo test test-long check format schemas clean
+.PHONY: help setup demo test test-long check format schemas docs pictures wheel clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -18,6 +18,8 @@ $(STAMP): pyproject.toml requirements.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record,ros,video]' --group dev
+	@echo "compiling, once: a minute or two"
+	$(BIN)/comotion warm-up
 	@touch $@
 
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end
@@ -44,5 +46,16 @@ schemas: setup  ## export the JSON Schema of every message header, and the table
 	$(BIN)/python -m comotion_schemas.export schemas
 	$(BIN)/python -m comotion_deploy.parameter_table docs/parameters.md
 
+docs: setup  ## the site in out/site, with the API; broken links and warnings are errors
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+pictures: setup  ## make the pictures of README and gallery again, in docs/images
+	$(BIN)/python -m comotion_experiments.pictures docs/images
+
+wheel: setup  ## wheel and source distribution, in dist
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt build
+	$(BIN)/python -m build --outdir dist
+
 clean:  ## remove what setup and runs created
-	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) out dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -27,6 +27,7 @@ from .commands import (
     status,
     up,
     view,
+    warm_up,
     watch,
 )
 from .errors import UserError, one_line
@@ -76,6 +77,7 @@ app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
 app.add_typer(reproduce.app, name="reproduce")
 app.command("bench", epilog=bench.EPILOG)(bench.bench)
 app.command("soak", epilog=soak.EPILOG)(soak.soak)
+app.command("warm-up", epilog=warm_up.EPILOG)(warm_up.warm_up)
 app.command("config", epilog=config.EPILOG)(config.config)
 
 

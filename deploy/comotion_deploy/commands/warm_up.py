@@ -1,0 +1,49 @@
+"""``comotion warm-up``: compile everything now, so that no first start has to."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from .. import options
+from ..errors import UserError
+
+EPILOG = """
+Examples:
+
+  comotion warm-up
+
+  NUMBA_CACHE_DIR=/var/cache/comotion comotion warm-up   # when an image is built
+"""
+
+
+def warm_up(
+    method: Annotated[
+        list[str] | None,
+        typer.Option("--method", help="Methods to compile for: comotion, thesis. Default: both."),
+    ] = None,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Compile all kernels: half a minute to two minutes once, some seconds when it has been done.
+
+    The result is kept on disk, in NUMBA_CACHE_DIR if that is set. 'make setup' and the container image
+    have done it.
+    """
+    import time
+
+    from comotion import FusionConfig
+    from comotion.runtime.warm_up import prepare
+
+    begun = time.monotonic()
+    for name in method or ("comotion", "thesis"):
+        try:
+            config = FusionConfig.model_validate({"method": name})
+        except ValueError:
+            raise UserError(f"unknown method {name!r}; one of comotion, thesis") from None
+        for step, _ in enumerate(prepare(config), 1):
+            if sys.stderr.isatty():
+                print(f"\r{name}: step {step}", end="", file=sys.stderr, flush=True)
+        if sys.stderr.isatty():
+            print(file=sys.stderr)
+        print(f"{name}: compiled, {time.monotonic() - begun:.0f} s", flush=True)
