@@ -1,0 +1,86 @@
+"""The pictures of README and gallery that can be made without a screen: ``python -m ...pictures FOLDER``.
+
+The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
+evaluate --plot`` does it. No picture is reduced to a palette: hypotheses must not share a colour.
+"""
+
+import argparse
+import logging
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion import FusionConfig
+
+from .evaluate import evaluate_inputs
+from .inputs import find_inputs
+from .segment import SegmentOptions, segment
+
+WORKCELL = "workcell:truck-tower/a?rate=10&size=480x360&duration=7"
+STILL = 62
+"""Frame of the workcell that is the still picture: all bodies have moved."""
+PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
+_FIRST = 10  # frame; nothing has moved before
+_EVERY = 2  # frames
+_MS = 200  # per image of the animation
+_LIMIT = 1_000_000  # bytes
+_log = logging.getLogger(__name__)
+
+
+def make(folder: Path, only: str | None = None) -> list[Path]:
+    """Make the pictures, or one of them by name; returns their paths.
+
+    Raises
+    ------
+    comotion_sources.cameras.types.CameraError
+        If MuJoCo is not installed (extra ``sim3d``).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    made = []
+    if only in {None, "hero.webp", "hypotheses.jpg"}:
+        made += _workcell(folder)
+    for name, scene in PLOTS.items():
+        if only in {None, name}:
+            evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name, progress=False)
+            made.append(folder / name)
+    return made
+
+
+def _workcell(folder: Path) -> list[Path]:
+    with tempfile.TemporaryDirectory() as temporary:
+        segment(WORKCELL, SegmentOptions(out=Path(temporary)))
+        images = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
+    return from_frames(folder, [np.asarray(image, np.uint8) for image in images if image is not None])
+
+
+def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:
+    """Write the animation and the still picture of a segmented video, uint8 [H, W, 3] each."""
+    still, moving = folder / "hypotheses.jpg", folder / "hero.webp"
+    cv2.imwrite(str(still), images[min(STILL, len(images) - 1)], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    frames = images[_FIRST::_EVERY]
+    for quality in (80, 65, 50, 35):
+        animation = cv2.Animation()
+        animation.frames, animation.durations = frames, [_MS] * len(frames)
+        cv2.imwriteanimation(str(moving), animation, [cv2.IMWRITE_WEBP_QUALITY, quality])
+        if moving.stat().st_size < _LIMIT:
+            break
+    return [still, moving]
+
+
+def main() -> None:
+    """Make the pictures in a folder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", help="name of one picture")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    cv2.setNumThreads(1)
+    for path in make(arguments.folder, arguments.only):
+        _log.info("%s: %d kB", path, path.stat().st_size // 1000)
+
+
+if __name__ == "__main__":
+    main()
