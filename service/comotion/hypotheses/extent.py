@@ -26,6 +26,8 @@ _LASTING = 0.5
 _KEPT = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
 _SMALLER = 0.9
+# ns; the axes of a box are sought so often, as the search costs more than the rest of this module.
+_SEEK_NS = 500_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
 
@@ -34,13 +36,15 @@ _STEP = np.pi / 60
 class _Extent:
     """Points of one body: keys int64 [m] ascending, `points` float64 [m, dim] in the axes of the body.
 
-    `since` int64 [m], when each became a member; `axes` float64 [dim, dim], those of the box, as columns.
+    `since` int64 [m], when each became a member; `axes` float64 [dim, dim], those of the box, as columns;
+    `sought_ns`, when they were sought last.
     """
 
     keys: Stamps
     points: Floats
     since: Stamps
     axes: Floats
+    sought_ns: int
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class Extents:
 
     def state(self) -> list[Any]:
         """As plain values and arrays."""
-        return [[one, e.keys, e.points, e.since, e.axes] for one, e in self._known.items()]
+        return [[one, e.keys, e.points, e.since, e.axes, e.sought_ns] for one, e in self._known.items()]
 
     def load(self, state: list[Any]) -> None:
         """Take up :meth:`state`."""
@@ -125,10 +129,10 @@ class Extents:
         if (mine & members.sure).any():
             mine &= members.sure
         keys, now, since = members.keys[mine], points[mine], np.full(int(mine.sum()), stamp_ns)
-        axes = np.eye(points.shape[1])
+        axes, sought_ns = np.eye(points.shape[1]), None
         before = self._known.get(one)
         if before is not None:
-            axes = before.axes
+            axes, sought_ns = before.axes, before.sought_ns
             at = find(keys, before.keys)
             since[at >= 0] = before.since[at[at >= 0]]
             lost = _lost(stamp_ns, before, members.keys)
@@ -137,9 +141,9 @@ class Extents:
             since = np.concatenate([since, before.since[lost]])
             order = np.argsort(keys)
             keys, now, since = keys[order], now[order], since[order]
-        if before is None or not np.array_equal(keys, before.keys):
-            axes = best_axes(now, axes)
-        found = self._known[one] = _Extent(keys, now, since, axes)
+        if sought_ns is None or stamp_ns >= sought_ns + _SEEK_NS:
+            axes, sought_ns = best_axes(now, axes), stamp_ns
+        found = self._known[one] = _Extent(keys, now, since, axes, sought_ns)
         return found
 
 
