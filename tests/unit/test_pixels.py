@@ -15,6 +15,7 @@ from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced, frame_pairs
 from comotion.pixels.linkage import Superclusters, link
+from comotion.pixels.memory import Separation
 from comotion.pixels.merging import BoundaryContrast, merge
 from comotion.pixels.method import group
 from comotion.pixels.neighbour_sampling import NeighbourDistance
@@ -426,3 +427,44 @@ def test_real_sequences(name, bodies, worst):
     found = group(frames_of(positions[:, grown], visible[:, grown]), PixelsConfig())
     assert found.labels.max() + 1 == bodies
     assert misclassification(found.labels, truth[grown]) <= worst
+
+
+def test_a_body_that_rests_longer_than_the_window_stays_a_hypothesis():
+    rng = np.random.default_rng(16)
+    place = rng.uniform(0, 400, (60, 2))
+    place[40:] = rng.uniform(150, 250, (20, 2))
+    fusion = pixel_fusion()
+    for k in range(90):
+        x = place + rng.normal(0, 0.1, place.shape)
+        x[40:] += 8.0 * min(k, 15)
+        stamp = T0 + k * 200 * MS
+        fusion.ingest(batch(k, stamp, np.arange(60), x))
+        update = fusion.update(stamp)
+        if k == 20:
+            moved = update
+    # It moved for 3 s and has rested for 15, in a window of 10.
+    for update in (moved, fusion.update(stamp)):
+        assert misclassification(update.track_hypothesis, np.repeat([0, 1], [40, 20])) == 0
+        assert len(update.hypotheses) == 2
+    assert {h.id for h in moved.hypotheses} == {h.id for h in update.hypotheses}
+
+
+def test_a_separate_hypothesis_that_moves_with_another_is_joined_after_seconds():
+    rng = np.random.default_rng(17)
+    moving = frames_of(np.repeat(rng.uniform(0, 400, (1, 60, 2)), 24, 0) + np.arange(24)[:, None, None])
+    resting = frames_of(np.repeat(moving.positions[:1], 24, 0))
+    before, one = np.repeat([7, 8], [40, 20]), np.zeros(60, np.intp)
+    memory = Separation(5)
+
+    def groups(frames, labels, seconds):
+        return len(set(memory.keep(frames, labels, before, T0 + int(seconds * 1e9)).tolist()))
+
+    # Not known to be separate yet.
+    assert groups(resting, one, 0.0) == 1
+    for second in (1, 2, 3):
+        assert groups(moving, before - 7, second) == 2
+    again = Separation(5)
+    again.load(memory.state())
+    assert again.state() == memory.state()
+    assert [groups(resting, one, second) for second in (4, 30)] == [2, 2]
+    assert [groups(moving, one, second) for second in (31, 32, 33, 34)] == [2, 2, 1, 1]

@@ -12,6 +12,7 @@ local motions that explain both, and by the subspace that they span together. Th
    objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
 7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
 8. Keep the labels of trajectories with little evidence, and assign newborn ones (:mod:`.reassignment`).
+9. Keep hypotheses that have moved on their own apart while they rest (:mod:`.memory`).
 """
 
 from bisect import bisect_left, insort
@@ -31,6 +32,7 @@ from .describe import describe
 from .epipolar import EpipolarTest
 from .key_frames import KeyFrames, compared_trajectories, frame_pairs
 from .linkage import link, pool
+from .memory import Separation
 from .merging import BoundaryContrast, merge
 from .neighbour_sampling import sample_members
 from .reassignment import assign_newborns, label_hysteresis, reassign, vote_of_neighbours
@@ -123,6 +125,7 @@ class PixelMethod:
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels
         self._stamps: list[int] = []
+        self._separation = Separation(self._p.smallest)
         nobody: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
         self._last: tuple[Slots, Slots, Floats32] = (nobody, nobody, np.zeros((0, 0), np.float32))
@@ -136,7 +139,8 @@ class PixelMethod:
         before = previous.labels[compared]
         if len(compared) > 1:
             found = group(frames, self._p, previous=before)  # 2 to 8
-            groups[compared], confidence[compared] = found.labels, found.confidence
+            groups[compared] = self._separation.keep(frames, found.labels, before, stamp_ns)  # 9
+            confidence[compared] = found.confidence
             residual[compared] = found.similarity.residual
             self._last = current, compared, found.similarity.value
         else:
@@ -194,12 +198,12 @@ class PixelMethod:
         return affinity
 
     def state(self) -> dict[str, Any]:
-        """Nothing: all that is kept follows from the window."""
-        return {}
+        """Which hypotheses are separate; all else that is kept follows from the window."""
+        return {"separate": self._separation.state()}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Read the instants from the window."""
-        del state
+        self._separation.load(state.get("separate", []))
         series = [window.series(slot).times for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
 
