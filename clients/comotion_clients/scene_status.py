@@ -128,7 +128,7 @@ class StatusModel:
         rows = [self._row(name, seen, now_s) for name, seen in sorted(self._seen.items())]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
-        problems = find_problems(rows)
+        problems = find_problems(rows) + _reported(self._newest_service())
         update = self._update
         return SceneStatus(
             scene=self.scene,
@@ -205,6 +205,11 @@ def _rate(name: str, seen: _Seen, service: Status | None, updates_hz: float | No
     received = None if service is None else service.rates.get(name)
     own = None if seen.status is None else seen.status.rates.get("obs")
     return own if received is None else received
+
+
+def _reported(service: Status | None) -> list[str]:
+    """What the service itself says that a person should change, in the versions that do."""
+    return [problem.text for problem in getattr(service, "problems", None) or ()]
 
 
 def _overall(rows: list[ComponentRow], problems: list[str]) -> Overall:

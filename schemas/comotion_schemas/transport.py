@@ -97,7 +97,7 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
             "endpoints": list(settings.connect),
             "timeout_ms": -1,
             "exit_on_failure": False,
-            "retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+            "retry": {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 1.5},
         },
         "listen": {"endpoints": list(settings.listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},

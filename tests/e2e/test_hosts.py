@@ -187,7 +187,8 @@ def grant(role: str, name: str, scene: str = "*") -> Grant:
 
 
 @pytest.fixture
-def site(tmp_path: Path, spawn: Callable[..., Process]) -> Iterator[Site]:
+def site(tmp_path: Path, spawn: Callable[..., Process], start: object) -> Iterator[Site]:
+    # `start` is asked for because the kernels are then compiled before any deadline runs.
     reason = why_not()
     if reason:
         pytest.skip(reason)

@@ -380,6 +380,11 @@ def test_the_commands_work_with_certificates(site, start, tmp_path) -> None:
     assert watch.wait() == 0
     shown = json.loads(watch.output)
     assert {row["name"] for row in shown["sources"]} == {"sim-1", "sim-2"}
+    look = start("status", "--json", "--wait", "ok", "--timeout", 60, *far, ready=False)
+    look.wait()
+    found = json.loads(look.output)
+    assert {row["name"] for row in found["components"]} >= {"cell-fusion", "sim-1", "sim-2"}, found
+    assert [(row["name"], row["routers"]) for row in found["routers"]] == [("annex", 1), ("hall", 1)]
     wrong = start("serve", "--tls", folder / "tablet", *at, ready=False)
     assert wrong.wait() == 2
     assert "the certificate of viewer 'tablet' is not for a service" in wrong.output

@@ -109,14 +109,3 @@ def _batch(positions: NDArray[np.float64], frame: int, unit: str, source: int) -
         positions=(positions * (_PIXELS_PER_METRE if unit == "px" else 1.0)).astype(np.float32),
         quaternions=quaternions if source else None,
     )
-
-
-def main() -> None:
-    """Compile what the methods need, and keep it on disk; when an image is built, for instance."""
-    for method in ("comotion", "thesis"):
-        for _ in warm_up(FusionConfig(method=method)):
-            pass
-
-
-if __name__ == "__main__":
-    main()
