@@ -1,0 +1,171 @@
+"""ROS 2 messages of trackers -> observations. Pure; the types come from rosbags (extra ``ros``)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+TF = "tf2_msgs/msg/TFMessage"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+NAMED_POSES = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
+KINDS = (TF, TRANSFORM, POSE, CLOUD, NAMED_POSES)
+# Of motion_capture_tracking, which rosbags does not have.
+_NAMED = {
+    "motion_capture_tracking_interfaces/msg/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
+    NAMED_POSES: "std_msgs/Header header\nmotion_capture_tracking_interfaces/NamedPose[] poses\n",
+}
+ID_FIELDS = ("id", "track_id", "marker_id", "label")
+"""Fields of a point cloud that name the feature, in the order of preference."""
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+class MessageError(ValueError):
+    """A message that cannot be observations; one line."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Features at one instant in one frame.
+
+    Attributes
+    ----------
+    stamp_ns
+        Acquisition time, ns since the Unix epoch.
+    frame
+        Frame id of the positions.
+    ids, positions, quaternions
+        uint64 [N], float64 [N, 3] in m, and float64 [N, 4] (x, y, z, w) or None for points.
+    """
+
+    stamp_ns: int
+    frame: str
+    ids: NDArray[np.uint64]
+    positions: NDArray[np.float64]
+    quaternions: NDArray[np.float64] | None = None
+
+
+@cache
+def store() -> Any:
+    """Return the types of ROS 2 Jazzy, with those of motion_capture_tracking.
+
+    Raises
+    ------
+    ImportError
+        If rosbags is not installed.
+    """
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    found = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _NAMED.items():
+        found.register(get_types_from_msg(text, name))
+    return found
+
+
+def kind_of(key: str) -> str | None:
+    """Type of the messages on a key of rmw_zenoh; None if it is not one of :data:`KINDS`."""
+    chunks = key.split("/")
+    names = chunks[-2].split("::") if len(chunks) > 2 else []
+    if len(names) != 4:
+        return None
+    kind = f"{names[0]}/{names[1]}/{names[3].removesuffix('_')}"
+    return kind if kind in KINDS else None
+
+
+class Converter:
+    """Converts messages; frames and rigid bodies get an id when their name is first seen.
+
+    Parameters
+    ----------
+    pattern
+        Names of frames and bodies to take, with ``*`` and ``?``.
+    """
+
+    def __init__(self, pattern: str = "*") -> None:
+        self._pattern = pattern
+        self._ids: dict[str, int] = {}
+
+    def convert(self, kind: str, raw: bytes, received_ns: int) -> list[Observed]:
+        """Decode one message; without a stamp it has the time of its receipt.
+
+        Raises
+        ------
+        MessageError
+            If the bytes are not a message of this type, or a cloud has no field that names features.
+        """
+        if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
+            raise MessageError("not a CDR payload")
+        try:
+            message = store().deserialize_cdr(raw, kind)
+        except Exception as error:  # rosbags raises many types on malformed bytes
+            raise MessageError(f"not a {kind}: {type(error).__name__}") from None
+        if kind == CLOUD:
+            return [_cloud(message, received_ns)]
+        poses: dict[tuple[int, str], list[tuple[int, list[float], list[float]]]] = {}
+        for name, header, place, turn in _poses(kind, message):
+            if fnmatchcase(name, self._pattern):
+                number = self._ids.setdefault(name, len(self._ids))
+                where = [place.x, place.y, place.z]
+                row = (number, where, [turn.x, turn.y, turn.z, turn.w])
+                poses.setdefault((_stamp(header, received_ns), header.frame_id), []).append(row)
+        return [_together(stamp, frame, rows) for (stamp, frame), rows in sorted(poses.items())]
+
+
+def _poses(kind: str, message: Any) -> Iterator[tuple[str, Any, Any, Any]]:
+    """Name, header, place and turn of every pose in a message."""
+    if kind == POSE:
+        yield "pose", message.header, message.pose.position, message.pose.orientation
+    elif kind == NAMED_POSES:
+        for one in message.poses:
+            yield one.name, message.header, one.pose.position, one.pose.orientation
+    else:
+        for one in message.transforms if kind == TF else [message]:
+            yield one.child_frame_id, one.header, one.transform.translation, one.transform.rotation
+
+
+def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list[float]]]) -> Observed:
+    """Poses of one instant; of one that is told twice, the last."""
+    last = {number: (place, turn) for number, place, turn in rows}
+    turns = np.array([turn for _, turn in last.values()], np.float64)
+    lengths = np.linalg.norm(turns, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turns = np.where(lengths[:, None] > 0.5, turns / lengths[:, None], np.nan)
+    places = np.array([place for place, _ in last.values()], np.float64)
+    return Observed(stamp_ns, frame, np.array(list(last), np.uint64), places, turns)
+
+
+def _cloud(message: Any, received_ns: int) -> Observed:
+    fields = {field.name: field for field in message.fields}
+    name = next((one for one in ID_FIELDS if one in fields), None)
+    if name is None or not {"x", "y", "z"} <= fields.keys():
+        raise MessageError(f"a cloud needs the fields x, y, z and one of {', '.join(ID_FIELDS)}")
+    count = int(message.width) * int(message.height)
+    data, step = np.asarray(message.data).tobytes(), int(message.point_step)
+    if len(data) < count * step:
+        raise MessageError("a cloud is shorter than it says")
+    order = ">" if message.is_bigendian else "<"
+    chosen = [fields[one] for one in ("x", "y", "z", name)]
+    try:
+        kind = np.dtype(
+            {
+                "names": [field.name for field in chosen],
+                "formats": [order + _NUMBERS[field.datatype] for field in chosen],
+                "offsets": [field.offset for field in chosen],
+                "itemsize": step,
+            }
+        )
+    except (KeyError, ValueError):
+        raise MessageError("a cloud has fields that do not fit its points") from None
+    points = np.frombuffer(data, kind, count)
+    positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    ids = points[name].astype(np.int64)
+    return Observed(_stamp(message.header, received_ns), message.header.frame_id, ids, positions)  # type: ignore[arg-type]
+
+
+def _stamp(header: Any, received_ns: int) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec) or received_ns
