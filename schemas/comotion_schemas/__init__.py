@@ -6,7 +6,7 @@ Importing this package does not import zenoh; :mod:`comotion_schemas.transport` 
 from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, encode
 from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
 from .keys import DEFAULT_SCENE, Keys
-from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
+from .messages import JointStates, ObservationBatch, Preview, Problem, RejectionReason, Status, TruthBatch
 from .qos import QOS, QoS
 from .types import MAX_BYTES, UNDETERMINED
 
@@ -28,6 +28,7 @@ __all__ = [
     "ObservationBatch",
     "Pose",
     "Preview",
+    "Problem",
     "QoS",
     "RejectionReason",
     "SourceRef",

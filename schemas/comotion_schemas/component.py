@@ -30,11 +30,13 @@ import zenoh
 from . import metrics
 from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
-from .messages import RejectionReason, Role, Status, StatusState
+from .messages import Problem, RejectionReason, Role, Status, StatusState
 from .readiness import announce_ready, beat
 from .transport import Publisher, SessionSettings, client_settings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
+# What Status accepts; a longer message is cut.
+_MAX_TEXT = 4096
 _SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
 
@@ -78,6 +80,7 @@ class StatusFields:
     epoch: int = 0
     clock_offsets: dict[str, float] = field(default_factory=dict)
     hangs: bool = False
+    problems: list[Problem] = field(default_factory=list)
 
 
 @contextmanager
@@ -234,12 +237,16 @@ class Component:
         self._exit.enter_context(announce_ready(self._ready_file))
 
     def status(self) -> Status:
-        """Build the current Status."""
+        """Build the current Status; one that says why where the fields are no valid Status."""
         try:
-            fields = self._status()
+            return self._compose(self._status())
         except Exception as error:  # an error in the callback must not end the Status thread
             _log.exception("the status of %s could not be determined", self.name)
-            fields = StatusFields(state="degraded", message=f"status unavailable: {error!r}"[:500])
+            return self._compose(
+                StatusFields(state="degraded", message=f"status unavailable: {error!r}"[:500])
+            )
+
+    def _compose(self, fields: StatusFields) -> Status:
         self._hangs = fields.hangs
         return Status(
             component=self.name,
@@ -251,7 +258,8 @@ class Component:
             ages=fields.ages,
             counters=fields.counters,
             rejected=fields.rejected,
-            message=fields.message,
+            message=fields.message[:_MAX_TEXT],
+            problems=fields.problems,
             version=_version(),
             host=socket.gethostname(),
             replica=fields.replica,
@@ -282,8 +290,11 @@ class Component:
     def _publish_status(self, publisher: Publisher, closing: threading.Event) -> None:
         due = time.monotonic()
         while True:
-            self.last_status = self.status()
-            publisher.put(encode(self.last_status))
+            try:
+                self.last_status = self.status()
+                publisher.put(encode(self.last_status))
+            except Exception:  # one Status less, but not the end of all
+                _log.exception("no status of %s", self.name)
             if not self._hangs:
                 beat(self._ready_file)
             due = max(due + STATUS_PERIOD_S, time.monotonic())

@@ -34,6 +34,7 @@ from .types import (
     PixelColumn,
     PositionColumn,
     QuaternionColumn,
+    Record,
     SessionId,
     ShortText,
     SpaceName,
@@ -272,13 +273,51 @@ RejectionReason = Literal[
     "past",
     "range",
     "limit",
+    "duplicate-name",
+    "defect",
 ]
+ProblemKind = Literal[
+    "clock-ahead",
+    "clock-behind",
+    "clock-zero",
+    "ids-reused",
+    "ids-short-lived",
+    "scale",
+    "no-data",
+    "silent",
+    "duplicate-name",
+    "limit",
+    "defect",
+]
+
+
+@dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
+class Problem(Record):
+    """Something that a person should change, as long as it lasts.
+
+    Attributes
+    ----------
+    kind
+        What it is; docs/protocol.md says what each kind means.
+    since_ns
+        When it was noticed, nanoseconds since the Unix epoch.
+    text
+        What is wrong and what to do, one line.
+    source
+        The source that has it, or None.
+    """
+
+    kind: ProblemKind
+    since_ns: Int64
+    text: ShortText
+    source: Name | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
 class Status:
-    """Health of one component, once a second (``comotion.Status/1``). Counters only grow.
+    """Health of one component, once a second (``comotion.Status/1``).
 
+    Counters only grow, but for `lost` and `waiting`. `problems` are those that last.
     `version` of comotion and `host` name where it runs; empty when unknown. A service also says its
     `replica` ("active" or "standby"; empty without standbys) and `epoch`, and in `clock_offsets` how far
     the clock of each source is ahead of its own, in s.
@@ -300,3 +339,4 @@ class Status:
     replica: Literal["", "active", "standby"] = ""
     epoch: Count = 0
     clock_offsets: dict[ShortText, Finite] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)

@@ -23,6 +23,7 @@ from comotion_schemas import (
     ObservationBatch,
     Pose,
     Preview,
+    Problem,
     SourceRef,
     Status,
     TruthBatch,
@@ -339,6 +340,10 @@ GOLDEN = {
             replica="active",
             epoch=42,
             clock_offsets={"cam-1": -0.0125},
+            problems=[
+                Problem(source="cam-2", kind="silent", since_ns=STAMP, text="cam-2: no data for 4 s"),
+                Problem(kind="limit", since_ns=STAMP, text="256 spaces are in use"),
+            ],
         ),
         {
             "schema": "comotion.Status/1",
@@ -357,6 +362,10 @@ GOLDEN = {
             "replica": "active",
             "epoch": 42,
             "clock_offsets": {"cam-1": -0.0125},
+            "problems": [
+                {"kind": "silent", "since_ns": STAMP, "text": "cam-2: no data for 4 s", "source": "cam-2"},
+                {"kind": "limit", "since_ns": STAMP, "text": "256 spaces are in use"},
+            ],
         },
     ),
 }
