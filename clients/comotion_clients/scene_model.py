@@ -40,9 +40,9 @@ class Stream:
     arrivals: deque[float] = field(default_factory=deque)
 
     def arrive(self, lost: int, now: float) -> None:
-        """Take note of a message before which `lost` others are missing."""
-        if lost:
-            self.lost += lost
+        """Take note of a message with which `lost` more are missing than before, or -1 for one less."""
+        self.lost += lost
+        if lost > 0:
             self.lost_at = now
         self.arrivals.append(now)
         while now - self.arrivals[0] > RATE_SPAN_S and len(self.arrivals) > 2:

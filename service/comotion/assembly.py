@@ -1,6 +1,7 @@
 """Updates of all spaces in, one message for the wire out."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -63,4 +64,14 @@ def assemble(
         events=list(events),
         joints=list(joints),
         frames={one.view.spec.name: one.frame for one in updates if one.frame is not None},
+    )
+
+
+def moved(update: HypothesisUpdate, shift_ns: int) -> HypothesisUpdate:
+    """The same update, with all its event times later by `shift_ns`."""
+    return replace(
+        update,
+        stamp_ns=update.stamp_ns + shift_ns,
+        hypotheses=[replace(one, born_ns=one.born_ns + shift_ns) for one in update.hypotheses],
+        events=[replace(one, stamp_ns=one.stamp_ns + shift_ns) for one in update.events],
     )

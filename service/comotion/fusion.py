@@ -16,14 +16,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Event, HypothesisUpdate, Keys, ObservationBatch, RejectionReason
+from comotion_schemas import Event, HypothesisUpdate, Joint, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
-from .assembly import Header, assemble
+from .assembly import Header, assemble, moved
 from .config import FusionConfig, to_ns
-from .event_time.instants import Instant, SessionEnded
+from .event_time.faults import Fault, Faults
+from .event_time.instants import Instant
 from .event_time.sources import SourceHealth
-from .event_time.stats import Stats
+from .event_time.stats import Account, Stats
 from .event_time.timeline import Timeline
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
@@ -32,9 +33,11 @@ from .joints.room import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
-from .space import MAX_COORDINATE, Space
+from .space import MAX_COORDINATE, SpaceUpdate
+from .spaces import Spaces
 
-MAX_SPACES = 256
+# Stamps beyond are no times since 1970; their differences could leave the range of int64.
+_MAX_STAMP_NS = 2**62
 
 TrackKey = tuple[str, str, int]
 
@@ -89,9 +92,10 @@ class Fusion:
         self.scene = Keys(scene).scene
         self.session = session
         self.stats = Stats()
-        self._timeline = Timeline(self.config, self.stats)
-        self._spaces: dict[str, Space] = {}
+        self._faults = Faults(self.stats)
+        self._timeline = Timeline(self.config, self.stats, self._faults)
         self._ids = IdAllocator(first_id)
+        self._spaces = Spaces(self.config, self._ids, self.stats, self._faults, self.make_method)
         self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
@@ -102,51 +106,106 @@ class Fusion:
     @property
     def watermark_ns(self) -> int | None:
         """Event time up to which everything is fused, ns since the Unix epoch; None before any."""
-        return self._timeline.watermark_ns
+        watermark = self._timeline.watermark_ns
+        return None if watermark is None else watermark + self._timeline.steps.shift_ns
 
     @property
     def spaces(self) -> list[str]:
         """Names of the spaces that have been observed, sorted."""
-        return sorted(self._spaces)
+        return self._spaces.names()
 
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
-        self._timeline.receive(batch, self._refusal(batch))
+        try:
+            refusal = self._refusal(batch)
+        except Exception as error:  # a defect costs the batch, not the service
+            self._faults.note("checking a batch", error, batch)
+            refusal = "defect"
+        self._timeline.receive(batch, refusal)
 
-    def advance(self, now_ns: int) -> None:
-        """Fuse what the watermark has passed; calling it between updates spreads their work."""
-        for event in self._timeline.advance(now_ns):
+    def advance(self, now_ns: int, at_ns: int | None = None) -> None:
+        """Fuse what the watermark has passed; calling it between updates spreads their work.
+
+        Parameters
+        ----------
+        now_ns, at_ns
+            As for :meth:`update`.
+        """
+        self._spaces.at_ns = now_ns if at_ns is None else at_ns
+        for event in self._timeline.advance(now_ns, at_ns):
             if isinstance(event, Instant):
-                self._fuse(event)
+                self._timeline.done(event, self._spaces.store(event))
             else:
-                self._end_session(event)
+                self._spaces.end_session(event.session)
 
-    def update(self, now_ns: int) -> HypothesisUpdate:
-        """Fuse what the watermark has passed and group every current trajectory.
+    def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
+        """Fuse what the watermark has passed and group every current trajectory. Raises nothing.
 
         Parameters
         ----------
         now_ns
-            The caller's clock, nanoseconds since the Unix epoch.
+            The caller's clock, nanoseconds since the Unix epoch, with which stamps are compared.
+        at_ns
+            A clock that is never set, in ns, for the time between arrivals; None: `now_ns`.
         """
-        self.advance(now_ns)
-        watermark = self._timeline.watermark_ns
+        self.advance(now_ns, at_ns)
+        timeline, at_ns = self._timeline, now_ns if at_ns is None else at_ns
+        watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        timeout_ns = self._timeline.track_timeout_ns
-        updates = [space.update(stamp, timeout_ns) for _, space in sorted(self._spaces.items())]
-        joints, changes = self._joints.update(stamp, [one.view for one in updates])
-        self._joints.keep(h.id for one in updates for h in one.hypotheses)
+        updates = self._spaces.update(stamp, timeline.track_timeout_ns)
+        joints, changes = self._jointed(stamp, updates)
         self._remember(stamp, [*(event for one in updates for event in one.events), *changes])
-        in_use = set().union(*(space.sessions_in_use() for space in self._spaces.values()))
-        self._timeline.forget_idle(in_use)
-        period_ns, live = to_ns(self.config.period), self._timeline.live(now_ns)
+        in_use = self._spaces.sessions_in_use()
+        timeline.forget_idle(in_use)
+        self._spaces.tidy(in_use | set(timeline.sessions))
+        period_ns, live = to_ns(self.config.period), bool(timeline.sources.sending(at_ns))
         header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
         self._seq += 1
         self.stats.updates += 1
-        update = assemble(header, updates, self._timeline.sessions, self._events, joints)
-        self._latest = self._linker.linked(update, [one.view for one in updates])
+        update = self._linked(self._assembled(header, updates, joints), updates)
+        self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
+
+    def _jointed(self, stamp_ns: int, updates: list[SpaceUpdate]) -> tuple[list[Joint], list[Event]]:
+        try:
+            found = self._joints.update(stamp_ns, [one.view for one in updates])
+            self._joints.keep(h.id for one in updates for h in one.hypotheses)
+        except Exception as error:  # a defect costs the joints, not the service
+            self._faults.note("finding joints", error)
+            self._joints = Joints(self.config)
+            return [], []
+        return found
+
+    def _assembled(
+        self, header: Header, updates: list[SpaceUpdate], joints: list[Joint]
+    ) -> HypothesisUpdate:
+        """One message of all spaces that fit into one; a space that does not is built anew."""
+        sessions = self._timeline.sessions
+        try:
+            return assemble(header, updates, sessions, self._events, joints)
+        except Exception as error:  # a defect costs a space, not the service
+            self._faults.note("putting an update together", error)
+        self._events.clear()
+        kept: list[SpaceUpdate] = []
+        update = assemble(header, kept, sessions, self._events, [])
+        for one in updates:
+            try:
+                update = assemble(header, [*kept, one], sessions, self._events, [])
+                kept.append(one)
+            except Exception as error:
+                self._faults.note(f"listing space {one.view.spec.name!r}", error)
+                self._spaces.open(one.view.spec)
+        updates[:] = kept
+        return update
+
+    def _linked(self, update: HypothesisUpdate, updates: Sequence[SpaceUpdate]) -> HypothesisUpdate:
+        try:
+            return self._linker.linked(update, [one.view for one in updates])
+        except Exception as error:  # a defect costs the links, not the service
+            self._faults.note("linking spaces", error)
+            self._linker = Linker(self.config.linking)
+            return update
 
     def follow(self, published: HypothesisUpdate) -> None:
         """Take over the ids and births of what another service of the scene publishes.
@@ -190,19 +249,55 @@ class Fusion:
             hypothesis = self._published.own(hypothesis)
             if hypothesis is None:
                 return []
-        gone = (one for space in self._spaces.values() for one in space.forget(hypothesis))
+        gone = (one for space in self._spaces for one in space.forget(hypothesis))
         return sorted(gone if self._published is None else map(self._published.name, gone))
 
-    def start_over(self) -> None:
-        """Forget all that has been observed; counters and ids go on. Stamps may then start anywhere."""
-        self._timeline = Timeline(self.config, self.stats)
-        self._spaces.clear()
-        self._linker = Linker(self.config.linking)
-        self._events.clear()
+    def follow_recordings(self) -> None:
+        """Take the time of the sources for granted: a recording may be played again with its own stamps."""
+        self._timeline.steps.follow_all = True
 
-    def sources(self, now_ns: int) -> list[SourceHealth]:
-        """Health of every source: its session, age and whether the watermark waits for it."""
-        return self._timeline.health(now_ns)
+    def overlooked(self, source: str, count: int | None) -> None:
+        """Take note of batches that came in unread: a gap in their sequence numbers is then no loss.
+
+        Parameters
+        ----------
+        source
+            Whose they were.
+        count
+            How many, already accounted; None: nobody knows, and they count as overflow.
+        """
+        self._timeline.ledger.overlooked(source, count)
+
+    def sent(self, source: str, session: str, count: int) -> None:
+        """Take note that a session says it has sent so many batches: what has not come by now is lost."""
+        self._timeline.ledger.sent((source, session), count)
+
+    def accounts(self) -> dict[tuple[str, str], Account]:
+        """What became of the batches of each (source, session); session "" for those that were not read."""
+        return self._timeline.ledger.accounts()
+
+    def refuse(self, source: str, reason: RejectionReason) -> None:
+        """Count a payload of a source that is no batch."""
+        self._timeline.ledger.refuse((source, ""), reason)
+        self._timeline.ledger.overlooked(source, 1)
+
+    def faults(self) -> list[Fault]:
+        """Errors of the fusion itself since the last call, with their traces."""
+        return self._faults.take()
+
+    @property
+    def shift_ns(self) -> int:
+        """By how much stamps are ahead of the time scale of `now_ns`; 0 unless sources were followed."""
+        return self._timeline.steps.shift_ns
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Largest stamp that was accepted, on the time scale of `now_ns`; None before any."""
+        return max((source.newest_ns for source in self._timeline.sources.values()), default=None)
+
+    def sources(self, now_ns: int, at_ns: int | None = None) -> list[SourceHealth]:
+        """Health of every source: its session, age, and whether it sends."""
+        return self._timeline.sources.health(now_ns, now_ns if at_ns is None else at_ns)
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
@@ -241,7 +336,7 @@ class Fusion:
             "links": self._linker.state(),
             "joints": self._joints.state(),
             "published": None if self._published is None else self._published.state(),
-            "spaces": [space.state() for space in self._spaces.values()],
+            "spaces": [space.state() for space in self._spaces],
         }
 
     @classmethod
@@ -267,7 +362,7 @@ class Fusion:
         if state["method"] == config.method:
             fusion._joints.load(state.get("joints", []))
         for part in state["spaces"]:
-            space = fusion._open_space(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
+            space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.
             space.load(part, keep_method=state["method"] == config.method)
         return fusion
@@ -278,42 +373,16 @@ class Fusion:
 
     def _refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch cannot be fused, whatever its time; None if it can."""
-        space = self._spaces.get(batch.space)
-        if space is not None and not space.spec.suits(batch):
-            return "space-mismatch"
+        refused = self._spaces.refusal(batch)
+        if refused is not None:
+            return refused
+        stamps = batch.stamps_ns
+        oldest = batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
+        if oldest < 0 or batch.stamp_ns > _MAX_STAMP_NS:
+            return "range"
         if np.abs(batch.positions).max(initial=0.0) > MAX_COORDINATE:
             return "range"
         return None
-
-    def _fuse(self, instant: Instant) -> None:
-        space = self._space_of(instant)
-        if space is None:
-            return
-        room = self.config.max_tracks - sum(space.occupied() for space in self._spaces.values())
-        space.store(instant, max(room, 0))
-        if instant.last and instant.batch.ended is not None:
-            space.end(instant.batch.ended, instant.session)
-
-    def _end_session(self, event: SessionEnded) -> None:
-        for space in self._spaces.values():
-            space.end_session(event.session)
-
-    def _space_of(self, instant: Instant) -> Space | None:
-        """Space of an instant; the first batch that is fused defines it, none that was refused."""
-        batch = instant.batch
-        space = self._spaces.get(batch.space)
-        if space is None and len(self._spaces) < MAX_SPACES:
-            return self._open_space(SpaceSpec(batch.space, batch.unit, batch.dim))
-        if space is not None and space.spec.suits(batch):
-            return space
-        if instant.last:
-            self.stats.reject("limit" if space is None else "space-mismatch")
-        return None
-
-    def _open_space(self, spec: SpaceSpec) -> Space:
-        space = Space(self.config, spec, self.make_method(spec), self._ids, self.stats)
-        self._spaces[spec.name] = space
-        return space
 
     def _remember(self, stamp_ns: int, events: Sequence[Event]) -> None:
         """Keep the events that updates still list."""

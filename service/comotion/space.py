@@ -94,7 +94,7 @@ class Space:
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses)
         self._current: Slots = np.zeros(0, np.intp)
-        self._opened = 0
+        self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         known = config.spaces.get(spec.name)
         if known is not None and known.moving:
@@ -104,7 +104,7 @@ class Space:
         """Take the frame for one that moves."""
         self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
-    def store(self, instant: Instant, room: int) -> None:
+    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> None:
         """Put one instant into the window, and the method's sums where it keeps any.
 
         Parameters
@@ -112,18 +112,19 @@ class Space:
         instant
             Released rows, in event-time order.
         room
-            How many new trajectories may be opened; the rows of others are refused.
+            Tells how many of so many new trajectories may be opened; the rows of others are refused.
+        taken
+            bool [n], rows whose id stands for a feature elsewhere: they are refused.
         """
-        rows = instant.rows
+        rows = instant.rows if taken is None else instant.rows[~taken]
+        self._stats.refused_rows += len(instant.rows) - len(rows)
         slots = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
         known = slots >= 0
         if not known.any():
             return
-        ended = known & self._window.ended[slots]
-        if ended.any():
-            # An id that its source has declared lost for good must not come back.
-            self._stats.reject("duplicate-id")
-        keep = known & ~ended
+        # An id that its source has declared lost for good must not come back.
+        keep = known & ~self._window.ended[slots]
+        self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
         if not keep.all():
             slots, rows = slots[keep], rows[keep]
         if len(slots):
@@ -144,20 +145,22 @@ class Space:
         positions = _take(batch.positions, rows).astype(np.float64)
         stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, quaternions)
         self._stats.observations += int(stored.sum())
-        self._stats.duplicates += not stored.all()
+        self._stats.duplicate_rows += int(len(stored) - stored.sum())
         if stored.any():
             self._method.observed(self._window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
 
-    def _find_or_open(self, ids: Ids, session: int, room: int) -> Slots:
+    def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> Slots:
         slots = self._index.find(ids, session)
         fresh = np.flatnonzero(slots < 0)
-        if len(fresh) > room:
-            self._stats.reject("limit")
-            fresh = fresh[:room]
+        if len(fresh):
+            fresh = fresh[~self._index.has_ended(ids[fresh], session)]
+            allowed = room(len(fresh)) if len(fresh) else 0
+            fresh = fresh[:allowed]
+            self._stats.refused_rows += int(np.count_nonzero(slots < 0)) - len(fresh)
         if len(fresh):
             slots[fresh] = self._index.open(ids[fresh], session)
             self._stats.tracks += len(fresh)
-            self._opened += len(fresh)
+            self._opened.append(slots[fresh])
         self._index.expect(ids, session, slots)
         return slots
 
@@ -176,7 +179,32 @@ class Space:
         by the quarter: memory is bounded, and there is room for new ones.
         """
         used = int(self._window.used.sum())
-        return max(len(self._current) + self._opened, used // 4)
+        return max(len(self._current) + sum(map(len, self._opened)), used // 4)
+
+    def held(self) -> dict[int, int]:
+        """Trajectories that count against the share of each session number."""
+        slots = np.concatenate([self._current, *self._opened])
+        numbers, counts = np.unique(self._window.source[slots], return_counts=True)
+        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+
+    def holds(self, ids: Ids, session: int) -> Bools:
+        """Which ids of a session have a trajectory here, bool [n]."""
+        return np.asarray(self._index.find(ids, session) >= 0)
+
+    def displace(self, session: int, count: int) -> int:
+        """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
+        window = self._window
+        slots = np.concatenate([self._current, *self._opened])
+        slots = slots[window.source[slots] == session]
+        gone = slots[np.argsort(window.key[slots])][len(slots) - min(count, len(slots)) :]
+        if not len(gone):
+            return 0
+        self._method.evicting(window, gone, window.counts(gone))
+        window.evict(gone, window.counts(gone))
+        self._close(gone)
+        self._current = self._current[window.used[self._current]]
+        self._opened = [some[window.used[some]] for some in self._opened]
+        return len(gone)
 
     def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
@@ -194,7 +222,7 @@ class Space:
         self._forget(fresh)
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
-        self._opened = 0
+        self._opened = []
         partition = self._method.partition(window, current, stamp_ns, self._hypotheses.previous(window))
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching
@@ -238,7 +266,11 @@ class Space:
         gone = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
         if not len(gone):
             return
-        gone = gone[np.argsort(window.key[gone])]
+        self._close(gone[np.argsort(window.key[gone])])
+
+    def _close(self, gone: Slots) -> None:
+        """Forget trajectories, by age."""
+        window = self._window
         self._method.forgetting(window, gone)
         self._hypotheses.labels.forget(window, gone)
         self._index.close(gone)
@@ -280,12 +312,13 @@ class Space:
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
             "frame": None if self._frame is None else self._frame.state(),
+            "ended": [[number, ids] for number, ids in self._index.ended()],
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
         """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         slots = self._window.load(state["window"])
-        self._index.load(state["ids"], slots)
+        self._index.load(state["ids"], slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state.get("frame") is not None:

@@ -57,24 +57,36 @@ class Run:
             for batch, refusal in arrivals:
                 self.timeline.receive(batch, refusal)
             before = self.timeline.watermark_ns
-            yield before, self.timeline.advance(self.now)
+            yield before, self.advance()
+
+    def advance(self):
+        """What comes out; all of it is fused."""
+        events = self.timeline.advance(self.now)
+        for event in events:
+            if isinstance(event, Instant):
+                self.timeline.done(event)
+        assert self.stats.batches == self.stats.settled()
+        return events
 
     def flush(self):
         """What comes out once another source has moved the watermark beyond everything that waits."""
-        self.now += 10_000 * MS
-        last = ObservationBatch(
-            source="z",
-            session="f" * 16,
-            seq=0,
-            space="world",
-            unit="m",
-            dim=2,
-            stamp_ns=self.now,
-            ids=np.zeros(0, np.uint64),
-            positions=np.zeros((0, 2)),
-        )
-        self.timeline.receive(last)
-        return self.timeline.advance(self.now)
+        events = []
+        for seq in range(3):
+            self.now += 10_000 * MS
+            last = ObservationBatch(
+                source="z",
+                session="f" * 16,
+                seq=seq,
+                space="world",
+                unit="m",
+                dim=2,
+                stamp_ns=self.now,
+                ids=np.zeros(0, np.uint64),
+                positions=np.zeros((0, 2)),
+            )
+            self.timeline.receive(last)
+            events += self.advance()
+        return events
 
 
 @given(steps(batches()))
@@ -100,19 +112,25 @@ def test_instants_come_out_in_stamp_order_unless_they_are_marked_as_reordered(st
             assert behind <= LATENESS_NS
             assert instant.stamp_ns <= run.timeline.watermark_ns
             stamps = instant.batch.stamps_ns
-            assert stamps is None or (stamps[instant.rows] == instant.stamp_ns).all()
+            moved = {0} if stamps is None else set((stamps[instant.rows] - instant.stamp_ns).tolist())
+            # The scene may have followed a clock that was set.
+            assert len(moved) <= 1
+            assert moved <= {0} or run.timeline.steps.followed
 
 
-@given(steps(batches(most_rows=1)))
+@given(steps(batches()))
 @settings(deadline=None)
 def test_every_batch_is_accounted_once(steps):
     run = Run(steps)
     events = [event for _, out in run for event in out] + run.flush()
-    released = [id(event.batch) for event in events if isinstance(event, Instant)]
-    assert len(released) == len(set(released))
+    released = {id(e.batch) for e in events if isinstance(e, Instant) and e.entry is not None}
     stats = run.stats
-    assert stats.batches == sum(len(arrivals) for arrivals, _ in steps) + 1
-    assert stats.batches == len(released) + stats.duplicates + stats.late + sum(stats.rejected.values())
+    assert stats.batches == sum(len(arrivals) for arrivals, _ in steps) + 3
+    assert len(released) - stats.waiting <= stats.fused + stats.partly_late <= len(released)
+    assert stats.waiting == 0 or run.timeline.steps.followed
+    accounts = run.timeline.ledger.accounts().values()
+    for name in ("batches", "fused", "partly_late", "late", "duplicates", "lost"):
+        assert sum(getattr(account, name) for account in accounts) == getattr(stats, name)
 
 
 @given(steps(batches()))
@@ -124,12 +142,9 @@ def test_every_row_comes_out_at_most_once_and_what_is_missing_is_counted(steps):
     for instant in (event for event in events if isinstance(event, Instant)):
         rows.setdefault(id(instant.batch), []).extend(instant.rows.tolist())
     assert all(len(found) == len(set(found)) for found in rows.values())
-    stats = run.stats
-    refused = stats.duplicates + sum(stats.rejected.values())
     arrived = {id(batch): batch for arrivals, _ in steps for batch, _ in arrivals}
-    partly = sum(len(rows.get(key, [])) < len(batch.ids) for key, batch in arrived.items())
-    assert partly <= refused + stats.late
-    assert len(rows) + refused <= stats.batches
+    partly = sum(0 < len(found) < len(arrived[key].ids) for key, found in rows.items() if key in arrived)
+    assert partly <= run.stats.partly_late + run.stats.waiting
 
 
 @given(steps(batches()))
@@ -153,5 +168,5 @@ def test_a_second_advance_at_the_same_time_changes_nothing(steps):
     run = Run(steps)
     for _ in run:
         state, counters = run.timeline.state(), run.stats.counters()
-        assert run.timeline.advance(run.now) == []
+        assert run.advance() == []
         assert (run.timeline.state(), run.stats.counters()) == (state, counters)

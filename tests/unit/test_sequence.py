@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion_schemas.sequence import MAX_MISSING, MAX_SESSIONS, SequenceCounter, Sighting
+from comotion_schemas.sequence import MAX_GAPS, MAX_JUMP, MAX_SESSIONS, SequenceCounter, Sighting
 
 A, B = "a" * 16, "b" * 16
 
@@ -46,11 +46,35 @@ def test_a_session_that_was_forgotten_starts_anew():
     assert sight([0], counter) == [Sighting(0, "newest")]
 
 
-def test_a_huge_gap_is_counted_in_full_and_its_newest_numbers_are_remembered():
+def test_a_lost_message_that_comes_after_all_is_lost_no_more():
+    assert [s.lost for s in sight([0, 5, 3, 3, 1])] == [0, 4, -1, 0, -1]
+
+
+def test_a_reader_from_the_start_has_lost_what_came_before_the_first():
+    counter = SequenceCounter(from_zero=True)
+    assert [s.lost for s in sight([3, 4, 1, 6], counter)] == [3, 0, -1, 1]
+
+
+def test_a_jump_that_no_loss_explains_is_counted_apart_and_mutes_nothing():
+    sightings = sight([0, 1, 2**64 - 1, 2, 3, 2**64 - 1, 4])
+    assert [s.order for s in sightings] == [*["newest"] * 5, "repeated", "newest"]
+    assert sum(s.lost for s in sightings) == 0
+    assert sight([0, MAX_JUMP])[1].lost == MAX_JUMP - 1
+
+
+def test_more_gaps_than_are_remembered_count_their_oldest_numbers_as_repeated():
     counter = SequenceCounter()
-    assert sight([0, 2**60], counter)[1] == Sighting(2**60 - 1, "newest")
-    assert sight([2**60 - MAX_MISSING], counter) == [Sighting(0, "overtaken")]
-    assert sight([2**60 - MAX_MISSING - 1], counter) == [Sighting(0, "repeated")]
+    sight(range(0, 2 * MAX_GAPS + 4, 2), counter)
+    assert sight([1, 3, 5], counter)[0] == Sighting(0, "repeated")
+    assert sight([2 * MAX_GAPS - 1], counter) == [Sighting(-1, "overtaken")]
+
+
+def test_a_restored_counter_goes_on():
+    counter, twin = SequenceCounter(from_zero=True), SequenceCounter(from_zero=True)
+    sight([2, 7, 5], counter)
+    twin.load(counter.state())
+    assert sight([9, 6, 5, 0], twin) == sight([9, 6, 5, 0], counter)
+    assert twin.newest("cam", A) == 9
 
 
 def test_a_flood_of_sessions_leaves_those_seen_last():
@@ -69,6 +93,5 @@ def test_every_number_is_new_exactly_once_and_what_is_missing_was_lost(numbers):
     sightings = sight(numbers)
     fresh = [seq for seq, s in zip(numbers, sightings, strict=True) if s.order != "repeated"]
     assert sorted(fresh) == sorted(set(numbers))
-    late = sum(s.order == "overtaken" and seq > numbers[0] for seq, s in zip(numbers, sightings, strict=True))
     never = set(range(numbers[0], max(numbers) + 1)) - set(numbers)
-    assert sum(s.lost for s in sightings) == len(never) + late
+    assert sum(s.lost for s in sightings) == len(never)

@@ -6,7 +6,7 @@ import pytest
 from comotion.config import FusionConfig
 from comotion.event_time.instants import Instant, split
 from comotion.event_time.stats import Stats
-from comotion.event_time.timeline import MAX_SOURCES, Timeline
+from comotion.event_time.timeline import Timeline
 from comotion_schemas import ObservationBatch
 
 MS = 1_000_000
@@ -45,18 +45,27 @@ class Clockwork:
         """(stamp - T0 in ms, source, in_order) of the instants that come out of an advance."""
         return [
             ((i.stamp_ns - T0) // MS, i.batch.source, i.in_order)
-            for i in self.timeline.advance(T0 + now_ns)
+            for i in self.advance(now_ns)
             if isinstance(i, Instant)
         ]
 
+    def advance(self, now_ns):
+        """What comes out of an advance; all of it is fused."""
+        events = self.timeline.advance(T0 + now_ns)
+        for event in events:
+            if isinstance(event, Instant):
+                self.timeline.done(event)
+        assert self.stats.batches == self.stats.settled()
+        return events
+
     def sessions_at(self, now_ns):
         """(source, first letter of the session, "released" or "ended") of what comes out of an advance."""
-        events = self.timeline.advance(T0 + now_ns)
+        events = self.advance(now_ns)
         names = {n: (source, session[0]) for n, (source, session) in self.timeline.sessions.items()}
         return [(*names[e.session], "released" if isinstance(e, Instant) else "ended") for e in events]
 
     def health(self, name, now_ns):
-        return next((h for h in self.timeline.health(T0 + now_ns) if h.name == name), None)
+        return next((h for h in self.timeline.sources.health(T0 + now_ns, T0 + now_ns) if h.name == name), None)
 
     @property
     def watermark(self):
@@ -162,17 +171,26 @@ def test_lateness_is_judged_row_by_row(clock):
     stamps = np.array([T0 + 100 * MS, T0 + 400 * MS, T0 + 600 * MS])
     clock.feed(batch("b", 0, T0 + 600 * MS, ids=(1, 1, 1), stamps_ns=stamps), batch("a", 1, T0 + 600 * MS))
     assert clock.at(600 * MS) == [(400, "b", False), (600, "a", True), (600, "b", True)]
-    assert (clock.stats.reordered, clock.stats.late) == (1, 1)
+    assert (clock.stats.reordered, clock.stats.partly_late, clock.stats.late) == (1, 1, 0)
 
 
 def test_a_wrong_clock_far_ahead_is_rejected_and_moves_nothing(clock):
-    clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
+    clock.feed(batch("right", 0, T0), batch("wrong", 0, T0 + 1_001 * MS))
     assert clock.at(0) == [(0, "right", True)]
     assert clock.stats.rejected == {"future": 1}
     assert clock.health("wrong", 0) is None
     clock.feed(batch("right", 1, T0 + 100 * MS))
     clock.at(100 * MS)
     assert clock.watermark == 100
+
+
+def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is_wrong(clock):
+    clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
+    assert clock.at(0) == [(0, "right", True)]
+    assert clock.stats.waiting == 1
+    clock.feed(batch("right", 1, T0 + 250 * MS))
+    clock.at(250 * MS)
+    assert clock.stats.rejected == {"future": 1}
 
 
 def test_a_rejected_future_batch_does_not_start_a_session(clock):
@@ -190,9 +208,32 @@ def test_a_clock_far_behind_is_rejected_while_nothing_is_live(clock):
     assert clock.stats.rejected == {"past": 1}
 
 
-def test_sequence_gaps_are_counted_as_loss(clock):
+def test_sequence_gaps_are_counted_as_loss_from_the_first_number_on(clock):
     clock.feed(batch("a", 7, T0), batch("a", 8, T0 + MS), batch("a", 11, T0 + 2 * MS))
-    assert clock.stats.lost == 2
+    assert clock.stats.lost == 9
+    assert clock.timeline.ledger.accounts()["a", "a" * 16].lost == 9
+
+
+def test_what_a_source_says_it_has_sent_and_never_came_is_lost(clock):
+    clock.feed(batch("a", 0, T0))
+    clock.timeline.ledger.sent(("a", "a" * 16), 4)
+    clock.timeline.ledger.sent(("b", "b" * 16), 2)
+    assert clock.stats.lost == 5
+    clock.feed(batch("a", 3, T0 + MS), batch("a", 5, T0 + 2 * MS))
+    assert clock.stats.lost == 5
+    clock.timeline.ledger.sent(("a", "a" * 16), 2**64 - 1)
+    assert clock.stats.lost == 5
+
+
+def test_a_gap_after_batches_that_nobody_read_is_no_loss(clock):
+    clock.feed(batch("a", 0, T0))
+    clock.timeline.ledger.refuse(("a", ""), "malformed")
+    clock.timeline.ledger.overlooked("a", 1)
+    clock.feed(batch("a", 3, T0 + MS))
+    clock.timeline.ledger.overlooked("a", None)
+    clock.feed(batch("a", 9, T0 + 2 * MS))
+    stats = clock.stats
+    assert (stats.lost, stats.overflow, stats.batches, stats.settled()) == (1, 5, 9, 9)
 
 
 def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
@@ -204,7 +245,7 @@ def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
 def test_a_batch_that_fills_a_gap_is_no_duplicate(clock):
     clock.feed(batch("a", 0, T0), batch("a", 2, T0 + 2 * MS), batch("a", 1, T0 + MS))
     assert [row[0] for row in clock.at(5 * MS)] == [0, 1, 2]
-    assert (clock.stats.lost, clock.stats.duplicates) == (1, 0)
+    assert (clock.stats.lost, clock.stats.duplicates) == (0, 0)
 
 
 def test_batches_before_the_first_one_seen_are_new_once(clock):
@@ -213,38 +254,85 @@ def test_batches_before_the_first_one_seen_are_new_once(clock):
     assert clock.stats.duplicates == 1
 
 
-def test_batches_of_a_session_that_is_over_are_dropped(clock):
-    clock.feed(batch("a", 0, T0), batch("a", 0, T0 + 10 * MS, session="b" * 16))
-    clock.at(10 * MS)
-    clock.feed(batch("a", 1, T0 + 20 * MS))
-    assert clock.at(20 * MS) == []
+def test_what_a_session_sent_before_the_next_one_started_is_late(clock):
+    clock.feed(batch("a", 0, T0))
+    clock.at(0)
+    clock.feed(batch("a", 0, T0 + 300 * MS, session="b" * 16))
+    clock.at(300 * MS)
+    clock.feed(batch("a", 1, T0 + 290 * MS))
+    assert clock.at(310 * MS) == []
     assert clock.stats.late == 1
 
 
-def test_a_flood_of_sessions_is_dropped_in_one_advance_and_the_last_one_goes_on(clock):
+def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
+    for k in range(40):
+        clock.feed(batch("a", k, T0 + k * 30 * MS))
+        if k >= 5:
+            clock.feed(batch("a", k - 5, T0 + k * 30 * MS, session="b" * 16))
+        clock.at(k * 30 * MS)
+    assert {session for _, session in clock.timeline.sessions.values()} == {"a" * 16}
+    assert clock.timeline.sources.rivalled(T0 + 1_200 * MS) == ["a"]
+    refused = clock.stats.rejected["duplicate-name"]
+    assert 25 <= refused <= 33
+    # The first leaves: the second gets the name, and what it sent since then.
+    for k in range(40, 60):
+        clock.feed(batch("a", k - 5, T0 + k * 30 * MS, session="b" * 16))
+        clock.at(k * 30 * MS)
+    accounts = clock.timeline.ledger.accounts()
+    assert accounts["a", "b" * 16].rejected["duplicate-name"] <= 35
+    assert accounts["a", "b" * 16].fused >= 20
+    # It comes back and the second leaves: it has the name again, though its session was over.
+    for k in range(60, 80):
+        clock.feed(batch("a", k, T0 + k * 30 * MS))
+        clock.at(k * 30 * MS)
+    assert clock.timeline.sources["a"].session == "a" * 16
+    assert clock.stats.late == 0
+
+
+def test_a_flood_of_sessions_is_refused_and_the_first_one_goes_on(clock):
     for k in range(6_000):
         clock.feed(batch("a", 0, T0, session=f"{k:016x}"))
-    assert len(clock.sessions_at(0)) == 1 + 2 * 5_999
-    clock.feed(
-        batch("a", 1, T0 + MS, session=f"{5_999:016x}"), batch("a", 1, T0 + MS, session=f"{5_990:016x}")
-    )
+    assert clock.sessions_at(0) == [("a", "0", "released")]
+    clock.feed(batch("a", 1, T0 + MS, session=f"{0:016x}"))
     assert clock.at(MS) == [(1, "a", True)]
-    assert clock.stats.late == 1
+    clock.feed(batch("a", 2, T0 + 1_500 * MS, session=f"{0:016x}"))
+    clock.at(1_500 * MS)
+    assert clock.stats.rejected["duplicate-name"] + clock.stats.rejected["limit"] == 5_999
+    assert clock.stats.waiting == 0
 
 
-def test_one_source_too_many_is_refused(clock):
-    clock.feed(*(batch(f"s{k}", 0, T0) for k in range(MAX_SOURCES + 2)))
-    assert len(clock.at(0)) == MAX_SOURCES
+def test_one_source_too_many_is_refused_while_all_others_send():
+    clock = Clockwork(limits={"sources": 3})
+    clock.feed(*(batch(f"s{k}", 0, T0) for k in range(5)))
+    assert len(clock.at(0)) == 3
     assert clock.stats.rejected == {"limit": 2}
+    clock.feed(batch("s1", 1, T0 + 2 * S), batch("s2", 1, T0 + 2 * S), batch("s4", 1, T0 + 2 * S))
+    assert {row[1] for row in clock.at(2 * S)} == {"s1", "s2", "s4"}
 
 
-def test_more_rows_than_can_wait_are_refused(clock, monkeypatch):
-    monkeypatch.setattr("comotion.event_time.timeline.MAX_WAITING_ROWS", 5)
-    clock.feed(batch("a", 0, T0 + 10 * MS, ids=(1, 2, 3)), batch("a", 1, T0 + 20 * MS, ids=(1, 2, 3)))
+def test_more_than_a_source_may_let_wait_is_refused():
+    clock = Clockwork(limits={"waiting_batches": 2})
+    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
     assert clock.stats.rejected == {"limit": 1}
-    assert len(clock.at(15 * MS)) == 1
-    clock.feed(batch("a", 2, T0 + 30 * MS, ids=(1, 2, 3, 4, 5)))
-    assert clock.at(30 * MS) == [(30, "a", True)]
+    assert len(clock.at(15 * MS)) == 2
+    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
+    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
+
+
+def test_large_batches_that_wait_are_bounded_by_their_bytes():
+    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+    many = range(20_000)  # 0.3 MB
+    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 1}
+    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 3}
+
+
+def test_a_batch_of_too_many_instants_is_refused(clock):
+    stamps = T0 + np.arange(100_000)
+    clock.feed(batch("a", 0, int(stamps[-1]), ids=np.arange(100_000), stamps_ns=stamps))
+    assert clock.at(MS) == []
+    assert clock.stats.rejected == {"limit": 1}
 
 
 def test_a_batch_that_the_caller_refuses_counts_in_the_sequence_and_moves_nothing(clock):
@@ -259,53 +347,73 @@ def test_a_batch_that_the_caller_refuses_counts_in_the_sequence_and_moves_nothin
 def test_the_first_instant_of_a_new_session_ends_the_one_before(clock):
     clock.feed(batch("s", 0, T0), batch("other", 0, T0))
     assert clock.sessions_at(0) == [("other", "a", "released"), ("s", "a", "released")]
-    clock.feed(batch("s", 0, T0 + 20 * MS, session="b" * 16), batch("other", 1, T0 + 10 * MS))
-    assert clock.sessions_at(20 * MS) == [("other", "a", "released")]
-    clock.feed(batch("other", 2, T0 + 20 * MS))
-    assert clock.sessions_at(20 * MS) == [
+    clock.feed(batch("s", 0, T0 + 320 * MS, session="b" * 16), batch("other", 1, T0 + 310 * MS))
+    assert clock.sessions_at(320 * MS) == [("other", "a", "released")]
+    clock.feed(batch("other", 2, T0 + 320 * MS))
+    assert clock.sessions_at(320 * MS) == [
         ("other", "a", "released"),
         ("s", "a", "ended"),
         ("s", "b", "released"),
     ]
 
 
+def test_a_new_session_loses_nothing_while_it_waits_for_the_name(clock):
+    for k in range(10):
+        clock.feed(batch("s", k, T0 + k * 30 * MS))
+        clock.at(k * 30 * MS)
+    for k in range(10, 20):
+        clock.feed(batch("s", k - 10, T0 + k * 30 * MS, session="b" * 16))
+        clock.at(k * 30 * MS)
+    account = clock.timeline.ledger.accounts()["s", "b" * 16]
+    assert (account.fused, account.waiting, account.late) == (10, 0, 0)
+
+
 def test_what_still_waits_of_an_ended_session_is_dropped_as_late(clock):
-    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 20 * MS))
-    clock.feed(*(batch("s", k, T0 + (10 + 20 * k) * MS, session="b" * 16) for k in range(2)))
-    assert clock.sessions_at(30 * MS) == [
-        ("s", "a", "released"),
-        ("s", "a", "ended"),
-        ("s", "b", "released"),
-        ("s", "b", "released"),
-    ]
+    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 420 * MS))
+    clock.at(0)
+    clock.feed(*(batch("s", k, T0 + (300 + 200 * k) * MS, session="b" * 16) for k in range(2)))
+    assert clock.sessions_at(500 * MS) == [("s", "a", "ended"), ("s", "b", "released"), ("s", "b", "released")]
     assert clock.stats.late == 1
 
 
 def test_idle_sessions_are_forgotten_and_numbers_are_not_given_twice(clock):
-    for seq, session in enumerate("abc"):
-        clock.feed(batch("s", 0, T0 + seq * MS, session=session * 16))
-    clock.at(10 * MS)
+    for k, session in enumerate("abc"):
+        clock.feed(batch("s", 0, T0 + k * 300 * MS, session=session * 16))
+        clock.at(k * 300 * MS)
     clock.timeline.forget_idle({0})
     assert clock.timeline.sessions == {0: ("s", "a" * 16), 2: ("s", "c" * 16)}
     clock.timeline.forget_idle(())
-    clock.feed(batch("s", 0, T0 + 11 * MS, session="d" * 16))
-    clock.at(11 * MS)
+    clock.feed(batch("s", 0, T0 + 900 * MS, session="d" * 16))
+    clock.at(900 * MS)
     assert clock.timeline.sessions == {2: ("s", "c" * 16), 3: ("s", "d" * 16)}
+
+
+def test_a_source_that_has_long_been_silent_is_forgotten(clock):
+    clock.feed(batch("a", 0, T0), batch("b", 0, T0))
+    clock.at(0)
+    clock.feed(batch("b", 1, T0 + 61 * S))
+    clock.at(61 * S)
+    clock.timeline.forget_idle({0})
+    assert set(clock.timeline.sources) == {"a", "b"}
+    clock.timeline.forget_idle(())
+    assert set(clock.timeline.sources) == {"b"}
 
 
 def test_a_restored_timeline_goes_on(clock):
     clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 40 * MS))
     clock.at(40 * MS)
     # A session that has begun, but of which nothing has come out.
-    clock.feed(batch("s", 0, T0 + 60 * MS, session="b" * 16))
-    clock.at(50 * MS)
+    clock.feed(batch("s", 0, T0 + 360 * MS, session="b" * 16))
+    clock.at(350 * MS)
     twin = Clockwork()
     twin.timeline.load(clock.timeline.state())
-    assert twin.watermark == 50
-    assert twin.health("s", 60 * MS) == clock.health("s", 60 * MS)
-    twin.feed(batch("s", 1, T0 + 70 * MS, session="b" * 16), batch("s", 2, T0 + 70 * MS))
-    assert twin.sessions_at(70 * MS) == [("s", "a", "ended"), ("s", "b", "released")]
+    assert twin.watermark == 350
+    assert twin.health("s", 360 * MS).age_ns == clock.health("s", 360 * MS).age_ns
+    twin.feed(batch("s", 1, T0 + 370 * MS, session="b" * 16), batch("s", 2, T0 + 30 * MS))
+    assert twin.sessions_at(370 * MS) == [("s", "a", "ended"), ("s", "b", "released")]
     assert twin.stats.late == 1
+    # What waited when the state was taken did not survive, and is lost.
+    assert (clock.stats.waiting, twin.stats.waiting, twin.stats.lost) == (1, 0, 1)
 
 
 def test_rows_are_split_by_stamp():

@@ -4,6 +4,7 @@ from .flat_names import nested, present_name
 from .fusion import FusionConfig, Method, to_ns
 from .hypotheses import HypothesesConfig
 from .joints import JointsConfig
+from .limits import LimitsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -16,6 +17,7 @@ __all__ = [
     "FusionConfig",
     "HypothesesConfig",
     "JointsConfig",
+    "LimitsConfig",
     "LinkingConfig",
     "Method",
     "PixelsConfig",

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from .flat_names import GROUPS, MEMBERS, nested
 from .hypotheses import HypothesesConfig
 from .joints import JointsConfig
+from .limits import LimitsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
@@ -66,6 +67,9 @@ class FusionConfig(BaseModel):
 
     joints: JointsConfig = Field(
         default_factory=JointsConfig, description="joints between the hypotheses of a metric space"
+    )
+    limits: LimitsConfig = Field(
+        default_factory=LimitsConfig, description="bounds on what sources may make the service hold"
     )
 
     spaces: dict[str, SpaceConfig] = Field(

@@ -6,9 +6,49 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import ObservationBatch
+from comotion_schemas import ObservationBatch, RejectionReason
+
+from .stats import Key
 
 Indices = NDArray[np.intp]
+
+
+@dataclass(eq=False)
+class Entry:
+    """A batch on its way through event time, until its account is settled.
+
+    Attributes
+    ----------
+    batch
+        What came in.
+    repeated
+        Whether its sequence number was seen before.
+    size
+        Bytes that it holds.
+    at_ns
+        When it was first looked at, on the clock of arrivals.
+    offset_ns
+        Its stamp minus the time then.
+    left
+        Its instants that have not come out.
+    kept, late, refused
+        Whether some were fused, some were too late, and why some were refused.
+    """
+
+    batch: ObservationBatch
+    repeated: bool = False
+    size: int = 0
+    at_ns: int = 0
+    offset_ns: int = 0
+    left: int = 0
+    kept: bool = False
+    late: bool = False
+    refused: RejectionReason | None = None
+
+    @property
+    def key(self) -> Key:
+        """Source and session."""
+        return self.batch.source, self.batch.session
 
 
 @dataclass(frozen=True)
@@ -18,17 +58,19 @@ class Instant:
     Attributes
     ----------
     stamp_ns
-        Acquisition time, nanoseconds since the Unix epoch.
+        Acquisition time on the time scale of the scene, nanoseconds.
     batch
         The whole batch.
     rows
-        intp [n], ascending: the rows of the batch that belong to this instant.
+        intp [n], ascending: the rows of the batch of this instant; none where `ended` alone counts.
     session
         Number of the (source, session) that sent it.
     in_order
         False where the watermark had passed the stamp when the batch came.
     last
         Whether this is the newest instant of its batch.
+    entry
+        The account of the batch; None where it is settled already.
     """
 
     stamp_ns: int
@@ -37,11 +79,12 @@ class Instant:
     session: int
     in_order: bool
     last: bool
+    entry: Entry | None = None
 
 
 @dataclass(frozen=True)
 class SessionEnded:
-    """A source has started a new session: the trajectories of session number `session` are over."""
+    """A source has started a new session, or was forgotten: trajectories of session `session` are over."""
 
     session: int
 
@@ -60,3 +103,21 @@ def split(batch: ObservationBatch) -> list[tuple[int, Indices]]:
     bounds = [0, *cuts.tolist(), len(order)]
     # Slices: np.split takes ten times as long.
     return [(int(in_order[first]), order[first:stop]) for first, stop in pairwise(bounds)]
+
+
+def count_instants(batch: ObservationBatch) -> int:
+    """How many different acquisition times a batch has."""
+    if batch.stamps_ns is None or len(batch.stamps_ns) < 2:
+        return 1
+    ordered = np.sort(batch.stamps_ns)
+    return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
+
+
+def size_of(batch: ObservationBatch) -> int:
+    """Bytes that a batch holds."""
+    columns = batch.ids, batch.positions, batch.stamps_ns, batch.sigma, batch.quaternions, batch.ended
+    return _HEADER + sum(column.nbytes for column in columns if isinstance(column, np.ndarray))
+
+
+# Python objects of a batch and of one instant of it.
+_HEADER = 1500

@@ -1,21 +1,29 @@
-"""Stamps and sessions of one source in; its clock, its liveness and its health out."""
+"""Stamps and sessions of sources in; their clocks, their liveness and their health out."""
 
 from collections import deque
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Self
 
+from .instants import Entry
+
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
 _GAPS = 15
 # Bound on what a source that restarts all the time can make us remember.
 _PAST_SESSIONS = 64
+# A source is silent, and hands its name over, after so many of its periods.
+PERIODS = 3
+# ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
+_LEAST_HANDOVER_NS = 200_000_000
+# Batches of rivals that wait for the name.
+MAX_RIVALS = 256
 
 
 @dataclass(frozen=True)
 class SourceHealth:
     """One source: `age_ns` since its newest stamp, `period_ns` between its instants (0: unknown).
 
-    `live` tells whether the watermark waits for it.
+    `live` tells whether the watermark waits for it, `sending` whether its batches still come.
     """
 
     name: str
@@ -23,6 +31,7 @@ class SourceHealth:
     age_ns: int
     period_ns: int
     live: bool
+    sending: bool = True
 
 
 @dataclass
@@ -34,53 +43,102 @@ class Source:
     session
         The newest session it has started.
     newest_ns
-        Largest stamp of that session.
-    gaps_ns
-        Time between its newest stamps.
+        Largest stamp of that session, on the time scale of the scene.
+    started_ns
+        First stamp of that session.
+    gaps_ns, arrivals_ns
+        Time between its newest stamps, and between their arrivals.
+    heard_ns, agreed_ns
+        When its session was last heard, and last heard with a clock that agrees with the scene's, on the
+        clock of arrivals; None: not since the start.
     generation
         How many sessions it had started before.
     released, number
         Generation of the session whose instants are being released, and its number; -1 before the first.
     past
         Sessions that are over.
+    rivals, rivalled_ns
+        Batches of other sessions, which get the name should this one fall silent; when one was refused last.
     """
 
     session: str
     newest_ns: int
+    started_ns: int = 0
     gaps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
+    arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
+    heard_ns: int | None = None
+    agreed_ns: int | None = None
     generation: int = 0
     released: int = -1
     number: int = -1
     past: deque[str] = field(default_factory=lambda: deque(maxlen=_PAST_SESSIONS))
+    rivals: list[Entry] = field(default_factory=list)
+    rivalled_ns: int | None = None
 
     @property
     def period_ns(self) -> int:
         """Median time between its recent stamps; 0 until there are two."""
         return int(median(self.gaps_ns)) if self.gaps_ns else 0
 
-    def start(self, session: str, stamp_ns: int) -> None:
+    @property
+    def arrival_period_ns(self) -> int:
+        """Median time between its recent arrivals; 0 until there are two."""
+        return int(median(self.arrivals_ns)) if self.arrivals_ns else 0
+
+    def start(self, session: str, stamp_ns: int, at_ns: int) -> None:
         """Start a new session; its clock starts anew."""
-        self.past.append(self.session)
-        self.session, self.newest_ns = session, stamp_ns
+        if session != self.session:
+            self.past.append(self.session)
+        self.session, self.newest_ns, self.started_ns = session, stamp_ns, stamp_ns
         self.gaps_ns.clear()
+        self.arrivals_ns.clear()
+        self.heard_ns, self.agreed_ns = at_ns, None
         self.generation += 1
 
-    def observe(self, stamp_ns: int) -> None:
-        """Advance to a stamp; an older one changes nothing."""
+    def observe(self, stamp_ns: int, at_ns: int) -> None:
+        """Advance to a stamp; an older one changes no clock."""
         if stamp_ns > self.newest_ns:
             self.gaps_ns.append(stamp_ns - self.newest_ns)
             self.newest_ns = stamp_ns
+        self.hear(at_ns)
+
+    def hear(self, at_ns: int) -> None:
+        """Take note that its session still sends."""
+        if self.heard_ns is not None and at_ns > self.heard_ns:
+            self.arrivals_ns.append(at_ns - self.heard_ns)
+        self.heard_ns = at_ns
 
     def is_live(self, now_ns: int, timeout_ns: int) -> bool:
         """Whether its newest stamp is at most `timeout_ns` old."""
         return now_ns - self.newest_ns <= timeout_ns
 
+    def is_sending(self, at_ns: int, timeout_ns: int) -> bool:
+        """Whether it was heard within the timeout, or three of its periods if longer."""
+        if self.heard_ns is None:
+            return False
+        return at_ns - self.heard_ns <= max(timeout_ns, PERIODS * self.arrival_period_ns)
+
+    def handover_ns(self, timeout_ns: int) -> int:
+        """Silence after which another session gets the name."""
+        return min(max(_LEAST_HANDOVER_NS, PERIODS * self.arrival_period_ns), timeout_ns)
+
+    def silence_ns(self, stamp_ns: int, at_ns: int) -> int:
+        """How long its session has been silent when another one has sent a stamp."""
+        if self.heard_ns is None:
+            return 2**62
+        # Batches that are looked at together have no times of arrival of their own.
+        return at_ns - self.heard_ns if at_ns > self.heard_ns else stamp_ns - self.newest_ns
+
     def state(self) -> dict[str, Any]:
-        """As plain values."""
-        return vars(self) | {"gaps_ns": list(self.gaps_ns), "past": list(self.past)}
+        """As plain values; the clock of arrivals ends with the process, and so does what waits."""
+        kept = {name: value for name, value in vars(self).items() if name not in _PASSING}
+        return kept | {"gaps_ns": list(self.gaps_ns), "past": list(self.past)}
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> Self:
         """Build a source from :meth:`state`."""
         gaps_ns, past = deque(state["gaps_ns"], maxlen=_GAPS), deque(state["past"], maxlen=_PAST_SESSIONS)
         return cls(**(state | {"gaps_ns": gaps_ns, "past": past}))
+
+
+_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals", "rivalled_ns"}

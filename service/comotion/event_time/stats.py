@@ -1,50 +1,207 @@
-"""What happens to batches, rows and updates in; the counters of Status out. They only grow."""
+"""What happens to batches, rows and updates in; the counters of Status, and an account of every session, out.
+
+Each batch that reaches the service is in exactly one of these: fused, partly late, late, duplicate, rejected
+by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.
+"""
 
 from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 from comotion_schemas import RejectionReason
+from comotion_schemas.sequence import Order, SequenceCounter
+
+# Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
+MAX_ACCOUNTS = 4096
+
+Fate = Literal["fused", "partly_late", "late", "duplicates", "overflow"]
+Key = tuple[str, str]
 
 
 @dataclass
-class Stats:
-    """The counters of Status (docs/protocol.md).
+class Account:
+    """What became of the batches of one session, or of all.
 
     Attributes
     ----------
     batches
-        Batches that came in, whatever became of them.
-    observations
-        Rows that were stored.
-    lost
-        Batches whose sequence number was skipped.
-    late, reordered
-        Batches with rows too old to be stored, and batches with rows stored behind the watermark; a batch
-        with rows on both sides of the limit counts in both.
+        Batches that came in: the sum of the others but `lost`.
+    fused, partly_late, late
+        Batches that were stored; those of which some instants were too old; those that were all too old.
     duplicates
-        Batches seen before, and instants with a row that was stored before.
-    tracks, updates
-        Trajectories opened, and updates computed.
-    overruns
-        Deadlines missed by the service.
+        Batches seen before.
+    overflow
+        Batches that were displaced by later ones of their source before they were read.
+    waiting
+        Batches that wait for the watermark.
+    lost
+        Batches that never came, as far as the sequence numbers tell. It goes down when one comes after all.
     rejected
         Batches refused, by reason.
     """
 
     batches: int = 0
-    observations: int = 0
-    lost: int = 0
+    fused: int = 0
+    partly_late: int = 0
     late: int = 0
-    reordered: int = 0
     duplicates: int = 0
-    tracks: int = 0
-    updates: int = 0
-    overruns: int = 0
+    overflow: int = 0
+    waiting: int = 0
+    lost: int = 0
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
 
     def reject(self, reason: RejectionReason, count: int = 1) -> None:
-        """Count a rejection."""
+        """Count batches that came in and were refused."""
+        self.batches += count
         self.rejected[reason] = self.rejected.get(reason, 0) + count
+
+    def settled(self) -> int:
+        """Sum of all that became of the batches: equals `batches`."""
+        known = self.fused + self.partly_late + self.late + self.duplicates + self.overflow + self.waiting
+        return known + sum(self.rejected.values())
+
+
+@dataclass
+class Stats(Account):
+    """The counters of Status: the account of all sessions, and what concerns no single batch.
+
+    Attributes
+    ----------
+    observations
+        Rows that were stored.
+    duplicate_rows, refused_rows
+        Rows stored before; rows of batches that were fused for which there was no room, or that came back
+        after their end.
+    reordered
+        Batches with rows stored behind the watermark.
+    tracks, updates
+        Trajectories opened, and updates computed.
+    overruns
+        Deadlines missed by the service.
+    faults
+        Errors of the service itself that cost a batch or the state of a space.
+    """
+
+    observations: int = 0
+    duplicate_rows: int = 0
+    refused_rows: int = 0
+    reordered: int = 0
+    tracks: int = 0
+    updates: int = 0
+    overruns: int = 0
+    faults: int = 0
 
     def counters(self) -> dict[str, int]:
         """The plain counters, without the rejections."""
         return {name: value for name, value in asdict(self).items() if isinstance(value, int)}
+
+
+class Ledger:
+    """Keeps the account of every session, and the totals; follows their sequence numbers.
+
+    Parameters
+    ----------
+    total
+        The totals.
+    """
+
+    def __init__(self, total: Stats) -> None:
+        self.total = total
+        self.sequences = SequenceCounter(from_zero=True)
+        self._accounts: dict[Key, Account] = {}
+        # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
+        self._unread: dict[str, int | None] = {}
+
+    def accounts(self) -> dict[Key, Account]:
+        """Account of every (source, session), the one seen last at the end; session "" where unknown."""
+        return dict(self._accounts)
+
+    def arrive(self, key: Key) -> None:
+        """A batch has come in: it waits."""
+        for account in (self.total, self._of(key)):
+            account.batches += 1
+            account.waiting += 1
+
+    def settle(self, key: Key, fate: Fate | RejectionReason, *, rejected: bool = False) -> None:
+        """A batch that was waiting has come to its end."""
+        for account in (self.total, self._of(key)):
+            account.waiting -= 1
+            if rejected:
+                account.batches -= 1
+                account.reject(fate)  # type: ignore[arg-type]
+            else:
+                setattr(account, fate, getattr(account, fate) + 1)
+
+    def refuse(self, key: Key, reason: RejectionReason) -> None:
+        """A payload was refused before its batch was known."""
+        for account in (self.total, self._of(key)):
+            account.reject(reason)
+
+    def overflow(self, key: Key, count: int) -> None:
+        """Batches were displaced before they were read."""
+        for account in (self.total, self._of(key)):
+            account.batches += count
+            account.overflow += count
+
+    def lose(self, key: Key, count: int) -> None:
+        """Batches are missing, or fewer than before."""
+        for account in (self.total, self._of(key)):
+            account.lost += count
+
+    def sight(self, key: Key, seq: int) -> Order:
+        """Follow the sequence number of a batch; what is missing before it is lost."""
+        lost, order = self.sequences.sight(*key, seq)
+        unread = self._unread.pop(key[0], 0)
+        if lost > 0 and unread != 0:
+            explained = lost if unread is None else min(unread, lost)
+            lost -= explained
+            if unread is None:
+                self.overflow(key, explained)
+        if lost:
+            self.lose(key, lost)
+        return order
+
+    def overlooked(self, source: str, count: int | None) -> None:
+        """Take note of batches of a source that came in but whose sequence numbers nobody has read.
+
+        They are accounted already, unless `count` is None: then the next gap in the numbers tells how many
+        there were, and counts as overflow.
+        """
+        before = self._unread.get(source, 0)
+        self._unread[source] = None if count is None or before is None else before + count
+
+    def sent(self, key: Key, count: int) -> None:
+        """Take note that a session says it has sent so many batches: what has not come by now is lost."""
+        lost = self.sequences.expect(*key, count)
+        if lost:
+            self.lose(key, lost)
+
+    def state(self) -> list[Any]:
+        """Accounts and totals as plain values; what waits does not survive and is lost."""
+        accounts = [[*key, asdict(account)] for key, account in self._accounts.items()]
+        return [asdict(self.total), accounts, self.sequences.state()]
+
+    def load(self, state: list[Any]) -> None:
+        """Take up :meth:`state`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is none.
+        """
+        total, accounts, sequences = state
+        vars(self.total).update(vars(Stats(**total)))
+        self._accounts = {(source, session): Account(**fields) for source, session, fields in accounts}
+        self.sequences.load(sequences)
+        for account in (self.total, *self._accounts.values()):
+            account.batches -= account.waiting
+            account.lost += account.waiting
+            account.waiting = 0
+
+    def _of(self, key: Key) -> Account:
+        account = self._accounts.pop(key, None) or Account()
+        self._accounts[key] = account
+        if len(self._accounts) > MAX_ACCOUNTS:
+            idle = next((k for k, one in self._accounts.items() if not one.waiting), None)
+            if idle is not None:
+                del self._accounts[idle]
+        return account

@@ -1,67 +1,79 @@
 """Batches of many sources in, in any order; instants in time order and ended sessions out.
 
-Event time is one state machine. It reads no clock: `now_ns` comes from the caller. Its rules are those of
-docs/protocol.md, "Time"; the counters are those of Status.
+Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
+stamps are compared with. `at_ns` tells when something arrived; it must never be set. Without it, `now_ns` is
+taken. The rules are those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
 
 A batch comes in (`receive`):
 
-1. Sequence numbers are followed per session. A skipped number is `lost`, a repeated batch is dropped.
-2. What the caller refuses is rejected, and so is what finds more rows waiting than memory allows.
+1. Sequence numbers are followed per session. A skipped number is `lost` until it comes, a repeated batch is
+   dropped.
+2. What the caller refuses is rejected, and so is what finds more waiting than its source may have.
 
 The clock is known (`advance`). Each batch that has come in since is judged, in the order of arrival:
 
-3. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
+3. One whose stamp is far from now may have to wait until it is clear whose clock is wrong (:mod:`.steps`).
+4. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
    while there is no watermark yet (`past`); one source too many (`limit`).
-4. A session that its source has not had before starts anew: it is the source's session from now on, with
-   a new clock. Batches of a session that is over are dropped as `late`.
-5. newest(s) is the largest stamp of source s.
-6. Rows behind the watermark by at most `allowed_lateness` are `reordered`; older ones are dropped as `late`.
+5. A source has one session at a time. Batches of another one wait; it takes over once the first has been
+   silent for three of its periods, at least 0.2 s. As long as both send, the second is rejected
+   (`duplicate-name`). What a session that is over sent before the next one started is `late`.
+6. newest(s) is the largest stamp of source s.
+7. Rows behind the watermark by at most `allowed_lateness` are `reordered`; older ones are dropped as `late`.
+   What a late batch says about ended trajectories holds.
 
 Then the watermark moves and releases:
 
-7. W = max(previous W, now - `max_lag`, smallest newest(s) over live sources), never beyond now. A source is
-   live while now - newest(s) <= `source_timeout`. Without a live source W stands still.
-8. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
-9. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
-   Nothing of an ended session comes out any more: what still waits is dropped as `late`.
+8. W = max(previous W, now - `max_lag`, smallest newest(s) over live sources), never beyond now. A source is
+   live while now - newest(s) <= `source_timeout`. Where none is live, those that still send count, since
+   their clocks are behind; without any W stands still.
+9. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
+10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
+    Nothing of an ended session comes out any more: what still waits is dropped as `late`.
 
 What is forgotten:
 
-10. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
-11. A session is forgotten when it is not its source's and has no trajectory left (`forget_idle`).
+11. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
+12. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has
+    been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
 """
 
 import heapq
 from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from comotion_schemas import ObservationBatch, RejectionReason
-from comotion_schemas.sequence import SequenceCounter
 
 from ..config import FusionConfig, to_ns
-from .instants import Indices, Instant, SessionEnded, split
-from .sources import Source, SourceHealth
-from .stats import Stats
+from .directory import Sources
+from .faults import Faults
+from .instants import Entry, Indices, Instant, SessionEnded, count_instants, size_of, split
+from .load import Load
+from .sources import MAX_RIVALS, PERIODS, Source
+from .stats import Key, Ledger, Stats
+from .steps import FUTURE_NS, Steps
 
-# "More than 1 s ahead" of docs/protocol.md.
-FUTURE_NS = 1_000_000_000
-MAX_SOURCES = 1024
-# Some 220 MB of poses with noise and stamps.
-MAX_WAITING_ROWS = 4_000_000
-# "3 periods of its source" of docs/protocol.md.
-_PERIODS = 3
+__all__ = ["FUTURE_NS", "Timeline"]
+
+# Nothing is acquired in the future: clocks that are synchronised agree better than this.
+_AHEAD_NS = 250_000_000
+_NO_ROWS = np.zeros(0, np.intp)
 
 
 class _Waiting(NamedTuple):
-    """An instant behind the watermark; compared by the first three, of which `order` is unique."""
+    """An instant that waits for the watermark; compared by the first three, of which `order` is unique."""
 
     stamp_ns: int
     source: str
     order: int
     generation: int
+    entry: Entry | None
     batch: ObservationBatch
     rows: Indices
     in_order: bool
+    last: bool
 
 
 class Timeline:
@@ -70,34 +82,47 @@ class Timeline:
     Parameters
     ----------
     config
-        `window`, `allowed_lateness`, `max_lag`, `source_timeout` and `track_timeout` are used.
-    stats
-        Where batches are counted.
+        `window`, `allowed_lateness`, `max_lag`, `source_timeout`, `track_timeout` and `limits` are used.
+    stats, faults
+        Where batches, and errors of the service itself, are counted.
 
     Attributes
     ----------
     watermark_ns
-        W, nanoseconds since the Unix epoch; None until a source has set it.
+        W on the time scale of the scene, nanoseconds; None until a source has set it.
     sessions
         (source, session) by number, of every session that is current or has trajectories.
+    sources
+        The sources.
+    at_ns
+        The clock of arrivals at the last :meth:`advance`.
+    ledger
+        The accounts.
+    steps
+        The time scale of the scene.
     """
 
-    def __init__(self, config: FusionConfig, stats: Stats) -> None:
+    def __init__(self, config: FusionConfig, stats: Stats, faults: Faults | None = None) -> None:
         self._window_ns = to_ns(config.window)
         self._lateness_ns = to_ns(config.allowed_lateness)
         self._max_lag_ns = to_ns(config.max_lag)
         self._source_timeout_ns = to_ns(config.source_timeout)
         self._track_timeout_ns = to_ns(config.track_timeout)
+        self._limits = config.limits
         self._stats = stats
-        self._sequences = SequenceCounter()
-        self._sources: dict[str, Source] = {}
-        self._inbox: list[ObservationBatch] = []
+        self._faults = faults or Faults(stats)
+        self.sources = Sources(config)
+        self._inbox: list[Entry] = []
         self._waiting: list[_Waiting] = []
-        self._rows = 0
+        self._load = Load(config)
+        self._over: list[int] = []
         self._order = 0
         self._next_number = 0
-        self.sessions: dict[int, tuple[str, str]] = {}
+        self.at_ns = 0
+        self.sessions: dict[int, Key] = {}
         self.watermark_ns: int | None = None
+        self.ledger = Ledger(stats)
+        self.steps = Steps(self._window_ns, self._source_timeout_ns)
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -109,110 +134,251 @@ class Timeline:
         refusal
             Why the caller cannot use it, if so: its sequence number counts, but nothing else.
         """
-        self._stats.batches += 1
-        lost, order = self._sequences.sight(batch.source, batch.session, batch.seq)
-        self._stats.lost += lost
-        if order == "repeated":
-            self._stats.duplicates += 1
+        key = batch.source, batch.session
+        self.ledger.arrive(key)
+        repeated = self.ledger.sight(key, batch.seq) == "repeated"
+        entry = Entry(batch, repeated, size_of(batch))
+        if repeated and not self.steps.follow_all:
+            self.ledger.settle(key, "duplicates")
         elif refusal is not None:
-            self._stats.reject(refusal)
-        elif self._rows + _size(len(batch.ids)) > MAX_WAITING_ROWS:
-            self._stats.reject("limit")
+            self.ledger.settle(key, refusal, rejected=True)
+        elif not self._load.admits(entry) or count_instants(batch) > self._limits.instants:
+            self.ledger.settle(key, "limit", rejected=True)
         else:
-            self._inbox.append(batch)
-            self._rows += _size(len(batch.ids))
+            self._load.add(entry)
+            self._inbox.append(entry)
 
-    def advance(self, now_ns: int) -> list[Instant | SessionEnded]:
+    def advance(self, now_ns: int, at_ns: int | None = None) -> list[Instant | SessionEnded]:
         """Judge what has come in, move the watermark, and release what it has passed.
 
         Parameters
         ----------
         now_ns
             The caller's clock, nanoseconds since the Unix epoch.
+        at_ns
+            A clock that is never set, in ns; None: `now_ns`.
 
         Returns
         -------
         list[Instant | SessionEnded]
-            In event-time order.
+            In event-time order. Of each instant the caller says by :meth:`done` what became of it.
         """
-        for batch in self._inbox:
-            self._rows -= _size(len(batch.ids))
-            self._judge(batch, now_ns)
-        self._inbox.clear()
+        self.at_ns = at_ns = now_ns if at_ns is None else at_ns
+        inbox, self._inbox = self._inbox, []
+        for entry in inbox:
+            entry.at_ns = at_ns
+            try:
+                self._admit(entry, now_ns)
+            except Exception as error:  # a defect costs its batch, not the service
+                self._faults.note("judging a batch", error, entry.batch)
+                self._settle(entry, "defect", rejected=True)
+        for name in sorted(n for n, s in self.sources.items() if s.rivals):
+            self._hand_over(self.sources[name], now_ns)
+        self._decide(now_ns)
         self._move_watermark(now_ns)
         return list(self._release())
 
+    def done(self, instant: Instant, refused: RejectionReason | None = None) -> None:
+        """Settle an instant that came out: it was fused, or refused for a reason."""
+        entry = instant.entry
+        if entry is None:
+            return
+        if refused is None:
+            entry.kept = True
+        else:
+            entry.refused = refused
+        self._finish(entry)
+
     def track_timeout_ns(self, session: int) -> int:
         """Time without observation after which a trajectory of this session number is outdated."""
-        source, _ = self.sessions[session]
-        return max(self._track_timeout_ns, _PERIODS * self._sources[source].period_ns)
-
-    def live(self, now_ns: int) -> bool:
-        """Whether any source is live."""
-        return any(s.is_live(now_ns, self._source_timeout_ns) for s in self._sources.values())
-
-    def health(self, now_ns: int) -> list[SourceHealth]:
-        """Health of every source seen so far, by name."""
-        return [
-            SourceHealth(
-                name,
-                source.session,
-                now_ns - source.newest_ns,
-                source.period_ns,
-                source.is_live(now_ns, self._source_timeout_ns),
-            )
-            for name, source in sorted(self._sources.items())
-        ]
+        known = self.sources.get(self.sessions[session][0])
+        return max(self._track_timeout_ns, PERIODS * (known.period_ns if known else 0))
 
     def forget_idle(self, used: Collection[int]) -> None:
-        """Forget the sessions that are over, except for the numbers in `used`, which have trajectories."""
-        current = {source.number for source in self._sources.values()}
+        """Forget sessions that are over and silent sources, but for numbers in `used`, with trajectories."""
+        self.sources.forget_silent(self.at_ns, lambda name, s: s.number in used or self._load.holds(name))
+        current = {source.number for source in self.sources.values()}
         self.sessions = {n: key for n, key in self.sessions.items() if n in used or n in current}
 
-    def _judge(self, batch: ObservationBatch, now_ns: int) -> None:
+    def _admit(self, entry: Entry, now_ns: int) -> None:
+        """Let a batch that is far from now wait where its clock may be right; judge any other."""
+        steps, source = self.steps, self.sources.get(entry.batch.source)
+        if not steps.is_off(entry, self._reference(now_ns), self._floor()):
+            if entry.repeated:
+                self._settle(entry, "duplicates")
+            else:
+                self._judge(entry, now_ns)
+            return
+        agreed = source is not None and source.session == entry.batch.session and source.agreed_ns is not None
+        if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
+            steps.held.append(entry)
+            if source is not None and agreed:
+                source.hear(entry.at_ns)
+        elif entry.repeated:
+            self._settle(entry, "duplicates")
+        else:
+            self._judge(entry, now_ns)
+
+    def _floor(self) -> int | None:
+        """Stamp below which all is late; None before the first watermark."""
+        return None if self.watermark_ns is None else self.watermark_ns - self._lateness_ns
+
+    def _reference(self, now_ns: int) -> int:
+        """The time that stamps are compared with: recordings must not go back behind the watermark."""
+        if self.steps.follow_all and self.watermark_ns is not None:
+            return max(now_ns, self.watermark_ns)
+        return now_ns
+
+    def _decide(self, now_ns: int) -> None:
+        """Judge the batches that wait because of their clock, once it is clear who is wrong."""
+        steps, at_ns = self.steps, self.at_ns
+        decision = steps.decide(self.sources.agreed_ns(), at_ns)
+        if decision == "wait":
+            return
+        if decision == "follow":
+            steps.follow(self._reference(now_ns))
+        held, steps.held = steps.held, []
+        again: set[Key] = set()
+        for entry in held:
+            if decision == "judge":
+                self._doubt(entry)
+            elif entry.repeated or entry.key in again:
+                self._play_again(entry, again)
+            if entry.repeated:
+                self._settle(entry, "duplicates")
+            else:
+                self._judge(entry, now_ns, trusted=decision == "follow")
+
+    def _doubt(self, entry: Entry) -> None:
+        """The clock of a session is wrong: others agree."""
+        source = self.sources.get(entry.batch.source)
+        if source is not None and source.session == entry.batch.session:
+            source.agreed_ns = None
+
+    def _play_again(self, entry: Entry, again: set[Key]) -> None:
+        """A recording is played again, with the session that it had before: it is a new one."""
+        batch, source = entry.batch, self.sources.get(entry.batch.source)
+        if entry.key not in again:
+            again.add(entry.key)
+            self.ledger.sequences.forget(*entry.key)
+            if source is not None and source.session == batch.session:
+                source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
+        entry.repeated = self.ledger.sight(entry.key, batch.seq) == "repeated"
+
+    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> None:
         """Reject a batch, drop it as late, or let its instants wait for the watermark."""
-        source = self._sources.get(batch.source)
-        if source is None and len(self._sources) >= MAX_SOURCES:
-            self._stats.reject("limit")
-        elif batch.stamp_ns > now_ns + FUTURE_NS:
-            self._stats.reject("future")
-        elif self.watermark_ns is None and batch.stamp_ns < now_ns - self._window_ns:
-            self._stats.reject("past")
-        elif source is not None and batch.session in source.past:
-            self._stats.late += 1
+        batch, at_ns = entry.batch, self.at_ns
+        source, stamp_ns = self.sources.get(batch.source), self.steps.scene_time(batch)
+        if entry.offset_ns > FUTURE_NS and not trusted:
+            self.steps.note(batch, entry.offset_ns, at_ns)
+            self._settle(entry, "future", rejected=True)
+        elif self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
+            self.steps.note(batch, stamp_ns - now_ns, at_ns)
+            self._settle(entry, "past", rejected=True)
+        elif source is None and not self._make_room():
+            self._settle(entry, "limit", rejected=True)
+        elif source is None:
+            source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
+            source.observe(stamp_ns, at_ns)
+            self._wait(entry, source, now_ns)
+        elif batch.session == source.session:
+            source.observe(stamp_ns, at_ns)
+            self._wait(entry, source, now_ns)
+        elif batch.session in source.past and stamp_ns <= source.started_ns:
+            self._settle(entry, "late")
         else:
-            self._wait(batch, self._observe(batch, source).generation)
+            self._rival(entry, source, now_ns)
 
-    def _observe(self, batch: ObservationBatch, source: Source | None) -> Source:
-        """Bring a source's session and clock up to date; returns the source."""
-        if source is None:
-            source = self._sources[batch.source] = Source(batch.session, batch.stamp_ns)
-        elif source.session != batch.session:
-            self._sequences.forget(batch.source, source.session)
-            source.start(batch.session, batch.stamp_ns)
-        else:
-            source.observe(batch.stamp_ns)
-        return source
+    def _rival(self, entry: Entry, source: Source, now_ns: int) -> None:
+        """Let a batch of another session of a source wait until it is clear which one has the name."""
+        source.rivals.append(entry)
+        self._hand_over(source, now_ns)
+        if len(source.rivals) > MAX_RIVALS:
+            self._settle(source.rivals.pop(0), "duplicate-name", rejected=True)
 
-    def _wait(self, batch: ObservationBatch, generation: int) -> None:
+    def _hand_over(self, source: Source, now_ns: int) -> None:
+        """Give the name to the rival that came first once the session of a source is silent."""
+        at_ns = self.at_ns
+        while source.rivals:
+            first, limit_ns = source.rivals[0], source.handover_ns(self._source_timeout_ns)
+            stamp_ns = self.steps.scene_time(first.batch)
+            if source.silence_ns(stamp_ns, at_ns) >= limit_ns:
+                mine = [one for one in source.rivals if one.key == first.key]
+                source.rivals = [one for one in source.rivals if one.key != first.key]
+                source.start(first.batch.session, stamp_ns, at_ns)
+                for one in mine:
+                    source.observe(self.steps.scene_time(one.batch), at_ns)
+                    self._wait(one, source, now_ns)
+            elif at_ns - first.at_ns >= limit_ns:
+                source.rivalled_ns = at_ns
+                self._settle(source.rivals.pop(0), "duplicate-name", rejected=True)
+            else:
+                return
+
+    def _make_room(self) -> bool:
+        """Whether there is room for one more source; the one silent for longest makes it."""
+        if len(self.sources) < self._limits.sources:
+            return True
+        name = self.sources.longest_silent(self.at_ns, self._load.holds)
+        if name is None:
+            return False
+        self._over.append(self.sources.pop(name).number)
+        return True
+
+    def _wait(self, entry: Entry, source: Source, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
-        reordered = late = False
+        batch, watermark = entry.batch, self.watermark_ns
+        floor = now_ns - self._window_ns if watermark is None else watermark - self._lateness_ns
+        reordered = False
         for stamp, rows in split(batch):
-            lag_ns = 0 if self.watermark_ns is None else self.watermark_ns - stamp
-            if lag_ns > self._lateness_ns:
-                late = True
+            stamp_ns = stamp - self.steps.shift_ns
+            if stamp_ns < floor:
+                entry.late = True
                 continue
-            reordered |= lag_ns > 0
-            self._order += 1
-            waiting = _Waiting(stamp, batch.source, self._order, generation, batch, rows, lag_ns <= 0)
-            heapq.heappush(self._waiting, waiting)
-            self._rows += _size(len(rows))
-        self._stats.late += late
+            in_order = watermark is None or stamp_ns >= watermark
+            reordered |= not in_order
+            entry.left += 1
+            self._push(stamp_ns, source.generation, batch, entry, rows, in_order)
         self._stats.reordered += reordered
+        if watermark is not None and batch.ended is not None and self.steps.scene_time(batch) < floor:
+            self._push(watermark, source.generation, batch, None, _NO_ROWS, False)
+        self._note_clock(entry, now_ns)
+        if entry.left:
+            source.agreed_ns = self.at_ns
+        else:
+            self._settle(entry, "late")
+
+    def _push(
+        self,
+        stamp_ns: int,
+        generation: int,
+        batch: ObservationBatch,
+        entry: Entry | None,
+        rows: Indices,
+        in_order: bool,
+    ) -> None:
+        """Let an instant wait; without an entry for what its batch says about ended trajectories alone."""
+        self._order += 1
+        last = entry is None or stamp_ns == self.steps.scene_time(batch)
+        key = stamp_ns, batch.source, self._order
+        heapq.heappush(self._waiting, _Waiting(*key, generation, entry, batch, rows, in_order, last))
+
+    def _note_clock(self, entry: Entry, now_ns: int) -> None:
+        """Take note of whether the clock of a source is right."""
+        offset_ns = self.steps.scene_time(entry.batch) - now_ns
+        if not entry.left or offset_ns > _AHEAD_NS or offset_ns < -self._source_timeout_ns:
+            self.steps.note(entry.batch, offset_ns, self.at_ns)
+        else:
+            self.steps.clear(entry.batch.source)
 
     def _move_watermark(self, now_ns: int) -> None:
         timeout_ns = self._source_timeout_ns
-        live = [s.newest_ns for s in self._sources.values() if s.is_live(now_ns, timeout_ns)]
+        live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
+        if not live and not self.steps.follow_all:
+            # All clocks are behind, or the service's is ahead: the sources set the pace.
+            sending = self.sources.sending(self.at_ns)
+            live = [s.newest_ns for s in sending]
+            now_ns = min([now_ns, *live])
         if not live:
             return
         reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)
@@ -220,21 +386,24 @@ class Timeline:
         self.watermark_ns = reached if self.watermark_ns is None else max(reached, self.watermark_ns)
 
     def _release(self) -> Iterator[Instant | SessionEnded]:
+        over, self._over = self._over, []
+        yield from (SessionEnded(number) for number in over if number >= 0)
         if self.watermark_ns is None:
             return
         while self._waiting and self._waiting[0].stamp_ns <= self.watermark_ns:
             found = heapq.heappop(self._waiting)
-            self._rows -= _size(len(found.rows))
-            source = self._sources[found.source]
-            last = found.stamp_ns == found.batch.stamp_ns
-            if found.generation < source.released:
-                self._stats.late += last
+            source = self.sources.get(found.source)
+            if source is None or found.generation < source.released:
+                if found.entry is not None:
+                    found.entry.late = True
+                    self._finish(found.entry)
                 continue
             if found.generation > source.released:
                 if source.released >= 0:
                     yield SessionEnded(source.number)
                 self._number(source, found)
-            yield Instant(found.stamp_ns, found.batch, found.rows, source.number, found.in_order, last)
+            what = found.stamp_ns, found.batch, found.rows, source.number
+            yield Instant(*what, found.in_order, found.last, found.entry)
 
     def _number(self, source: Source, first: _Waiting) -> None:
         """Give a session its number, with its first instant."""
@@ -242,14 +411,31 @@ class Timeline:
         self.sessions[self._next_number] = (first.source, first.batch.session)
         self._next_number += 1
 
+    def _finish(self, entry: Entry) -> None:
+        """One instant of a batch is settled; with the last one, the batch is."""
+        entry.left -= 1
+        if entry.left > 0:
+            return
+        if entry.kept:
+            self._settle(entry, "partly_late" if entry.late else "fused")
+        elif entry.refused is not None:
+            self._settle(entry, entry.refused, rejected=True)
+        else:
+            self._settle(entry, "late")
+
+    def _settle(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
+        self._load.remove(entry)
+        self.ledger.settle(entry.key, fate, rejected=rejected)
+
     def state(self) -> dict[str, Any]:
-        """Watermark, sources, sessions and sequence numbers as plain values; what waits is not kept."""
+        """Watermark, sources, sessions and accounts as plain values; what waits is not kept."""
         return {
             "watermark": self.watermark_ns,
+            "shift": self.steps.shift_ns,
             "next_number": self._next_number,
-            "sources": [[name, source.state()] for name, source in self._sources.items()],
+            "sources": self.sources.state(),
             "sessions": [[number, *key] for number, key in self.sessions.items()],
-            "sequences": self._sequences.state(),
+            "accounts": self.ledger.state(),
         }
 
     def load(self, state: dict[str, Any]) -> None:
@@ -261,12 +447,8 @@ class Timeline:
             If it is none.
         """
         self.watermark_ns = state["watermark"]
+        self.steps.shift_ns = int(state["shift"])
         self._next_number = int(state["next_number"])
-        self._sources = {name: Source.from_state(source) for name, source in state["sources"]}
+        self.sources.load(state["sources"])
         self.sessions = {int(number): (source, session) for number, source, session in state["sessions"]}
-        self._sequences.load(state["sequences"])
-
-
-def _size(rows: int) -> int:
-    """Rows as counted against the limit: a batch without rows takes memory too."""
-    return max(1, rows)
+        self.ledger.load(state["accounts"])

@@ -64,13 +64,19 @@ class Linker:
         if not self._cameras:
             return update
         space = {h.id: h.space for h in update.hypotheses}
-        self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
+        self._prune(space)
         if self._due_ns is None or update.stamp_ns >= self._due_ns:
             self._due_ns = update.stamp_ns + _PERIOD_NS
             self._look(views)
+            # A body that the update does not list, such as a static one without members, can be found too.
+            self._prune(space)
         groups = linked_hypotheses(self._links, space)
         found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
+
+    def _prune(self, space: Mapping[int, str]) -> None:
+        """Keep the links between listed hypotheses of spaces that can be linked."""
+        self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
 
     def state(self) -> list[list[int]]:
         """Links as plain values."""

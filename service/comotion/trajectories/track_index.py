@@ -1,13 +1,20 @@
 """Ids of features in, the slots of their trajectories in a window out."""
 
+from collections.abc import Iterable
+from itertools import islice
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Slots
+from ..arrays import Bools, Slots
 from .window import Window
 
 Ids = NDArray[np.uint64]
 
+# So few ids are looked up one by one; more are searched in one go.
+_FEW = 64
+# Ids that a session has declared lost and that are remembered, the newest.
+MAX_ENDED = 100_000
 # Where at most one id in 16 differs from those sent last, only these are looked up one by one.
 _REPLACED_SHARE = 16
 
@@ -31,14 +38,39 @@ class TrackIndex:
         self._slot_of: dict[tuple[int, int], int] = {}
         # Ids that each session sent last, and their slots.
         self._last_sent: dict[int, tuple[Ids, Slots]] = {}
+        # Ids that each session has declared lost, oldest first.
+        self._ended: dict[int, dict[int, None]] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
 
     def find(self, ids: Ids, session: int) -> Slots:
         """Slots of the ids of a session, intp [n]; -1 where there is none."""
         slots = self._find_again(ids, session)
-        for k in np.flatnonzero(slots < 0).tolist():
-            slots[k] = self._slot_of.get((session, int(ids[k])), -1)
+        missing = np.flatnonzero(slots < 0)
+        if len(missing) > _FEW:
+            slots[missing] = self._search(ids[missing], session)
+        else:
+            for k in missing.tolist():
+                slots[k] = self._slot_of.get((session, int(ids[k])), -1)
         return slots
+
+    def _search(self, ids: Ids, session: int) -> Slots:
+        """As :meth:`find`, for many ids at once."""
+        mine = np.flatnonzero(self._window.used & (self._window.source == session))
+        if not len(mine):
+            return np.full(len(ids), -1)
+        mine = mine[np.argsort(self.ids[mine])]
+        known = self.ids[mine]
+        at = np.minimum(np.searchsorted(known, ids), len(mine) - 1)
+        return np.where(known[at] == ids, mine[at], -1)
+
+    def has_ended(self, ids: Ids, session: int) -> Bools:
+        """Which of the ids a session has declared lost for good, bool [n]."""
+        ended = self._ended.get(session)
+        if not ended:
+            return np.zeros(len(ids), np.bool_)
+        if len(ids) <= _FEW:
+            return np.array([one in ended for one in ids.tolist()], np.bool_)
+        return np.isin(ids, np.fromiter(ended, np.uint64, len(ended)))
 
     def open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
@@ -61,17 +93,28 @@ class TrackIndex:
         self._window.close(slots)
 
     def end(self, ids: Ids, session: int) -> None:
-        """Mark trajectories as ended for good; ids without a trajectory are ignored."""
-        slots = [self._slot_of[session, i] for i in ids.tolist() if (session, i) in self._slot_of]
-        self._window.ended[slots] = True
+        """Mark trajectories as ended for good, also those that have not been seen yet."""
+        ids = ids[-MAX_ENDED:]
+        slots = self.find(ids, session)
+        self._window.ended[slots[slots >= 0]] = True
+        ended = self._ended.setdefault(session, {})
+        ended.update(dict.fromkeys(ids.tolist()))
+        for one in list(islice(ended, max(len(ended) - MAX_ENDED, 0))):
+            del ended[one]
 
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session as ended for good."""
         self._window.ended |= self._window.used & (self._window.source == session)
         self._last_sent.pop(session, None)
+        self._ended.pop(session, None)
 
-    def load(self, ids: Ids, slots: Slots) -> None:
-        """Take up the ids of the slots in use, over a window that has been filled again."""
+    def ended(self) -> list[tuple[int, Ids]]:
+        """Ids that each session has declared lost."""
+        return [(session, np.fromiter(ids, np.uint64, len(ids))) for session, ids in self._ended.items()]
+
+    def load(self, ids: Ids, slots: Slots, ended: Iterable[tuple[int, Ids]]) -> None:
+        """Take up the ids of the slots in use, of a window that has been filled again, and :meth:`ended`."""
+        self._ended = {int(session): dict.fromkeys(lost.tolist()) for session, lost in ended}
         self.ids = np.zeros(self._window.capacity, np.uint64)
         self.ids[slots] = ids
         sessions = self._window.source[slots].tolist()

@@ -1,0 +1,64 @@
+"""Exceptions in; what failed, and for whom, out. A fault costs a batch or a space, not the service."""
+
+import traceback
+from collections import deque
+from dataclasses import dataclass
+
+from comotion_schemas import ObservationBatch
+
+from .stats import Stats
+
+# Faults that nobody has asked for yet; a trace is cut.
+_KEPT = 32
+_MAX_TRACE = 8000
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One error of the service itself.
+
+    Attributes
+    ----------
+    what
+        What the service was doing.
+    error
+        The exception, one line.
+    trace
+        Its trace.
+    source
+        Whose batch it was; None where it concerns a whole space.
+    """
+
+    what: str
+    error: str
+    trace: str
+    source: str | None = None
+
+
+class Faults:
+    """Collects the faults of a fusion.
+
+    Parameters
+    ----------
+    stats
+        Where they are counted.
+    """
+
+    def __init__(self, stats: Stats) -> None:
+        self._stats = stats
+        self._kept: deque[Fault] = deque(maxlen=_KEPT)
+
+    def note(self, what: str, error: Exception, batch: ObservationBatch | None = None) -> None:
+        """Take note of an exception that is being handled."""
+        self._stats.faults += 1
+        trace = "".join(traceback.format_exception(error))[-_MAX_TRACE:]
+        if batch is not None:
+            what += f" (source {batch.source}, seq {batch.seq}, {len(batch.ids)} rows, space {batch.space!r})"
+        source = None if batch is None else batch.source
+        self._kept.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
+
+    def take(self) -> list[Fault]:
+        """The faults since the last call."""
+        found = list(self._kept)
+        self._kept.clear()
+        return found
