@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.config import JointsConfig, LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
+from comotion.config import JointsConfig, LimitsConfig, LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
@@ -22,6 +22,7 @@ _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
     "PixelsConfig": ("pixels.", PixelsConfig),
     "LinkingConfig": ("linking.", LinkingConfig),
     "JointsConfig": ("joints.", JointsConfig),
+    "LimitsConfig": ("limits.", LimitsConfig),
 }
 _UNBOUNDED = 1e9
 

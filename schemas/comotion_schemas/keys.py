@@ -12,7 +12,7 @@ TOKEN_NAME_CHARACTERS = 30
 """So much of the name of a service that stands alone is in its token, before claim and session."""
 
 StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
-QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget"]
+QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget", "accounts"]
 
 _STREAMS = get_args(StreamKind)
 

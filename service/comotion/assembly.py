@@ -75,3 +75,14 @@ def moved(update: HypothesisUpdate, shift_ns: int) -> HypothesisUpdate:
         hypotheses=[replace(one, born_ns=one.born_ns + shift_ns) for one in update.hypotheses],
         events=[replace(one, stamp_ns=one.stamp_ns + shift_ns) for one in update.events],
     )
+
+
+def at_rest(update: HypothesisUpdate) -> HypothesisUpdate:
+    """The same update without motion: nothing is observed any more, so that nobody knows what moves."""
+    return replace(
+        update,
+        hypotheses=[
+            replace(one, state="undetermined" if one.state == "moving" else one.state, twist=None)
+            for one in update.hypotheses
+        ],
+    )

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from comotion_schemas import Event, HypothesisUpdate, Joint, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
-from .assembly import Header, assemble, moved
+from .assembly import Header, assemble, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.faults import Fault, Faults
 from .event_time.instants import Instant
 from .event_time.sources import SourceHealth
-from .event_time.stats import Account, Stats
+from .event_time.stats import Ledger, Stats
+from .event_time.steps import ClockTrouble
 from .event_time.timeline import Timeline
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
@@ -164,6 +165,8 @@ class Fusion:
         self._seq += 1
         self.stats.updates += 1
         update = self._linked(self._assembled(header, updates, joints), updates)
+        if not live and timeline.sources.has_heard():
+            update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
 
@@ -177,9 +180,7 @@ class Fusion:
             return [], []
         return found
 
-    def _assembled(
-        self, header: Header, updates: list[SpaceUpdate], joints: list[Joint]
-    ) -> HypothesisUpdate:
+    def _assembled(self, header: Header, updates: list[SpaceUpdate], joints: list[Joint]) -> HypothesisUpdate:
         """One message of all spaces that fit into one; a space that does not is built anew."""
         sessions = self._timeline.sessions
         try:
@@ -256,30 +257,14 @@ class Fusion:
         """Take the time of the sources for granted: a recording may be played again with its own stamps."""
         self._timeline.steps.follow_all = True
 
-    def overlooked(self, source: str, count: int | None) -> None:
-        """Take note of batches that came in unread: a gap in their sequence numbers is then no loss.
+    @property
+    def ledger(self) -> Ledger:
+        """What became of the batches of each source and session."""
+        return self._timeline.ledger
 
-        Parameters
-        ----------
-        source
-            Whose they were.
-        count
-            How many, already accounted; None: nobody knows, and they count as overflow.
-        """
-        self._timeline.ledger.overlooked(source, count)
-
-    def sent(self, source: str, session: str, count: int) -> None:
-        """Take note that a session says it has sent so many batches: what has not come by now is lost."""
-        self._timeline.ledger.sent((source, session), count)
-
-    def accounts(self) -> dict[tuple[str, str], Account]:
-        """What became of the batches of each (source, session); session "" for those that were not read."""
-        return self._timeline.ledger.accounts()
-
-    def refuse(self, source: str, reason: RejectionReason) -> None:
-        """Count a payload of a source that is no batch."""
-        self._timeline.ledger.refuse((source, ""), reason)
-        self._timeline.ledger.overlooked(source, 1)
+    def tracks_in(self, space: str) -> int:
+        """Rows of :meth:`affinity` of a space."""
+        return self._spaces[space].size
 
     def faults(self) -> list[Fault]:
         """Errors of the fusion itself since the last call, with their traces."""
@@ -289,6 +274,18 @@ class Fusion:
     def shift_ns(self) -> int:
         """By how much stamps are ahead of the time scale of `now_ns`; 0 unless sources were followed."""
         return self._timeline.steps.shift_ns
+
+    def clock_set(self, by_ns: int) -> None:
+        """Take note of by how much the clock of this machine, not `now_ns`, was set since the start."""
+        self._timeline.steps.clock_set_ns = by_ns
+
+    def wrong_clocks(self) -> dict[str, ClockTrouble]:
+        """Sources whose clock is wrong, as of the last :meth:`advance`."""
+        return self._timeline.steps.troubles(self._timeline.at_ns)
+
+    def rivalled(self) -> list[str]:
+        """Sources of which a second process sends too, as of the last :meth:`advance`."""
+        return self._timeline.sources.rivalled(self._timeline.at_ns)
 
     @property
     def newest_ns(self) -> int | None:

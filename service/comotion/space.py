@@ -181,6 +181,11 @@ class Space:
         used = int(self._window.used.sum())
         return max(len(self._current) + sum(map(len, self._opened)), used // 4)
 
+    @property
+    def size(self) -> int:
+        """Trajectories of the last update."""
+        return len(self._current)
+
     def held(self) -> dict[int, int]:
         """Trajectories that count against the share of each session number."""
         slots = np.concatenate([self._current, *self._opened])

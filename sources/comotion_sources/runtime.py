@@ -104,7 +104,8 @@ class SourcePublisher:
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
         self._message = message
         self._exit = ExitStack()
-        self._counters = {"batches": 0, "observations": 0, "tracks": 0, "overruns": 0}
+        # `sent` counts the batches of the present session: the service learns what of its end never came.
+        self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
         self._rejected: dict[RejectionReason, int] = {}
         self._reported = (time.monotonic(), 0)
         self._last_put: float | None = None
@@ -146,6 +147,7 @@ class SourcePublisher:
         self.builder = MessageBuilder(
             source=self.name, session=session, space=space, unit=unit, dim=dim, moving=self._moving
         )
+        self._counters["sent"] = 0
         self.component.session_id = session
 
     def observe(
@@ -226,6 +228,7 @@ class SourcePublisher:
             return
         self._obs.put(encode(message))
         self._counters["batches"] += 1
+        self._counters["sent"] += 1
         self._counters["observations"] += len(message.ids)
         self._last_put = time.monotonic()
         if self._lag is not metrics.OFF:

@@ -358,4 +358,4 @@ def test_a_recording_that_is_played_again_after_a_restart_loses_nothing(config):
         newest = max(T0 + k * 66 * MS - fusion.shift_ns, fusion.newest_ns or 0)
         update = fusion.update(newest, k * 66 * MS)
     assert len(update.track_id) == 7
-    assert fusion.accounts()["cam", "b" * 16].fused == 60
+    assert fusion.ledger.accounts()["cam", "b" * 16].fused == 60

@@ -85,14 +85,19 @@ class TestEventClock:
         clock.observe(60 * SECOND, SECOND + 1)
         assert clock.now_ns() == 60 * SECOND
 
-    def test_time_starts_over_when_nobody_has_kept_it_for_a_second(self) -> None:
+    def test_reaches_what_the_core_has_accepted(self) -> None:
         clock = EventClock(60 * SECOND)
-        assert not clock.observe(59 * SECOND, 5 * SECOND)
+        clock.observe(10 * SECOND, 5 * SECOND)
         assert clock.now_ns() == 60 * SECOND
-        assert not clock.observe(10 * SECOND, 6 * SECOND)
-        assert clock.observe(10 * SECOND, 6 * SECOND + 1)
-        assert clock.now_ns() == 10 * SECOND
-        assert not clock.observe(10 * SECOND + 1, 7 * SECOND)
+        clock.reach(70 * SECOND)
+        assert clock.now_ns() == 70 * SECOND
+
+    def test_a_step_of_the_wall_clock_is_known_but_not_followed(self, monkeypatch) -> None:
+        clock = WallClock()
+        wall, before = time.time_ns(), clock.now_ns()
+        monkeypatch.setattr(time, "time_ns", lambda: wall + 3_600 * SECOND)
+        assert 0 <= clock.now_ns() - before < 60 * SECOND
+        assert abs(clock.set_by_ns() - 3_600 * SECOND) < 60 * SECOND
 
     def test_the_wall_clock_follows_nobody(self) -> None:
         clock = make_clock("wall")
@@ -116,12 +121,12 @@ def batch(stamp_ns: int) -> ObservationBatch:
 
 
 def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
-    return SourceHealth(name, SESSION, int(age_s * SECOND), SECOND // 10, live)
+    return SourceHealth(name, SESSION, int(age_s * SECOND), SECOND // 10, live, live)
 
 
 class TestHealth:
     def report(self, health: Health, at_s: float, stats: Stats, **changes):
-        arrivals = {"received": {}, "present": set(), "rejection": None}
+        arrivals = {"received": {}, "present": {}, "rejection": None}
         arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
         fields = {"sources": [], "stats": stats, "notes": []} | changes
         return health.report(int(at_s * SECOND), arrivals=Arrivals(**arrivals), **fields)
@@ -135,17 +140,24 @@ class TestHealth:
 
     def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self) -> None:
         sources = [source("a", 0.1, live=True), source("b", 7.0, live=False)]
-        fields = self.report(Health(), 1, Stats(), present={"a", "b", "c"}, sources=sources)
+        fields = self.report(Health(), 1, Stats(), present=dict.fromkeys("abc", 0), sources=sources)
         assert fields.state == "degraded"
         assert fields.message == "no data from b (7.0 s), c"
         assert fields.ages == {"a": 0.1, "b": 7.0}
-        fields = self.report(Health(), 1, Stats(), present={"b"}, sources=sources[1:])
+        fields = self.report(Health(), 1, Stats(), present={"b": 0}, sources=sources[1:])
         assert fields.state == "stalled"
 
     def test_sources_that_have_gone_are_no_trouble_and_are_forgotten(self) -> None:
         gone = [source("a", 7.0, live=False), source("old", 61.0, live=False)]
         fields = self.report(Health(), 1, Stats(), sources=gone)
         assert (fields.state, fields.ages) == ("ok", {"a": 7.0})
+
+    def test_a_scene_that_all_sources_have_left_is_stalled(self) -> None:
+        stats = Stats(batches=5, fused=5)
+        fields = self.report(Health(), 1, stats, sources=[source("a", 30.0, live=False)])
+        assert fields.state == "stalled"
+        assert "no source sends any more" in fields.message
+        assert self.report(Health(), 1, stats).state == "stalled"
 
     @pytest.mark.parametrize("counter", ["lost", "late", "overruns"])
     def test_trouble_degrades_for_some_seconds(self, counter: str) -> None:

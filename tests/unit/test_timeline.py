@@ -65,7 +65,9 @@ class Clockwork:
         return [(*names[e.session], "released" if isinstance(e, Instant) else "ended") for e in events]
 
     def health(self, name, now_ns):
-        return next((h for h in self.timeline.sources.health(T0 + now_ns, T0 + now_ns) if h.name == name), None)
+        return next(
+            (h for h in self.timeline.sources.health(T0 + now_ns, T0 + now_ns) if h.name == name), None
+        )
 
     @property
     def watermark(self):
@@ -372,7 +374,11 @@ def test_what_still_waits_of_an_ended_session_is_dropped_as_late(clock):
     clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 420 * MS))
     clock.at(0)
     clock.feed(*(batch("s", k, T0 + (300 + 200 * k) * MS, session="b" * 16) for k in range(2)))
-    assert clock.sessions_at(500 * MS) == [("s", "a", "ended"), ("s", "b", "released"), ("s", "b", "released")]
+    assert clock.sessions_at(500 * MS) == [
+        ("s", "a", "ended"),
+        ("s", "b", "released"),
+        ("s", "b", "released"),
+    ]
     assert clock.stats.late == 1
 
 

@@ -37,6 +37,10 @@ class Sources(dict[str, Source]):
         """Sources whose batches still come."""
         return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
 
+    def has_heard(self) -> bool:
+        """Whether any source has been heard since the start."""
+        return any(source.heard_ns is not None for source in self.values())
+
     def health(self, now_ns: int, at_ns: int) -> list[SourceHealth]:
         """Health of every source, by name."""
         return [

@@ -6,6 +6,8 @@ from typing import Literal, Protocol
 from ..event_time.timeline import FUTURE_NS
 
 ClockName = Literal["wall", "event"]
+# Daemons that keep the time slew by less between two looks; more is a step.
+_SLEW_NS = 50_000_000
 # How long no source may have followed the clock before a stamp far ahead is believed.
 _PATIENCE_NS = 1_000_000_000
 
@@ -13,30 +15,39 @@ _PATIENCE_NS = 1_000_000_000
 class Clock(Protocol):
     """Source of ``now_ns`` for the core."""
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
-        """Take note of a stamp that came in, and when it came on the monotonic clock; both in ns.
-
-        Returns
-        -------
-        bool
-            Whether time starts over with this stamp.
-        """
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
+        """Take note of a stamp that came in, and when it came on the monotonic clock; both in ns."""
 
     def now_ns(self) -> int:
         """Nanoseconds since the Unix epoch."""
 
+    def set_by_ns(self) -> int:
+        """By how much the clock of the machine has been set since the start, ns."""
+
 
 class WallClock:
-    """The wall clock; sources are expected to agree with it."""
+    """The wall clock as it was at the start, carried on by one that is never set.
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
+    When somebody sets the clock of the machine, the core decides by the stamps whether the sources were set
+    too. So no step of it stops the updates.
+    """
+
+    def __init__(self) -> None:
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
         """Do nothing: the wall clock does not follow the sources."""
-        del stamp_ns, monotonic_ns
-        return False
 
     def now_ns(self) -> int:
-        """Wall clock time."""
-        return time.time_ns()
+        """Wall clock time, without its steps."""
+        drift = self.set_by_ns()
+        if abs(drift) <= _SLEW_NS:
+            self._offset_ns += drift
+        return time.monotonic_ns() + self._offset_ns
+
+    def set_by_ns(self) -> int:
+        """Wall clock time less the time of this clock."""
+        return time.time_ns() - time.monotonic_ns() - self._offset_ns
 
 
 class EventClock:
@@ -44,8 +55,6 @@ class EventClock:
 
     A stamp more than 1 s ahead counts only after 1 s in which no source has sent an older one: one
     wrong clock must not move the time of all sources, but a gap that all sources share must be crossed.
-    After 1 s in which no source has kept the time, a stamp more than 1 s behind starts it over: a
-    recording is replayed again.
 
     Parameters
     ----------
@@ -55,25 +64,26 @@ class EventClock:
 
     def __init__(self, now_ns: int | None = None) -> None:
         self._now_ns = now_ns
-        self._kept_ns: int | None = None
+        self._kept_ns = 0
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> bool:
-        """Advance to a stamp that is credible, or go back to it; returns whether time starts over."""
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
+        """Advance to a stamp that is credible; the clock never goes back."""
         now = self._now_ns
-        idle = self._kept_ns is None or monotonic_ns - self._kept_ns > _PATIENCE_NS
-        if now is None or idle:
-            self._now_ns, self._kept_ns = stamp_ns, monotonic_ns
-            if now is not None and stamp_ns >= now - FUTURE_NS:
-                self._now_ns = max(now, stamp_ns)
-            return now is not None and stamp_ns < now - FUTURE_NS
-        if now - FUTURE_NS <= stamp_ns <= now + FUTURE_NS:
-            self._now_ns = max(now, stamp_ns)
+        if now is None or stamp_ns <= now + FUTURE_NS or monotonic_ns - self._kept_ns > _PATIENCE_NS:
+            self._now_ns = stamp_ns if now is None else max(now, stamp_ns)
             self._kept_ns = monotonic_ns
-        return False
+
+    def reach(self, stamp_ns: int) -> None:
+        """Advance to a stamp that the core has accepted."""
+        self._now_ns = max(self._now_ns or 0, stamp_ns)
 
     def now_ns(self) -> int:
         """Newest credible stamp; 0 before the first."""
         return self._now_ns or 0
+
+    def set_by_ns(self) -> int:
+        """Nobody sets this clock."""
+        return 0
 
 
 def make_clock(name: ClockName, watermark_ns: int | None = None) -> Clock:

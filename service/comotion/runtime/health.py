@@ -11,7 +11,9 @@ from comotion_schemas.messages import RejectionReason, StatusState
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
+from . import problems
 from .intake import Rejection
+from .problems import Found, Problems
 
 # Rates are means over this time, so that a source with one batch a second has one.
 _RATE_SPAN_NS = 2_000_000_000
@@ -22,7 +24,7 @@ _FORGET_NS = 60_000_000_000
 # A loop without an update for this long hangs: even a slow update takes well under a second.
 _HANGING_NS = 3_000_000_000
 # Counters whose growth means that something is wrong.
-_TROUBLE = ("lost", "late", "overruns")
+_TROUBLE = ("lost", "late", "partly_late", "overflow", "overruns", "faults")
 
 
 class Arrivals(NamedTuple):
@@ -33,13 +35,13 @@ class Arrivals(NamedTuple):
     received
         Valid batches so far, by source.
     present
-        Names of the sources whose process is there.
+        Names of the sources whose process is there, and since when in monotonic ns.
     rejection
         The newest payload that was refused, if any.
     """
 
     received: Mapping[str, int]
-    present: set[str]
+    present: Mapping[str, int]
     rejection: Rejection | None
 
 
@@ -56,6 +58,7 @@ class Health:
     """Turns counters into rates, recent trouble and a state. Times are monotonic nanoseconds."""
 
     _samples: deque[_Sample] = field(default_factory=deque)
+    _problems: Problems = field(default_factory=Problems)
 
     def report(
         self,
@@ -65,6 +68,7 @@ class Health:
         sources: list[SourceHealth],
         stats: Stats,
         notes: list[str],
+        found: Found | None = None,
     ) -> StatusFields:
         """Assemble the fields of the Status.
 
@@ -80,22 +84,49 @@ class Health:
             Counters of the fusion.
         notes
             Further troubles, in words.
+        found
+            Problems that the core has noticed.
         """
         present, counters, rejected = arrivals.present, stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(arrivals.received), counters, rejected))
         self._drop_samples(monotonic_ns - _RECENT_NS)
         sources = [s for s in sources if s.name in present or s.age_ns < _FORGET_NS]
         silent = _silent(present, sources)
+        lasting = self._problems.update(
+            self._found(monotonic_ns, arrivals, sources, stats, found), monotonic_ns
+        )
         trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection), *_describe(silent)]
-        live = [s.name for s in sources if s.live]
+        trouble += [one.text for one in lasting if one.kind not in {"silent", "no-data"}]
+        live = [s.name for s in sources if s.sending]
+        dead = not live and stats.fused + stats.partly_late > 0
+        if dead:
+            trouble.insert(0, "no source sends any more")
         return StatusFields(
-            state=_state(live, silent, trouble),
+            state="stalled" if dead else _state(live, silent, trouble),
             rates=self._rates(monotonic_ns),
             ages={s.name: s.age_ns / 1e9 for s in sources},
             counters=counters,
             rejected=rejected,
+            problems=lasting,
             message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no live source"),
         )
+
+    def _found(
+        self,
+        monotonic_ns: int,
+        arrivals: Arrivals,
+        sources: list[SourceHealth],
+        stats: Stats,
+        found: Found | None,
+    ) -> Found:
+        """All problems there are now."""
+        before = self._samples[0]
+        return {
+            **(found or {}),
+            **problems.silence(arrivals.present, sources, monotonic_ns),
+            **problems.bounds(stats, before.counters, before.rejected.get("limit", 0)),
+            **problems.defects(stats, before.counters),
+        }
 
     def _drop_samples(self, before_ns: int) -> None:
         while self._samples[0].at_ns < before_ns:
@@ -121,18 +152,18 @@ class Health:
         before = self._samples[0]
         grown = {name: counters[name] - before.counters[name] for name in _TROUBLE}
         refused = sum(rejected.values()) - sum(before.rejected.values())
-        trouble = [f"{count} {name}" for name, count in grown.items() if count]
+        trouble = [f"{count} {name.replace('_', ' ')}" for name, count in grown.items() if count > 0]
         if refused:
             why = f", last on obs/{rejection.source}: {rejection.error}" if rejection else ""
             trouble.append(f"{refused} rejected{why}")
         return trouble
 
 
-def _silent(present: set[str], sources: list[SourceHealth]) -> dict[str, float | None]:
+def _silent(present: Mapping[str, int], sources: list[SourceHealth]) -> dict[str, float | None]:
     """Sources whose process is there but whose data is not, with the age in s of their last data."""
     ages = {s.name: s.age_ns / 1e9 for s in sources}
-    live = {s.name for s in sources if s.live}
-    return {name: ages.get(name) for name in sorted(present - live)}
+    live = {s.name for s in sources if s.sending}
+    return {name: ages.get(name) for name in sorted(present.keys() - live)}
 
 
 def _describe(silent: Mapping[str, float | None]) -> list[str]:

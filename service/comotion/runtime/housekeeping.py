@@ -7,6 +7,7 @@ from dataclasses import replace
 from comotion_schemas import HypothesisUpdate
 
 from ..fusion import Fusion
+from . import problems
 from .health import Arrivals, Health, Watchdog
 from .intake import Intake
 from .source_clocks import SourceClocks
@@ -61,9 +62,10 @@ class Housekeeping:
         fields = self._health.report(
             monotonic_ns,
             arrivals=Arrivals(intake.received, intake.present, intake.rejection),
-            sources=self._fusion.sources(now_ns),
+            sources=self._fusion.sources(now_ns, monotonic_ns),
             stats=self._fusion.stats,
             notes=[*([self._keeper.error] if self._keeper.error else []), *self._clocks.notes()],
+            found=problems.of_fusion(self._fusion),
         )
         counters = {**fields.counters, "clock_steps": self._clocks.steps}
         self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))

@@ -62,10 +62,10 @@ class Output:
             self._publisher.put(encode(update))
         return update
 
-    def answer(self) -> None:
-        """Reply to every query that waits."""
+    def answer(self, budget_ns: int) -> None:
+        """Reply to queries that wait, until the time is up."""
         if self._queryables is not None:
-            self._queryables.answer()
+            self._queryables.answer(budget_ns)
 
     def _switch(self, epoch: int | None) -> None:
         scene = self._component.keys.scene

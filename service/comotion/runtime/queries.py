@@ -1,4 +1,4 @@
-"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema | forget``.
+"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema | forget | accounts``.
 
 | name | parameters | reply | encoding |
 |---|---|---|---|
@@ -7,6 +7,7 @@
 | config | | map of the fusion parameters | JSON |
 | schema | ``message=NAME`` (optional) | JSON Schema of that message, or map name -> schema | JSON |
 | affinity | ``space=NAME`` (optional with one space) | affinities of the last update | msgpack |
+| accounts | | what became of the batches of every source and session | JSON |
 | forget | ``id=N``, or ``id=all`` | map ``forgotten`` -> ids of the forgotten hypotheses | JSON |
 
 Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``stamp_ns``,
@@ -18,7 +19,10 @@ Every query gets a reply, or an error that says what is wrong.
 
 import json
 import logging
+import time
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import cache
 from typing import Any, get_args
 from urllib.parse import unquote
 
@@ -57,12 +61,24 @@ class Queryables:
             for name, handler in handlers.items()
         ]
 
-    def answer(self) -> None:
-        """Reply to every query that waits."""
-        for queryable, name, handler in self._queryables:
-            while (query := queryable.try_recv()) is not None:
+    def answer(self, budget_ns: int = 2**62) -> None:
+        """Reply to queries that wait, in turns; to no more once the time is up."""
+        end = time.monotonic_ns() + budget_ns
+        waiting = list(self._queryables)
+        while waiting and time.monotonic_ns() < end:
+            for one in list(waiting):
+                queryable, name, handler = one
+                query = queryable.try_recv()
+                if query is None:
+                    waiting.remove(one)
+                    continue
                 with query:
                     self._answer(query, name, handler)
+                if time.monotonic_ns() >= end:
+                    # Whose turn it was is the last one next time.
+                    self._queryables.remove(one)
+                    self._queryables.append(one)
+                    return
 
     def close(self) -> None:
         """Undeclare all; queries that wait get no reply."""
@@ -111,14 +127,26 @@ def handlers(
             _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
             _AFFINITY_ENCODING,
         ),
+        "accounts": lambda _: (_accounts(fusion), _JSON),
         "forget": lambda parameters: (_forget(fusion, parameters.get("id")), _JSON),
     }
     assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
     return answers
 
 
+@cache
+def _schemas() -> dict[str, dict[str, Any]]:
+    return json_schemas()
+
+
+def _accounts(fusion: Fusion) -> bytes:
+    accounts = fusion.ledger.accounts().items()
+    listed = [{"source": source, "session": session} | asdict(one) for (source, session), one in accounts]
+    return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
+
+
 def _schema(message: str | None) -> bytes:
-    schemas = json_schemas()
+    schemas = _schemas()
     if message is None:
         return json.dumps(schemas).encode()
     if message not in schemas:
@@ -142,6 +170,9 @@ def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
     if space not in known:
         problem = "space is required" if space is None else f"no space {space!r}"
         raise QueryError(f"{problem}; known: {', '.join(known) or 'none yet'}")
+    rows = fusion.tracks_in(space)
+    if 4 * rows * rows > MAX_BYTES:
+        raise QueryError(f"the affinities of {rows} trajectories exceed the limit of {MAX_BYTES} bytes")
     return _pack_affinity(fusion.affinity(space), space, stamp_ns)
 
 

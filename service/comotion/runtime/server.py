@@ -28,9 +28,10 @@ from comotion_schemas.transport import SessionSettings
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .clocks import ClockName, make_clock
+from .clocks import ClockName, EventClock, make_clock
 from .election import DEFAULT_LEASE_S, Election, Leadership
 from .etcd import Etcd
+from .guard import Guard
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
@@ -41,6 +42,7 @@ from .source_clocks import SourceClocks
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
 from .ticker import HeadStart, Ticker
+from .tokens import Sent
 from .warm_up import prepare
 
 DEFAULT_NAME = "fusion"
@@ -179,14 +181,26 @@ class _Loop:
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
-        self._clock = make_clock(options.clock, fusion.watermark_ns)
+        watermark_ns = fusion.watermark_ns
+        self._clock = make_clock(
+            options.clock, None if watermark_ns is None else watermark_ns - fusion.shift_ns
+        )
+        if isinstance(self._clock, EventClock):
+            fusion.follow_recordings()
+        self._guard = Guard(self._count_fault)
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
-        self._intake = Intake(component.session, component.keys, fusion.stats)
+        limits = options.config.limits
+        self._intake = Intake(component.session, component.keys, fusion.ledger, limits.sources)
+        self._sent = Sent(component.session, component.keys, limits.sources)
+        period_ns = to_ns(options.config.period)
+        # The loop looks for data in slices of a period.
+        self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
+        self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
         self._follower = Follower(component, leadership, fusion) if isinstance(leadership, Election) else None
-        self._last = fusion.update(self._clock.now_ns())
+        self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
         self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
         self._last = self._publish(self._last)
 
@@ -201,35 +215,63 @@ class _Loop:
                 if spare_ns > 0:
                     self._fuse_ahead(spare_ns)
                     continue
-                update = self._compute()
-                self._wait(ticker.remaining_ns(time.monotonic_ns()))
-                self._last = self._publish(update)
-                self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
+                self._update(ticker)
                 self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
 
+    def _update(self, ticker: Ticker) -> None:
+        """Compute an update, publish it at its deadline, and tidy up."""
+        with self._guard("an update"):
+            update = self._compute()
+            self._wait(ticker.remaining_ns(time.monotonic_ns()))
+            self._last = self._publish(update)
+        with self._guard("housekeeping"):
+            for fault in self._fusion.faults():
+                self._guard.tell(fault.what, fault.error, fault.trace)
+            self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
+
+    def _count_fault(self) -> None:
+        self._fusion.stats.faults += 1
+
     def _receive(self) -> None:
-        now = time.monotonic_ns()
-        for received in self._intake.receive(now):
-            batch = self._source_clocks.correct(received)
-            if self._clock.observe(batch.stamp_ns, now):
-                _log.info("time starts over with a batch of %s", batch.source)
-                self._fusion.start_over()
-            self._fusion.ingest(batch)
+        now, fusion = time.monotonic_ns(), self._fusion
+        with self._guard("taking in batches"):
+            for received in self._intake.receive(now, self._reading_ns):
+                batch = self._source_clocks.correct(received)
+                self._clock.observe(batch.stamp_ns - fusion.shift_ns, now)
+                fusion.ingest(batch)
+            for claim in self._sent.look():
+                fusion.ledger.sent(claim[:2], claim[2])
         if isinstance(self._leadership, Presence):
-            self._leadership.look(now)
+            self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            self._follower.look()
-        self._output.answer()
+            with self._guard("following another service"):
+                self._follower.look()
+        with self._guard("answering queries"):
+            self._output.answer(self._answering_ns)
+
+    def _now(self) -> tuple[int, int]:
+        """What stamps are compared with, and the clock of arrivals."""
+        self._fusion.clock_set(self._clock.set_by_ns())
+        return self._clock.now_ns(), time.monotonic_ns()
+
+    def _follow_events(self) -> None:
+        """Let the event clock reach what the core has accepted."""
+        newest_ns = self._fusion.newest_ns
+        if isinstance(self._clock, EventClock) and newest_ns is not None:
+            self._clock.reach(newest_ns)
 
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
         if spare_ns > _SLICE_NS:
-            self._fusion.advance(self._clock.now_ns())
+            with self._guard("fusing"):
+                self._fusion.advance(*self._now())
+                self._follow_events()
         self._wait(min(spare_ns, _SLICE_NS))
 
     def _compute(self) -> HypothesisUpdate:
         began = time.monotonic_ns()
-        update = self._fusion.update(self._clock.now_ns())
+        update = self._fusion.update(*self._now())
+        self._follow_events()
         took = time.monotonic_ns() - began
         self._head_start.note(took)
         self._tick_time.observe(took / 1e9)

@@ -1,0 +1,77 @@
+"""Exceptions in; a bounded log of them with their traces out. The service goes on."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+# A fault of one kind has its trace in the log once in this time, and so many lines are written at most.
+_AGAIN_S = 60.0
+_MOST_LINES = 20
+_log = logging.getLogger(__name__)
+
+
+class LogLimit:
+    """Writes a bounded number of lines in a time, and says how many it has left out.
+
+    Parameters
+    ----------
+    lines, seconds
+        How many in which time.
+    """
+
+    def __init__(self, lines: int, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._lines, self._seconds, self._clock = lines, seconds, clock
+        self._began = clock()
+        self._count = 0
+
+    def log(self, logger: logging.Logger, level: int, text: str, *values: object) -> None:
+        """Write a line, unless there were too many."""
+        now = self._clock()
+        if now - self._began >= self._seconds:
+            if self._count > self._lines:
+                logger.log(level, "%d more lines like these were left out", self._count - self._lines)
+            self._began, self._count = now, 0
+        self._count += 1
+        if self._count <= self._lines:
+            logger.log(level, text, *values)
+
+
+class Guard:
+    """Keeps defects from ending the loop.
+
+    Parameters
+    ----------
+    count
+        Called for each exception.
+    """
+
+    def __init__(self, count: Callable[[], None]) -> None:
+        self._count = count
+        self._limit = LogLimit(_MOST_LINES, _AGAIN_S)
+        self._told: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, what: str) -> Iterator[None]:
+        """Go on after an exception in a block that does `what`."""
+        try:
+            yield
+        except Exception as error:  # whatever it is, the service goes on
+            self._count()
+            self.tell(what, error)
+
+    def tell(self, what: str, error: object, trace: str | None = None) -> None:
+        """Log a defect; its trace once a minute for defects of a kind."""
+        kind, now = f"{what.partition('(')[0]}{type(error).__name__}{error}"[:200], time.monotonic()
+        fresh = now - self._told.get(kind, -_AGAIN_S) >= _AGAIN_S
+        if fresh:
+            self._told = {one: at for one, at in self._told.items() if now - at < _AGAIN_S}
+            self._told[kind] = now
+        text = "a defect in %s: %s; please report this"
+        if not fresh:
+            self._limit.log(_log, logging.DEBUG, text, what, error)
+        elif trace is not None:
+            self._limit.log(_log, logging.ERROR, text + "\n%s", what, error, trace)
+        else:
+            self._limit.log(_log, logging.ERROR, text, what, error)
+            _log.error("its trace", exc_info=True)

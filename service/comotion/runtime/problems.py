@@ -1,0 +1,138 @@
+"""What the fusion and the intake have noticed in; what a person should change, in words, out.
+
+A problem is said once in the log when it begins, once when it ends, and is in the Status until then.
+"""
+
+import logging
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from comotion_schemas.messages import Problem, ProblemKind
+
+from ..event_time.sources import SourceHealth
+from ..event_time.stats import Stats
+from ..event_time.steps import ClockTrouble
+from ..fusion import Fusion
+from .guard import LogLimit
+
+# A problem ends when it has not been seen for so long: what comes and goes is said once.
+_LASTS_NS = 10_000_000_000
+# A process that has just started may take so long to its first batch.
+_START_NS = 3_000_000_000
+# Bound on what a hostile scene can make the Status.
+_MOST = 64
+_log = logging.getLogger(__name__)
+
+Key = tuple[str | None, ProblemKind]
+Found = dict[Key, str]
+
+
+@dataclass
+class _Lasting:
+    since_ns: int
+    seen_ns: int
+    text: str
+
+
+@dataclass
+class Problems:
+    """Problems over time. Times are monotonic nanoseconds, but for those in the messages."""
+
+    _lasting: dict[Key, _Lasting] = field(default_factory=dict)
+    _limit: LogLimit = field(default_factory=lambda: LogLimit(30, 60.0))
+
+    def update(self, found: Found, monotonic_ns: int) -> list[Problem]:
+        """Follow the problems; returns those that last, the oldest first."""
+        for key, text in found.items():
+            known = self._lasting.get(key)
+            if known is not None:
+                known.seen_ns, known.text = monotonic_ns, text
+            elif len(self._lasting) < _MOST:
+                self._lasting[key] = _Lasting(time.time_ns(), monotonic_ns, text)
+                self._limit.log(_log, logging.WARNING, "%s: %s", key[1], text)
+        for key, one in list(self._lasting.items()):
+            if monotonic_ns - one.seen_ns > _LASTS_NS:
+                del self._lasting[key]
+                self._limit.log(_log, logging.INFO, "%s is over: %s", key[1], one.text)
+        return [
+            Problem(source=source, kind=kind, since_ns=one.since_ns, text=one.text[:500])
+            for (source, kind), one in self._lasting.items()
+        ]
+
+
+def of_fusion(fusion: Fusion) -> Found:
+    """What the core has noticed."""
+    return {**clocks(fusion.wrong_clocks()), **doubles(fusion.rivalled())}
+
+
+def clocks(troubles: Mapping[str, ClockTrouble]) -> Found:
+    """Sources whose stamps do not fit."""
+    return {(name, one.kind): f"{name}: {_clock_text(one)}" for name, one in troubles.items()}
+
+
+def _clock_text(trouble: ClockTrouble) -> str:
+    seconds = abs(trouble.offset_ns) / 1e9
+    if trouble.kind == "clock-zero":
+        unit = {10: "s", 13: "ms", 16: "us"}.get(len(str(abs(trouble.stamp_ns))))
+        if unit is not None:
+            return f"its stamps are Unix times in {unit}; send nanoseconds"
+        return "its stamps count from a start, not from 1970; add the Unix time of that start, in nanoseconds"
+    if trouble.kind == "clock-ahead":
+        return f"its stamps are {seconds:.1f} s ahead of this machine; synchronise the clocks (NTP or PTP)"
+    return (
+        f"its stamps are {seconds:.1f} s old when they arrive; synchronise the clocks (NTP or PTP), or send "
+        "sooner; for a recording with its own stamps, start the service with --clock event"
+    )
+
+
+def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int) -> Found:
+    """Sources whose process is there but whose data is not."""
+    known = {one.name: one for one in sources}
+    found: Found = {}
+    for name, since_ns in present.items():
+        source = known.get(name)
+        if source is None and monotonic_ns - since_ns > _START_NS:
+            found[name, "no-data"] = (
+                f"{name}: its process is there but no batch of it was accepted; see that it publishes on "
+                f"obs/{name} and what is rejected"
+            )
+        elif source is not None and not source.sending:
+            found[name, "silent"] = (
+                f"{name}: no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see "
+                "whether its sensor or its loop hangs"
+            )
+    return found
+
+
+def doubles(names: list[str]) -> Found:
+    """Names that two processes use."""
+    return {
+        (name, "duplicate-name"): f"{name}: a second process publishes under this name and is refused; give "
+        "it another name"
+        for name in names
+    }
+
+
+def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:
+    """Bounds that were reached since the counters were `before`."""
+    words = {
+        "overflow": "batches came faster than they could be read; send fewer or smaller ones",
+        "refused_rows": "trajectories were refused: too many (max_tracks), ended before, or in two spaces",
+    }
+    now = stats.counters()
+    growth = {name: now[name] - before.get(name, 0) for name in words}
+    grown = [f"{growth[name]} {text}" for name, text in words.items() if growth[name] > 0]
+    refused = stats.rejected.get("limit", 0) - rejected_before
+    if refused > 0:
+        grown.append(f"{refused} batches were beyond a bound of `limits`; see docs/limits.md")
+    return {(None, "limit"): "; ".join(grown)} if grown else {}
+
+
+def defects(stats: Stats, before: Mapping[str, int]) -> Found:
+    """Errors of the service itself since the counters were `before`."""
+    if stats.faults <= before.get("faults", 0):
+        return {}
+    return {
+        (None, "defect"): "the service failed on some data and goes on; please report the trace in its log"
+    }

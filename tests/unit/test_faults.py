@@ -1,0 +1,174 @@
+"""No input ends the core or stalls it: what was found once stays mended."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion_schemas import ObservationBatch, encode
+
+MS = 1_000_000
+S = 1_000 * MS
+T0 = 1_700_000_000 * S
+RNG = np.random.default_rng(0)
+POINTS = RNG.uniform(-1, 1, (12, 3))
+
+
+def batch(source, seq, stamp_ns, positions=POINTS, *, session="a" * 16, **fields):
+    positions = np.asarray(positions, np.float32)
+    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
+    fields.setdefault("ids", np.arange(len(positions), dtype=np.uint64))
+    return ObservationBatch(
+        source=source, session=session, seq=seq, stamp_ns=stamp_ns, positions=positions, **fields
+    )
+
+
+def moved(k):
+    """Half of the points rest, half move."""
+    return POINTS + np.repeat([[0.0], [0.01 * k]], 6, axis=0)
+
+
+def run(fusion, start, stop, *, source="cam", **fields):
+    for k in range(start, stop):
+        now = T0 + k * 33 * MS
+        fusion.ingest(batch(source, k, now, moved(k), **fields))
+        update = fusion.update(now)
+    assert fusion.stats.batches == fusion.stats.settled()
+    encode(update)
+    return update
+
+
+def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
+    fusion = Fusion()
+    for k in range(20):
+        now = T0 + k * 33 * MS
+        fusion.ingest(batch("cam", 2 * k, now, moved(k)))
+        fusion.ingest(batch("cam", 2 * k + 1, now, 100 * moved(k)[:, :2], space="cam/pixels", unit="px"))
+        update = fusion.update(now)
+    assert len(update.track_id) == 12
+    assert (fusion.stats.faults, fusion.stats.refused_rows) == (0, 20 * 12)
+
+
+def test_stamps_at_the_ends_of_their_range_are_refused():
+    fusion = Fusion()
+    fusion.follow_recordings()
+    for seq, stamp in enumerate((-(2**63), 2**63 - 1, T0)):
+        fusion.ingest(batch("odd", seq, stamp))
+        fusion.update(T0)
+    assert fusion.stats.rejected == {"range": 2}
+    assert run(fusion, 0, 5).track_id.size
+
+
+def test_a_jump_of_the_sequence_mutes_nobody():
+    fusion = Fusion()
+    run(fusion, 0, 5)
+    fusion.ingest(batch("cam", 2**64 - 1, T0 + 5 * 33 * MS, moved(5)))
+    run(fusion, 6, 12)
+    assert (fusion.stats.duplicates, fusion.stats.fused) == (0, 12)
+    assert fusion.stats.lost < 2**32
+
+
+def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
+    fusion = Fusion()
+    before = run(fusion, 0, 40)
+    space = fusion._spaces["world"]
+    monkeypatch.setattr(space._method, "partition", lambda *_: 1 / 0)
+    after = run(fusion, 40, 60)
+    assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
+    (fault,) = fusion.faults()
+    assert "world" in fault.what
+    assert "ZeroDivisionError" in fault.trace
+    assert fusion.stats.faults == 1
+
+
+def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch):
+    fusion = Fusion()
+    before = run(fusion, 0, 20)
+    window = fusion._spaces["world"]._window
+    monkeypatch.setattr(window, "insert", lambda *_: 1 / 0)
+    monkeypatch.setattr(window, "state", lambda: 1 / 0)
+    after = run(fusion, 20, 60)
+    assert fusion.stats.rejected == {"defect": 1}
+    assert len(after.track_id) == 12
+    assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
+    assert fusion.faults()[0].source == "cam"
+
+
+def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back():
+    fusion = Fusion(FusionConfig(window=2.0))
+    run(fusion, 0, 20)
+    fusion.ingest(batch("cam", 20, T0, POINTS[:0], ended=np.array([3], np.uint64)))
+    update = run(fusion, 21, 30)
+    assert 3 not in update.track_id
+    # Neither when its trajectory has left the window.
+    update = run(fusion, 200, 210)
+    assert 3 not in update.track_id
+    assert fusion.stats.late == 1
+
+
+def test_a_space_that_nobody_publishes_any_more_takes_another_unit():
+    fusion = Fusion()
+    run(fusion, 0, 5)
+    fusion.update(T0 + 199 * 33 * MS)
+    update = run(fusion, 200, 210, source="other", session="b" * 16, unit="px", ids=np.arange(50, 62))
+    assert set(update.track_id.tolist()) == set(range(50, 62))
+    fusion.ingest(batch("cam", 500, T0 + 210 * 33 * MS))
+    fusion.update(T0 + 210 * 33 * MS)
+    assert fusion.stats.rejected == {"space-mismatch": 1}
+
+
+@pytest.mark.parametrize("step_s", [-3600, -1, 1, 3600])
+def test_a_step_of_all_clocks_of_sources_loses_nothing_and_keeps_ids(step_s):
+    """The clock of the service goes on: it is not set with them."""
+    fusion, wire = Fusion(), 0
+    stamps = []
+    for k in range(150):
+        now = T0 + k * 33 * MS
+        wire = step_s * S if k >= 75 else 0
+        for n, source in enumerate(("left", "right")):
+            points = moved(k)[n::2]
+            fusion.ingest(batch(source, k, now + wire - 20 * MS, points))
+        update = fusion.update(now)
+        stamps.append(update.stamp_ns)
+        if k == 70:
+            before = {h.id for h in update.hypotheses}
+    assert (fusion.stats.late, fusion.stats.lost, fusion.stats.rejected) == (0, 0, {})
+    # A second ahead is taken for true: the data waits for it.
+    assert abs(update.stamp_ns - (now + wire)) <= S
+    assert {h.id for h in update.hypotheses} == before
+    assert len(update.track_id) == 12
+
+
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
+    fusion = Fusion()
+    for k in range(90):
+        now = T0 + k * 33 * MS
+        fusion.ingest(batch("right", k, now - 20 * MS))
+        fusion.ingest(batch("wrong", k, now + (step_s * S if k >= 30 else 0) - 20 * MS))
+        update = fusion.update(now)
+    accounts = fusion.ledger.accounts()
+    assert accounts["right", "a" * 16].fused >= 89
+    wrong = accounts["wrong", "a" * 16]
+    assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
+    assert fusion.wrong_clocks()["wrong"].kind == ("clock-ahead" if step_s > 0 else "clock-behind")
+    assert abs(update.stamp_ns - now) < S
+
+
+def test_sources_that_are_all_a_second_behind_are_fused_and_told():
+    fusion = Fusion()
+    for k in range(60):
+        now = T0 + k * 33 * MS
+        fusion.ingest(batch("slow", k, now - 1_500 * MS, moved(k)))
+        update = fusion.update(now)
+    assert len(update.track_id) == 12
+    assert fusion.stats.fused >= 55
+    assert fusion.wrong_clocks()["slow"].kind == "clock-behind"
+
+
+def test_a_scene_that_all_sources_have_left_does_not_look_alive():
+    fusion = Fusion()
+    update = run(fusion, 0, 60)
+    assert any(h.state == "moving" for h in update.hypotheses)
+    update = fusion.update(T0 + 30 * S)
+    assert not update.live
+    assert not any(h.state == "moving" or h.twist for h in update.hypotheses)
