@@ -15,7 +15,16 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.sequence import SequenceCounter
 
 from .joint_rows import joint_row
-from .scene_rows import EventRow, HypothesisRow, ServiceRow, ServiceState, Snapshot, SourceRow, SourceState
+from .scene_rows import (
+    EventRow,
+    HypothesisRow,
+    ProblemRow,
+    ServiceRow,
+    ServiceState,
+    Snapshot,
+    SourceRow,
+    SourceState,
+)
 
 RATE_SPAN_S = 3.0
 """A rate is the mean over this time."""
@@ -184,6 +193,9 @@ class SceneModel:
             message="" if status is None else status.message,
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
+            problems=[]
+            if status is None
+            else [ProblemRow(one.kind, one.source, one.text) for one in status.problems],
         )
 
     def _service_state(self, now: float) -> ServiceState:

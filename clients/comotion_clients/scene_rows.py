@@ -71,6 +71,15 @@ class EventRow:
 
 
 @dataclass(frozen=True)
+class ProblemRow:
+    """What a person should change: kind, the source that has it or None, and what to do."""
+
+    kind: str
+    source: str | None
+    text: str
+
+
+@dataclass(frozen=True)
 class ServiceRow:
     """The service: `rate` of updates, `age` s since the last one, `lag` s from its W to its publication."""
 
@@ -84,6 +93,7 @@ class ServiceRow:
     message: str
     counters: dict[str, int]
     rejected: dict[str, int]
+    problems: list[ProblemRow] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

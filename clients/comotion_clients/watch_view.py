@@ -35,7 +35,8 @@ _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended":
 }
 _JOINT_WORDS = {"fixed": "fixed to", "prismatic": "slides on", "revolute": "turns on"}
 _MAX_EVENT_ROWS = 4
-_COUNTERS_SHOWN = ("late", "reordered", "duplicates", "overruns")
+_MAX_PROBLEM_ROWS = 4
+_COUNTERS_SHOWN = ("late", "partly_late", "overflow", "reordered", "duplicates", "overruns")
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def render(
 
     `keys`: with a line about the keys; `pose`: with angular speed and pose instead of space and links.
     """
-    head = _head(snapshot)
+    head = [*_cropped(_head(snapshot), width), *_problem_lines(snapshot.service, whole=not keys)]
     foot = [Text(f"sorted by {sort}   s: sort   p: pose   q: quit", style="dim")] if keys else []
     sources = sort_sources(snapshot.sources, sort)
     hypotheses = sort_hypotheses(snapshot.hypotheses, sort)
@@ -64,7 +65,7 @@ def render(
         height - len(head) - len(foot), (len(sources), len(hypotheses), len(snapshot.events))
     )
     return Group(
-        *_cropped(head, width),
+        *(_cropped(head, width) if keys else head),
         *_table("sources", sources, SOURCE_COLUMNS, heights[0], width),
         *_table("hypotheses", hypotheses, POSE_COLUMNS if pose else HYPOTHESIS_COLUMNS, heights[1], width),
         *_cropped(_event_lines(snapshot.events, heights[2]), width),
@@ -146,10 +147,21 @@ def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> 
 
 def _problems(service: ServiceRow) -> Text:
     """Message of the service, and its counts of dropped and rejected data so far."""
-    parts = [f"{service.counters[n]} {n}" for n in _COUNTERS_SHOWN if service.counters.get(n)]
+    parts = [
+        f"{service.counters[n]} {n.replace('_', ' ')}" for n in _COUNTERS_SHOWN if service.counters.get(n)
+    ]
     parts += [f"{count} rejected as {reason}" for reason, count in sorted(service.rejected.items()) if count]
     total = f"   so far: {', '.join(parts)}" if parts else ""
     return Text.assemble((service.message, "dim" if service.state == "ok" else "yellow"), (total, "yellow"))
+
+
+def _problem_lines(service: ServiceRow, *, whole: bool) -> list[Text]:
+    """A line for each problem that lasts; on a screen there is room for some."""
+    lines = [Text.assemble((f"{row.kind} ", "bold red"), row.text) for row in service.problems]
+    if whole or len(lines) <= _MAX_PROBLEM_ROWS:
+        return lines
+    more = len(lines) - _MAX_PROBLEM_ROWS + 1
+    return [*lines[: _MAX_PROBLEM_ROWS - 1], Text(f"... and {more} more problems", style="dim")]
 
 
 def _lost(lost: int, *, losing: bool) -> Text:
@@ -303,7 +315,8 @@ def plain_line(snapshot: Snapshot) -> str:
         head += f" {number(service.rate, 1)} Hz age {duration(service.age)} lost {service.lost}"
     body = f"{snapshot.tracks} tracks {snapshot.current} hypotheses {snapshot.undetermined} undetermined"
     problem = [_problems(service).plain] if service.state != "ok" and service.message else []
-    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem])
+    lasting = [f"{row.kind}: {row.text}" for row in service.problems]
+    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem, *lasting])
 
 
 def _plain_source(row: SourceRow) -> str:

@@ -1,5 +1,6 @@
 """The model behind `comotion watch`, on a clock of the test's own, and how it is drawn."""
 
+import io
 import json
 import math
 from dataclasses import replace
@@ -19,6 +20,7 @@ from comotion_schemas import (
     HypothesisUpdate,
     ObservationBatch,
     Pose,
+    Problem,
     SourceRef,
     Status,
     Twist,
@@ -306,3 +308,29 @@ def test_a_stalled_source_is_marked_in_the_plain_line() -> None:
     model = SceneModel("lab")
     publish(model, "a", 10, 0, 1)
     assert "a STALLED" in plain_line(model.snapshot(9.0))
+
+
+def test_problems_are_shown_whole_where_there_is_no_screen() -> None:
+    model = SceneModel("demo")
+    text = "cam: its stamps are 3600.0 s ahead of this machine; " + "synchronise the clocks, " * 8 + "end"
+    problem = Problem(source="cam", kind="clock-ahead", since_ns=0, text=text)
+    status = Status(
+        component="fusion",
+        role="service",
+        session="0" * 16,
+        stamp_ns=0,
+        state="degraded",
+        rates={},
+        ages={},
+        counters={},
+        rejected={},
+        message="",
+        problems=[problem],
+    )
+    model.on_status(status)
+    snapshot = model.snapshot(0.0)
+    assert f"clock-ahead: {text}" in plain_line(snapshot)
+    assert as_json(snapshot)["service"]["problems"][0]["text"] == text
+    console = Console(width=100, file=io.StringIO())
+    console.print(render(snapshot, 100, 20, "size", keys=False))
+    assert text in " ".join(console.file.getvalue().split())

@@ -96,7 +96,9 @@ class Health:
             self._found(monotonic_ns, arrivals, sources, stats, found), monotonic_ns
         )
         trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection), *_describe(silent)]
-        trouble += [one.text for one in lasting if one.kind not in {"silent", "no-data"}]
+        # The texts are in `problems`.
+        told = [f"{one.kind} of {one.source}" if one.source else one.kind for one in lasting]
+        trouble += [one for one in told if not one.startswith(("silent", "no-data"))]
         live = [s.name for s in sources if s.sending]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:

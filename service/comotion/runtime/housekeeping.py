@@ -1,5 +1,6 @@
 """A published update in; out come the report for the Status, a written state, and freed memory."""
 
+import ctypes
 import gc
 import time
 from dataclasses import replace
@@ -48,6 +49,7 @@ class Housekeeping:
             self._report(intake, monotonic_ns, now_ns)
         if self._is_due("drop idle", monotonic_ns, _DROP_IDLE_NS):
             intake.drop_idle(monotonic_ns)
+            _return_memory()
         if self._is_due("collect", monotonic_ns, _COLLECT_NS):
             gc.collect()
         self._keeper.after(frozenset(h.id for h in update.hypotheses), time.monotonic_ns())
@@ -69,3 +71,10 @@ class Housekeeping:
         )
         counters = {**fields.counters, "clock_steps": self._clocks.steps}
         self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))
+
+
+def _return_memory() -> None:
+    """Give freed memory back to the system: large batches leave holes that the C library would keep."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
+    if trim is not None:
+        trim(0)

@@ -22,6 +22,7 @@ _LASTS_NS = 10_000_000_000
 _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
 _MOST = 64
+_MOST_ALIKE = 8
 _log = logging.getLogger(__name__)
 
 Key = tuple[str | None, ProblemKind]
@@ -102,7 +103,18 @@ def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_n
                 f"{name}: no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see "
                 "whether its sensor or its loop hangs"
             )
-    return found
+    return _summed(found)
+
+
+def _summed(found: Found) -> Found:
+    """The first problems of a kind, and how many more there are: a storm of tokens is one line."""
+    kept: Found = {}
+    for kind in sorted({kind for _, kind in found}):
+        mine = [key for key in found if key[1] == kind]
+        kept |= {key: found[key] for key in mine[:_MOST_ALIKE]}
+        if len(mine) > _MOST_ALIKE:
+            kept[None, kind] = f"{len(mine) - _MOST_ALIKE} more sources have this problem"
+    return kept
 
 
 def doubles(names: list[str]) -> Found:
