@@ -14,6 +14,11 @@ from .kernels.resampling import stop_at
 _MANY_TRACKS, _PERIOD_TRACKS = 128, 16
 
 
+# How many times the width of a source another position may be away to count for the scale of the scene:
+# less than millimetres among metres. And the trajectories that tell the width of a source.
+_FAR, _TELLING = 300.0, 4
+
+
 @dataclass(frozen=True)
 class Tracks:
     """N trajectories, ended ones included, and their observations up to the watermark.
@@ -64,11 +69,32 @@ class Tracks:
         return Observations(self.times, self.positions, self.start, self.stop)
 
     def extent(self) -> float:
-        """Root mean square distance of the current trajectories from their median: the scale of the scene."""
+        """Root mean square distance of the current trajectories from their median: the scale of the scene.
+
+        One source must not set the scale of all: what is hundreds of times farther out than the smallest of
+        the sources is wide, such as outliers or a source in another unit, does not count.
+        """
         newest = self.newest[self.current] if self.current.any() else self.newest
-        spread = float(np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean()))
+        squares = ((newest - np.median(newest, 0)) ** 2).sum(1)
+        if squares.max(initial=0.0) > _FAR**2 * np.median(squares):
+            newest = newest[self._near(newest)]
+            squares = ((newest - np.median(newest, 0)) ** 2).sum(1)
+        spread = float(np.sqrt(squares.mean()))
         # A single trajectory has no spread: the size of its coordinates is the only scale.
         return spread if spread > 0 else float(np.abs(newest).max(initial=0.0)) + 1e-9
+
+    def _near(self, newest: Floats) -> Bools:
+        """Which positions [n, 3] of the current trajectories tell the scale, bool [n]."""
+        source = self.source[self.current] if self.current.any() else self.source
+        width, centre = np.inf, np.zeros(3)
+        for one in np.unique(source).tolist():
+            mine = newest[source == one]
+            middle = np.median(mine, 0)
+            half = float(np.median(np.sqrt(((mine - middle) ** 2).sum(1))))
+            if len(mine) >= _TELLING and 0 < half < width:
+                width, centre = half, middle
+        near = np.asarray(np.sqrt(((newest - centre) ** 2).sum(1)) <= _FAR * width)
+        return near if near.any() else np.ones(len(newest), np.bool_)
 
     @property
     def corrected(self) -> Bools:
