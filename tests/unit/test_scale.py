@@ -23,8 +23,8 @@ def test_bodies_of_a_source_stay_apart_whatever_another_source_says(kind):
     fusion = Fusion()
     for k in range(48):
         t, now = k / 16, T0 + k * S // 16
-        bodies = first + [0.3 * np.sin(t), 0.2, 0.5], second + [-0.4, 0.3 * np.sin(1.3 * t), 0.4]
-        seen = np.concatenate([floor, *bodies]) + rng.normal(0, 0.001, (40, 3))
+        places = np.array([[0.3 * np.sin(t), 0.2, 0.5], [-0.4, 0.3 * np.sin(1.3 * t), 0.4]])
+        seen = np.concatenate([floor, first + places[0], second + places[1]]) + rng.normal(0, 0.001, (40, 3))
         for source, points in (("good", seen), ("odd", INTRUDERS[kind](k, seen))):
             fusion.ingest(
                 ObservationBatch(
