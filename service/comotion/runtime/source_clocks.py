@@ -21,14 +21,13 @@ from comotion_schemas.component import Component
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.transport import declare_subscriber
 
-from ..event_time.timeline import MAX_SOURCES
-
 _ASK_S = 2.0  # between two rounds of queries
 _ANSWER_S = 1.0
 _FORGET_S = 60.0
 # A step is worth a note for so long.
 _NOTED_S = 60.0
 _NOTES = 8
+_MOST_SOURCES = 1024
 # Corrections smaller than this, or than the error of the estimate, are not worth a jump in the stamps.
 _LEAST_CORRECTION_S = 0.001
 _log = logging.getLogger(__name__)
@@ -116,7 +115,7 @@ class SourceClocks:
     def on_status(self, status: Status, arrived_s: float) -> None:
         """Add a Status of a source that arrived at a time of this machine's wall clock, s."""
         with self._lock:
-            if len(self._sources) >= MAX_SOURCES and status.component not in self._sources:
+            if len(self._sources) >= _MOST_SOURCES and status.component not in self._sources:
                 return
             source = self._sources.setdefault(status.component, _Source())
             source.seen_s = time.monotonic()
