@@ -75,6 +75,8 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
         return SlowNoise()
     found = found[:, known] / (tolerance[first] + tolerance[second])[:, None]
     usual = np.nanquantile(found, _QUANTILE, axis=0)
+    if usual.min() <= 0:  # pairs at rest without any noise
+        return SlowNoise()
     noise = _fitted(_LAGS[known], usual, w.shape[1])
     return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
 
