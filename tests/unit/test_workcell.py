@@ -69,7 +69,8 @@ def test_motion_repeats_without_a_jump_and_moves_every_object(name: str) -> None
 
 def test_the_scenes_of_the_experiment_are_there_with_their_clutter() -> None:
     assert set(scene_names()) == {
-        s + v for s in ("truck", "truck-tower", "shelf", "arm") for v in ("", "-clutter")
+        "eye-in-hand",
+        *(s + v for s in ("truck", "truck-tower", "shelf", "arm") for v in ("", "-clutter")),
     }
     bare, full = Scene.named("shelf"), Scene.named("shelf-clutter")
     assert full.model.ngeom > bare.model.ngeom

@@ -84,6 +84,25 @@ Moving = Annotated[
         help="The camera is carried: what is published is relative to the largest body, the world.",
     ),
 ]
+Poses = Annotated[
+    Path | None,
+    typer.Option(
+        "--poses",
+        envvar="COMOTION_POSES",
+        metavar="FILE",
+        help="Pose of the camera over time, as TUM RGB-D's groundtruth.txt; with --stamps file.",
+    ),
+]
+CarriedBy = Annotated[
+    str | None,
+    typer.Option(
+        "--carried-by",
+        envvar="COMOTION_CARRIED_BY",
+        metavar="SOURCE:ID",
+        help="The 6-DoF feature that carries the camera, such as a link of 'source proprioception'. "
+        "--extrinsics is then the pose of the camera on it.",
+    ),
+]
 Space = Annotated[
     str | None,
     typer.Option(

@@ -18,6 +18,8 @@ Examples:
   comotion source klt workcell:truck/a --name camera-a
 
   comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving
+
+  comotion source klt workcell:eye-in-hand/hand --carried-by robot:3 --extrinsics mount.toml
 """
 
 
@@ -32,6 +34,8 @@ def klt(
     extrinsics: camera.ExtrinsicsFile = None,
     space: camera.Space = None,
     moving: camera.Moving = False,
+    poses: camera.Poses = None,
+    carried_by: camera.CarriedBy = None,
     depth: camera.Depth = True,
     preview: camera.PreviewPath = None,
     overwrite: camera.Overwrite = False,
@@ -52,6 +56,7 @@ def klt(
     _metrics: options.Metrics = None,
 ) -> None:
     """Track the features of a camera, video or RGB-D recording and publish them."""
+    from comotion_sources.klt.carrier import CarrierName
     from comotion_sources.klt.options import CameraOptions, Connection
     from comotion_sources.klt.pacing import Pacing
     from comotion_sources.klt.process import run
@@ -59,7 +64,9 @@ def klt(
     camera.clear_frames(preview, overwrite=overwrite)
     settings = CameraOptions(
         name=name,
-        tracker=camera.tracker_config(max_features, respawn_every, tracker, moving=moving),
+        tracker=camera.tracker_config(
+            max_features, respawn_every, tracker, moving=moving or poses is not None or carried_by is not None
+        ),
         pacing=Pacing(realtime=realtime, stamps=stamps.value, rate=rate, offset_ns=round(clock_offset * 1e9)),
         calibration=camera.read_calibration(calibration, extrinsics),
         use_depth=depth,
@@ -68,6 +75,8 @@ def klt(
         reconnect=reconnect,
         preview=preview,
         share_preview=share_preview,
+        poses=poses,
+        carrier=None if carried_by is None else CarrierName.parse(carried_by),
     )
     connection = Connection(
         scene=scene,

@@ -38,12 +38,15 @@ class Verdict:
         Of each kind, :data:`KINDS` and ``free``; they add up to one.
     turn, shift
         How far the pair has moved: rad and the unit of the space, from end to end.
+    span_ns
+        From the first to the last state.
     """
 
     fits: Mapping[FixedKind, Fit]
     probability: Mapping[JointKind, float]
     turn: float
     shift: float
+    span_ns: int
 
     @property
     def best(self) -> JointKind:
@@ -68,7 +71,9 @@ def judge(states: States, known: Mapping[FixedKind, Model], reach: float) -> Ver
     chances = np.exp(values - values.max())
     chances /= chances.sum()
     turn, shift = _extent(states, fits["fixed"].model)
-    return Verdict(fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift)
+    return Verdict(
+        fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
+    )
 
 
 def _best_fit(states: States, kind: FixedKind, known: Model | None, reach: float) -> Fit:

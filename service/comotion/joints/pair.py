@@ -22,6 +22,8 @@ _RECENT = 1.0
 _BROKEN = 9.0
 _WORSE = 4.0
 _CONSTRAINTS = {"fixed": 6, "prismatic": 5, "revolute": 5}
+# A free body may move for a while as if it had a joint. After that it must do so for longer.
+_PATIENCE_NS, _MOST_PATIENCE_NS = 3_000_000_000, 8_000_000_000
 # A hinge is within so many radii of the child's features; unit of the space, least radius.
 _REACH, _LEAST_RADIUS = 4.0, 1e-3
 # Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
@@ -76,6 +78,7 @@ class Pair:
         self._first: States | None = None
         self._together = False
         self._candidate: JointKind = "undetermined"
+        self._patience_ns = 0
         self.models: dict[FixedKind, Model] = {}
         self.known = Known()
         self.judged_ns: int | None = None
@@ -129,6 +132,7 @@ class Pair:
         kind, chance = verdict.best, verdict.probability[verdict.best]
         apart = verdict.turn >= self._config.least_turn or verdict.shift >= self._config.least_shift
         told = self._together if kind == "fixed" else apart
+        told &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         own = verdict.probability.get(self.known.kind, 0.0)
         if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - self._config.least_confidence:
             # What speaks against the joint is no better than doubt.
@@ -136,10 +140,18 @@ class Pair:
         elif told and chance >= self._config.least_confidence:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
+            if kind not in JOINTS:
+                self._lose()
             self.known = Known(kind, chance, _sigmas(verdict, kind)) if again else Known()
         else:
+            self._lose()
             self.known = Known()
         self._candidate = kind
+
+    def _lose(self) -> None:
+        """A pair that has lost a joint must show the next one for longer."""
+        if self.known.kind in JOINTS:
+            self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MOST_PATIENCE_NS)
 
     def _see(self, verdict: Verdict) -> None:
         """Widen the range of the joint."""
@@ -163,6 +175,7 @@ class Pair:
         return now > max(_BROKEN, _WORSE * before)
 
     def _begin_again(self, stamp_ns: int) -> None:
+        self._lose()
         self._keys.clear()
         self.models, self.known, self._first = {}, Known(), None
         self._together = False
@@ -178,6 +191,7 @@ class Pair:
             "absorbed_ns": int(self._absorbed_ns),
             "first": None if self._first is None else dict(vars(self._first)),
             "together": bool(self._together),
+            "patience_ns": self._patience_ns,
             "models": [dict(vars(model)) for model in self.models.values()],
             "known": [self.known.kind, self.known.confidence, self.known.sigmas],
             "judged_ns": self.judged_ns,
@@ -193,6 +207,7 @@ class Pair:
         pair._absorbed_ns = int(state["absorbed_ns"])
         pair._first = None if state["first"] is None else States(**state["first"])
         pair._together = bool(state["together"])
+        pair._patience_ns = int(state["patience_ns"])
         pair.models = {one["kind"]: Model(**one) for one in state["models"]}
         kind, confidence, sigma = state["known"]
         pair.known = Known(kind, float(confidence), None if sigma is None else Sigmas(*sigma))

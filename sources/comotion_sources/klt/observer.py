@@ -12,6 +12,7 @@ from comotion_schemas.types import Unit
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import CameraError, Frame
 from ..frames import AMBIGUOUS, MessageBuilder
+from ..poses import PoseBuffer
 from .tracker import Tracks
 
 
@@ -85,12 +86,25 @@ class Observer:
         Builds the messages; of the same space.
     objects
         Names of the true objects by number.
+    poses
+        Pose of a carried camera over time, in the space; None: the camera is fixed, or its pose unknown.
+
+    Attributes
+    ----------
+    unposed
+        Number of frames that were left out because their pose was not known.
     """
 
     def __init__(
-        self, space: CameraSpace, builder: MessageBuilder, objects: Mapping[int, str] | None = None
+        self,
+        space: CameraSpace,
+        builder: MessageBuilder,
+        objects: Mapping[int, str] | None = None,
+        poses: PoseBuffer | None = None,
     ) -> None:
         self._space = space
+        self._poses = poses
+        self.unposed = 0
         self._builder = builder
         self._objects = dict(objects or {})
 
@@ -122,6 +136,11 @@ class Observer:
         if tracks.points is None or tracks.sigma is None:
             return tracks.pixels.astype(np.float64), tracks.pixel_sigma
         extrinsics = self._space.extrinsics
+        if self._poses is not None:
+            extrinsics = self._poses.at(tracks.stamp_ns)
+            if extrinsics is None:
+                self.unposed += 1
+                return np.full_like(tracks.points, np.nan), tracks.sigma
         points = tracks.points if extrinsics is None else extrinsics.apply(tracks.points)
         return points, tracks.sigma
 

@@ -10,6 +10,7 @@ from ..calibration.files import Calibration, CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Camera
 from ..markers.detector import MarkerOptions
+from .carrier import CarrierName
 from .config import TrackerConfig
 from .observer import CameraSpace, choose_space
 from .pacing import Pacing
@@ -45,6 +46,9 @@ class CameraOptions:
         Most images per second that subscribers get; 0: none.
     markers
         Fiducial markers to detect; None: none.
+    poses, carrier
+        A trajectory file with the pose of every frame, or the 6-DoF feature that carries the camera; the
+        extrinsics then lead from the camera to what these are poses of.
     """
 
     name: str = "klt"
@@ -59,6 +63,13 @@ class CameraOptions:
     preview: Path | None = None
     share_preview: float = 5.0
     markers: MarkerOptions | None = None
+    poses: Path | None = None
+    carrier: CarrierName | None = None
+
+    @property
+    def posed(self) -> bool:
+        """Whether the pose of every frame is known."""
+        return self.poses is not None or self.carrier is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +94,10 @@ def space_of(
         If there is depth but no intrinsics.
     """
     has_depth = camera.has_depth and options.use_depth
+    if options.posed:
+        if not has_depth or intrinsics is None:
+            raise CalibrationError("poses need a camera with depth and intrinsics: --calibration FILE")
+        return CameraSpace(options.space or "world", "m", 3, intrinsics)
     if options.fixed and extrinsics is None and (has_depth or options.markers is not None):
         raise CalibrationError(
             "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"

@@ -11,6 +11,8 @@ from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, CameraError, Frame, SceneCamera
+from ..poses import PoseBuffer, read_trajectory
+from .carrier import Carrier
 from .drawing import Annotator
 from .feed import HypothesisFeed
 from .marker_output import MarkerOutput
@@ -63,6 +65,8 @@ class CameraProcess:
         self._extrinsics = given.extrinsics or camera.extrinsics
         self._space = space_of(camera, options, self._intrinsics, self._extrinsics)
         self._tracker = Tracker(options.tracker, self._space.intrinsics)
+        self._poses = self._open_poses() if options.posed else None
+        self._carrier: Carrier | None = None
         self._pacer = Pacer(options.pacing, camera.live, self._wait)
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
@@ -83,6 +87,12 @@ class CameraProcess:
             self._end_features()
         counts = ", ".join(f"{name} {count}" for name, count in self._counters().items() if count)
         _log.info("%s: ended; %s", self._what, counts)
+
+    def _open_poses(self) -> PoseBuffer:
+        """Read the trajectory file, or prepare for the poses of the carrier."""
+        if self._options.poses is not None:
+            return read_trajectory(self._options.poses, self._extrinsics)
+        return PoseBuffer(self._extrinsics)
 
     def _connect(self, stack: ExitStack) -> None:
         options, connection = self._options, self._connection
@@ -111,11 +121,14 @@ class CameraProcess:
                 ready_file=connection.ready_file,
                 rate=rate,
                 message=f"{self._what} in {self._space.name}",
-                moving=options.tracker.moving,
+                moving=options.tracker.moving and not options.posed,
             )
         )
-        self._observer = Observer(self._space, self._publisher.builder, self._camera.objects)
         component = self._publisher.component
+        if options.carrier is not None and self._poses is not None:
+            self._carrier = Carrier(component.session, component.keys, options.carrier, self._poses)
+            stack.callback(self._carrier.close)
+        self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
         identity = (options.name, component.session_id)
         if options.share_preview > 0:
             key = component.keys.stream("preview", options.name)
@@ -155,7 +168,8 @@ class CameraProcess:
     def _counters(self) -> dict[str, int]:
         camera = dict(getattr(self._camera, "counters", {}))
         camera.pop("depth_missing", None)  # self._events counts it for every kind of camera
-        return {"tracks": self._tracker.count} | camera | self._pacer.counters | self._events
+        unposed = {} if self._poses is None else {"unposed": self._observer.unposed}
+        return {"tracks": self._tracker.count} | unposed | camera | self._pacer.counters | self._events
 
     def _play(self) -> None:
         stop = self._publisher.stop
@@ -188,6 +202,8 @@ class CameraProcess:
         depth = frame.depth if self._space.dim == 3 else None
         seen = Frame(stamp, frame.image, depth, frame.objects)
         tracks = self._tracker.step(seen)
+        if self._carrier is not None:
+            self._carrier.wait_for(stamp, self._wait)
         for message in self._observer.messages(tracks, seen):
             self._publisher.put(message)
         if self._markers is not None:

@@ -159,7 +159,9 @@ class WorkcellCamera:
         self.live = False
         self.has_depth = True
         self.rate: float | None = spec.rate
-        self.intrinsics, self.extrinsics = self.viewpoint.intrinsics, self.viewpoint.extrinsics
+        self.intrinsics = self.viewpoint.intrinsics
+        # That of a carried camera changes.
+        self.extrinsics = None if self.viewpoint.carried else self.viewpoint.extrinsics
         self.objects: Mapping[int, str] = self.scene.objects
         self.skipped = 0
         self._closed = threading.Event()

@@ -50,10 +50,10 @@ class Rendering:
 
 
 class Renderer:
-    """Renders a scene for one fixed camera.
+    """Renders a scene for one camera.
 
-    Static geoms are rendered once. A frame renders only the pixels that moving bodies may cover, and the
-    shadows.
+    Static geoms are rendered once for each place of the camera. A frame renders only the pixels that moving
+    bodies may cover, and the shadows.
 
     Parameters
     ----------
@@ -74,11 +74,19 @@ class Renderer:
         self._shape = intrinsics.height, intrinsics.width
         v, u = np.mgrid[0 : self._shape[0], 0 : self._shape[1]]
         # Rays have z = 1 in the camera frame: the distance along them is then the depth.
-        self._rays = intrinsics.rays(np.stack([u.ravel(), v.ravel()], 1)) @ extrinsics.rotation.T
+        self._optical = intrinsics.rays(np.stack([u.ravel(), v.ravel()], 1))
+        self._rays = self._optical @ extrinsics.rotation.T
         self._light = np.array(scene.model.light_pos[0] if scene.model.nlight else (0.0, 0.0, 3.0))
         self._moving = np.flatnonzero(scene.model.geom_group == MOVING)
         sparse = np.arange(u.size, dtype=np.intp).reshape(self._shape)[::_SHADOW_STEP, ::_SHADOW_STEP]
         self._sparse_shape, self._sparse = sparse.shape, sparse.ravel()
+        self._still = self._render_still()
+        self._still_lit = self._reached_by_light(self._still.points[self._sparse], STILL)
+
+    def move(self, extrinsics: Extrinsics) -> None:
+        """Move the camera; what is static is rendered anew."""
+        self.extrinsics = extrinsics
+        self._rays = self._optical @ extrinsics.rotation.T
         self._still = self._render_still()
         self._still_lit = self._reached_by_light(self._still.points[self._sparse], STILL)
 

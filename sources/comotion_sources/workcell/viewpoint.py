@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
@@ -16,6 +18,8 @@ from .render import Renderer
 from .scene import Scene, Vector
 from .sensor import Sensor, SensorNoise
 
+# MuJoCo's cameras look along -z with y up, optical axes along z with y down.
+_OPTICAL = np.diag([1.0, -1.0, -1.0])
 _PLACEMENT_M = 0.04  # largest shift of a camera per axis that a seed draws
 
 
@@ -48,8 +52,31 @@ def calibration(
     if scene.seed:
         rng = np.random.default_rng([scene.seed, 4, index])
         position += rng.uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
+    if is_carried(scene, camera):
+        return intrinsics, carried_pose(scene, scene.new_data(), index)
     target = model.body_pos[model.cam_targetbodyid[index]]
     return intrinsics, looking_at(position, target)
+
+
+def is_carried(scene: Scene, camera: str) -> bool:
+    """Whether a camera is on a body that can move."""
+    body = scene.model.cam_bodyid[scene.cameras.index(camera)]
+    return bool(scene.model.body_weldid[body] > 0)
+
+
+def mount(scene: Scene, camera: str) -> Extrinsics:
+    """Camera to the body that carries it, optical axes."""
+    index = scene.cameras.index(camera)
+    quaternion = scene.model.cam_quat[index][[1, 2, 3, 0]]
+    turn = Rotation.from_quat(quaternion).as_matrix() @ _OPTICAL
+    return Extrinsics(turn, scene.model.cam_pos[index].copy())
+
+
+def carried_pose(scene: Scene, data: Any, index: int) -> Extrinsics:
+    """Pose of a carried camera in the configuration of an ``MjData``."""
+    body = scene.model.cam_bodyid[index]
+    carrier = Extrinsics(data.xmat[body].reshape(3, 3), data.xpos[body].copy())
+    return carrier.after(mount(scene, scene.cameras[index]))
 
 
 def looking_at(position: Vector, target: Vector) -> Extrinsics:
@@ -87,7 +114,9 @@ class Viewpoint:
     Attributes
     ----------
     intrinsics, extrinsics
-        The true calibration.
+        The true calibration; the extrinsics of a carried camera are those of time 0.
+    carried
+        Whether the camera is on a body that can move.
     objects
         Names of the true objects by number.
     """
@@ -104,6 +133,9 @@ class Viewpoint:
         self.intrinsics, self.extrinsics = calibration(scene, camera, size)
         self.objects: Mapping[int, str] = scene.objects
         self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
+        self._camera = scene.cameras.index(camera)
+        self._data = scene.new_data()
+        self.carried = is_carried(scene, camera)
         self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), noise)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
@@ -111,9 +143,18 @@ class Viewpoint:
 
         The same configuration and stamp give the same frame, bit for bit.
         """
+        if self.carried:
+            self._renderer.move(self.pose(configuration))
         ideal = self._renderer.render(configuration, stamp_ns * 1e-9)
         image, depth = self._sensor.observe(ideal, stamp_ns)
         return Frame(stamp_ns, image, depth, object_map(self.scene.geom_objects, ideal.geoms))
+
+    def pose(self, configuration: Vector) -> Extrinsics:
+        """True pose of the camera in a configuration float64 [joints]."""
+        if not self.carried:
+            return self.extrinsics
+        self.scene.place(self._data, configuration)
+        return carried_pose(self.scene, self._data, self._camera)
 
     def covered(self, stamp_ns: int) -> Frame:
         """Return the frame of a covered lens: black, without depth and objects."""

@@ -1,0 +1,102 @@
+"""Poses of a carrier over time in, the pose of its camera at the stamp of a frame out."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from .calibration.model import Extrinsics
+
+_KEPT_NS = 10_000_000_000
+_GAP_NS = 200_000_000
+"""Poses are not interpolated across a longer gap."""
+
+
+class PoseBuffer:
+    """The last poses of a carrier, such as the link of a robot that a camera is mounted on.
+
+    Parameters
+    ----------
+    mount
+        Camera to the carrier; None: the poses are those of the camera.
+    kept_ns
+        How long poses are kept; None: all of them.
+    """
+
+    def __init__(self, mount: Extrinsics | None = None, kept_ns: int | None = _KEPT_NS) -> None:
+        self._mount, self._kept_ns = mount, kept_ns
+        self._poses: deque[tuple[int, Extrinsics]] = deque()
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest pose; None before the first."""
+        return self._poses[-1][0] if self._poses else None
+
+    def add(self, stamp_ns: int, pose: Extrinsics) -> bool:
+        """Add a pose of the carrier; one that is not newer than the last is refused (False)."""
+        if self._poses and stamp_ns <= self._poses[-1][0]:
+            return False
+        self._poses.append((stamp_ns, pose))
+        while self._kept_ns is not None and self._poses[0][0] < stamp_ns - self._kept_ns:
+            self._poses.popleft()
+        return True
+
+    def at(self, stamp_ns: int) -> Extrinsics | None:
+        """Pose of the camera at a stamp, interpolated; None beyond the stored poses and across a gap."""
+        after = bisect_left(self._poses, stamp_ns, key=lambda known: known[0])
+        if after == len(self._poses):
+            return None
+        late_ns, late = self._poses[after]
+        if late_ns == stamp_ns:
+            return self._mounted(late)
+        if after == 0:
+            return None
+        early_ns, early = self._poses[after - 1]
+        if late_ns - early_ns > _GAP_NS:
+            return None
+        share = (stamp_ns - early_ns) / (late_ns - early_ns)
+        turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early.rotation, late.rotation])))
+        place = early.translation + share * (late.translation - early.translation)
+        return self._mounted(Extrinsics(turns([share]).as_matrix()[0], place, late.frame))
+
+    def _mounted(self, pose: Extrinsics) -> Extrinsics:
+        return pose if self._mount is None else pose.after(self._mount)
+
+
+def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:
+    """Read a trajectory in the format of TUM RGB-D: ``stamp tx ty tz qx qy qz qw`` a line, in seconds.
+
+    `mount` leads from the camera to what these are poses of; None: they are those of the camera.
+
+    Raises
+    ------
+    ValueError
+        If a line is not of this form, or the file has no pose.
+    OSError
+        If it cannot be read.
+    """
+    buffer = PoseBuffer(mount, kept_ns=None)
+    for stamp_ns, pose in _lines(path):
+        buffer.add(stamp_ns, pose)
+    if buffer.newest_ns is None:
+        raise ValueError(f"{path}: no poses")
+    return buffer
+
+
+def _lines(path: Path) -> Iterator[tuple[int, Extrinsics]]:
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            values = [float(word) for word in words]
+            if len(values) != 8 or not 0 <= values[0] < 9e9:
+                raise ValueError
+            seconds, fraction = words[0].partition(".")[::2]
+            stamp_ns = int(seconds) * 10**9 + int((fraction + "0" * 9)[:9] or 0)
+            yield stamp_ns, Extrinsics.from_quaternion(values[4:], values[1:4])
+        except ValueError:
+            raise ValueError(f"{path}:{number}: expected 'stamp tx ty tz qx qy qz qw'") from None

@@ -1,0 +1,140 @@
+"""A camera whose pose is known: pose buffer, trajectory files, the carrier, and the workcell's hand."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comotion_schemas import ObservationBatch
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
+from comotion_sources.cameras.types import Frame
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt.carrier import Carrier, CarrierName
+from comotion_sources.klt.observer import CameraSpace, Observer
+from comotion_sources.klt.tracker import Tracks
+from comotion_sources.poses import PoseBuffer, read_trajectory
+
+MS = 1_000_000
+
+
+def pose(angle, x):
+    return Extrinsics(Rotation.from_rotvec([0, 0, angle]).as_matrix(), np.array([x, 0.0, 0.0]))
+
+
+def test_poses_are_interpolated_between_their_stamps_and_not_beyond():
+    buffer = PoseBuffer()
+    assert buffer.at(0) is None
+    buffer.add(0, pose(0.0, 0.0))
+    buffer.add(100 * MS, pose(1.0, 2.0))
+    found = buffer.at(25 * MS)
+    assert found.translation == pytest.approx([0.5, 0, 0])
+    assert Rotation.from_matrix(found.rotation).as_rotvec() == pytest.approx([0, 0, 0.25])
+    assert buffer.at(100 * MS).translation == pytest.approx([2.0, 0, 0])
+    assert buffer.at(101 * MS) is None
+    assert buffer.at(-1) is None
+
+
+def test_late_poses_and_gaps_are_not_trusted():
+    buffer = PoseBuffer()
+    assert buffer.add(100 * MS, pose(0, 0))
+    assert not buffer.add(50 * MS, pose(0, 0))
+    buffer.add(900 * MS, pose(0, 1))
+    assert buffer.at(500 * MS) is None
+    buffer.add(20_000 * MS, pose(0, 2))
+    assert buffer.at(900 * MS) is None  # forgotten
+
+
+def test_the_mount_leads_from_the_camera_to_the_carrier():
+    buffer = PoseBuffer(Extrinsics(translation=[0, 1, 0]))
+    buffer.add(0, pose(np.pi / 2, 3.0))
+    assert buffer.at(0).apply([[0, 0, 0]])[0] == pytest.approx([2, 0, 0])
+
+
+def test_a_trajectory_file_is_read_to_the_nanosecond(tmp_path):
+    file = tmp_path / "groundtruth.txt"
+    file.write_text(
+        "# stamp tx ty tz qx qy qz qw\n\n1305031102.175304 1 2 3 0 0 0 1\n1305031102.2 2 2 3 0 0 0 1\n"
+    )
+    buffer = read_trajectory(file)
+    assert buffer.newest_ns == 1305031102_200_000_000
+    assert buffer.at(1305031102_175_304_000).translation == pytest.approx([1, 2, 3])
+
+
+@pytest.mark.parametrize("text", ["", "1 2 3", "a b c d e f g h", "1 0 0 0 0 0 0 0", "nan 0 0 0 0 0 0 1"])
+def test_a_bad_trajectory_is_named(tmp_path, text):
+    file = tmp_path / "poses.txt"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=r"poses\.txt"):
+        read_trajectory(file)
+
+
+def test_the_carrier_takes_its_own_poses_only():
+    buffer = PoseBuffer()
+    carrier = Carrier.__new__(Carrier)
+    carrier._name, carrier._poses = CarrierName.parse("robot:3"), buffer
+    carrier.add(
+        ObservationBatch(
+            source="robot",
+            session="0" * 16,
+            seq=0,
+            space="world",
+            unit="m",
+            dim=3,
+            stamp_ns=20,
+            ids=[2, 3, 3],
+            positions=[[9, 9, 9], [1, 0, 0], [2, 0, 0]],
+            quaternions=[[0, 0, 0, 1]] * 3,
+            stamps_ns=[20, 10, 20],
+        )
+    )
+    assert buffer.at(10).translation == pytest.approx([1, 0, 0])
+    assert buffer.newest_ns == 20
+    with pytest.raises(ValueError, match="SOURCE:ID"):
+        CarrierName.parse("robot:left")
+
+
+def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():
+    buffer = PoseBuffer()
+    buffer.add(0, pose(0.0, 0.0))
+    buffer.add(100 * MS, pose(0.0, 1.0))
+    space = CameraSpace("world", "m", 3, Intrinsics(10, 10, 5.0, 5.0, 5.0, 5.0))
+    builder = MessageBuilder(source="klt", session="0" * 16, space="world", unit="m", dim=3)
+    observer = Observer(space, builder, poses=buffer)
+
+    def seen(stamp):
+        tracks = Tracks(
+            stamp_ns=stamp,
+            ids=np.array([4], np.uint64),
+            pixels=np.zeros((1, 2), np.float32),
+            pixel_sigma=np.ones(1),
+            points=np.array([[0.0, 0.0, 2.0]]),
+            sigma=np.array([0.01]),
+            born=np.zeros(1, bool),
+            ended=np.zeros(0, np.uint64),
+        )
+        (batch,) = observer.messages(tracks, Frame(stamp, np.zeros((10, 10), np.uint8)))
+        return batch
+
+    assert seen(50 * MS).positions[0] == pytest.approx([0.5, 0, 2])
+    assert len(seen(150 * MS).ids) == 0
+    assert observer.unposed == 1
+
+
+def test_the_hand_of_the_workcell_sees_what_is_static_where_it_is():
+    pytest.importorskip("mujoco")
+    from comotion_sources.workcell import Scene, Viewpoint
+    from comotion_sources.workcell.viewpoint import mount
+
+    scene = Scene.named("eye-in-hand")
+    view = Viewpoint(scene, "hand", (80, 60))
+    assert view.carried
+    heights = []
+    for t in (0.0, 4.0):
+        q = scene.configuration(t)
+        frame = view.frame(q, round(t * 1e9))
+        rows, columns = np.nonzero((frame.depth > 0) & (frame.objects == 0))
+        pixels = np.column_stack([columns, rows]).astype(np.float64)
+        points = view.pose(q).apply(view.intrinsics.lift(pixels, frame.depth[rows, columns]))
+        heights.append(np.quantile(points[:, 2], 0.3))
+    # Most of what it sees is the table.
+    assert heights == pytest.approx([0, 0], abs=0.01)
+    assert mount(scene, "hand").translation == pytest.approx([0, 0, 0.08])
