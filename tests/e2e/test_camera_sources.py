@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_deploy.cli import run
 from comotion_schemas import Keys
+from comotion_schemas.colours import BACKGROUND, COLOURS
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
 from comotion_sources.cameras import Frame
 from comotion_sources.cameras.tum import TumWriter
@@ -144,8 +145,8 @@ def test_the_preview_is_written_and_coloured_by_the_service(
     first, last = (cv2.imread(str(path)) for path in (images[0], images[-1]))
     assert first.shape == (*SHAPE, 3)
     colours = {tuple(pixel) for pixel in last.reshape(-1, 3).tolist()}
-    # Grey is for the undetermined; a hypothesis has a hue: blue, orange, green ... as BGR.
-    assert colours & {(178, 114, 0), (0, 159, 230), (115, 158, 0), (167, 121, 204), (233, 180, 86)}
+    # The image is dimmed, and undetermined features are dark grey: only hypotheses are as bright. BGR.
+    assert colours & {rgb[::-1] for rgb in (*COLOURS, BACKGROUND)}
 
 
 def test_the_preview_is_published_on_request(start, endpoint, session, listen, video) -> None:

@@ -15,6 +15,7 @@ from comotion_clients.viewing.shapes import (
     Arrows,
     Boxes,
     Cleared,
+    Document,
     Entry,
     Image,
     Moment,
@@ -295,6 +296,7 @@ def test_curves_carry_the_colours_of_the_features() -> None:
     assert one(shapes, Number, "sizes/8") == Number("sizes/8", 2, "hypothesis 8", colour(8))
     assert one(shapes, Number, "sizes/undetermined").value == 1
     assert one(shapes, Points, "legend/words").labels == ("8 moving, 2",)
+    assert "Data of **00:00:01 UTC**" in one(shapes, Document, "summary").text
     assert one(shapes, Points, "legend/dots").colours.tolist() == [list(colour(8))]
 
 

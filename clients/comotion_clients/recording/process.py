@@ -199,7 +199,8 @@ def record(
     except BaseException:
         series.abandon()
         raise
-    if not series.counts.total:
+    # Its own Status is a message of the scene too.
+    if not any(count for kind, count in series.counts.messages.items() if kind != "status"):
         for path in series.paths:
             path.unlink()
         raise ValueError(f"no message was received in scene {scene!r}: nothing was recorded")

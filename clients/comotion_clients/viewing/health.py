@@ -138,11 +138,19 @@ def summary(snapshot: Snapshot) -> str:
         f"lag {duration(service.lag)}, {service.lost} lost; "
         f"{snapshot.tracks} features, {snapshot.undetermined} undetermined",
         "",
+        f"Data of **{_time_of_day(snapshot.stamp_ns)} UTC**. If that is many seconds ago, this display is "
+        "too slow: a browser without a graphics card, for one. Look at fewer views, or at a file (--save).",
+        "",
     ]
     lines += _table("source|state|rate|lag|lost|features|space", map(_source, snapshot.sources[:ROWS]))
     hypotheses = map(_hypothesis, snapshot.hypotheses[:ROWS])
     lines += _table("hypothesis|state|features|age|confidence|speed", hypotheses)
     return "\n".join(lines)
+
+
+def _time_of_day(stamp_ns: int) -> str:
+    seconds = stamp_ns // 1_000_000_000 % 86400
+    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
 
 
 def _table(head: str, rows: "map[list[str]]") -> list[str]:
