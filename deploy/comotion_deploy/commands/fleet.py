@@ -46,7 +46,7 @@ def fleet(
         typer.Option("--capacity", envvar="COMOTION_CAPACITY", min=1, help="Replicas this host can run."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--name", help="Name of the agent.  \\[default: the name of the host]")
+        str | None, typer.Option("--name", help="Name of the agent. Default: the name of the host.")
     ] = None,
     connect: options.Connect = None,
     tls: options.Tls = None,
