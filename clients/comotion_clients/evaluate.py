@@ -18,7 +18,7 @@ from .metrics import Score, Truth
 from .progress import reporting
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
 from .subscription import Subscription
-from .watch_view import number
+from .watch_columns import number
 
 POLL_S = 0.1
 REPORT_S = 1.0

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Generic, Literal, TypeVar, get_args
+from dataclasses import asdict
+from typing import Any, Literal, get_args
 
 from rich.console import Group
 from rich.table import Table
@@ -13,20 +13,21 @@ from comotion_schemas.colours import GREY, as_hex
 
 from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
+from .watch_columns import (
+    HYPOTHESIS_COLUMNS,
+    POSE_COLUMNS,
+    SOURCE_COLUMNS,
+    Column,
+    Row,
+    duration,
+    lost,
+    number,
+)
 
 Sort = Literal["size", "name", "age"]
 SORTS: tuple[Sort, ...] = get_args(Sort)
-Row = TypeVar("Row")
 
 _SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
-_STATE_STYLES = {
-    "ok": "green",
-    "silent": "yellow",
-    "stalled": "bold red",
-    "gone": "dim",
-    "moving": "bold",
-    "static": "",
-}
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"} | {
     "absent": "yellow",
     "returned": "green",
@@ -37,17 +38,6 @@ _JOINT_WORDS = {"fixed": "fixed to", "prismatic": "slides on", "revolute": "turn
 _MAX_EVENT_ROWS = 4
 _MAX_PROBLEM_ROWS = 4
 _COUNTERS_SHOWN = ("late", "partly_late", "overflow", "reordered", "duplicates", "overruns")
-
-
-@dataclass(frozen=True)
-class _Column(Generic[Row]):
-    """A column of a table: title, width, content, and least terminal width at which it is shown."""
-
-    title: str
-    width: int
-    cell: Callable[[Row], str | Text]
-    left: bool = False
-    from_width: int = 0
 
 
 def render(
@@ -120,7 +110,7 @@ def _head(snapshot: Snapshot) -> list[Text]:
         f"{snapshot.scene}   service ",
         (service.state, _SERVICE_STYLES.get(service.state, "dim")),
         f"   {number(service.rate, 1)} Hz   age {duration(service.age)}   lag {duration(service.lag)}   ",
-        _lost(service.lost, losing=service.losing),
+        lost(service.lost, losing=service.losing),
         " lost",
     )
     undetermined = f", {snapshot.undetermined} undetermined" if snapshot.undetermined else ""
@@ -164,13 +154,8 @@ def _problem_lines(service: ServiceRow, *, whole: bool) -> list[Text]:
     return [*lines[: _MAX_PROBLEM_ROWS - 1], Text(f"... and {more} more problems", style="dim")]
 
 
-def _lost(lost: int, *, losing: bool) -> Text:
-    style = "bold red" if losing else "yellow" if lost else ""
-    return Text(str(lost), style=style)
-
-
 def _table(
-    title: str, rows: Sequence[Row], columns: Sequence[_Column[Row]], height_left: int, width: int
+    title: str, rows: Sequence[Row], columns: Sequence[Column[Row]], height_left: int, width: int
 ) -> list[Table | Text]:
     shown = [c for c in columns if width >= c.from_width]
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
@@ -201,110 +186,6 @@ def _cropped(lines: Sequence[Text], width: int) -> list[Text]:
     for line in lines:
         line.truncate(width, overflow="ellipsis")
     return list(lines)
-
-
-def _name(row: SourceRow) -> Text:
-    return Text(row.name, style="dim" if row.state == "gone" else "")
-
-
-def _swatch(row: HypothesisRow) -> Text:
-    return Text("●", style=as_hex(row.colour))
-
-
-def _state(row: SourceRow) -> Text:
-    return Text(row.state, style=_STATE_STYLES.get(row.state, "dim"))
-
-
-def _motion(row: HypothesisRow) -> Text:
-    """State of a hypothesis; a question mark follows while it is not confirmed."""
-    if row.absent:
-        return Text("absent", style="dim")
-    style = _STATE_STYLES.get(row.state, "dim") if row.confirmed else "dim"
-    return Text(row.state if row.confirmed else f"{row.state[:11]}?", style=style)
-
-
-def _speed(row: HypothesisRow) -> str:
-    return "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
-
-
-def _extent(row: HypothesisRow) -> str:
-    """Lengths of the box, the longest first."""
-    if row.extent is None:
-        return "-"
-    digits = 0 if row.unit == "px" else 2
-    return "×".join(number(length, digits) for length in sorted(row.extent, reverse=True))
-
-
-def _components(values: list[float] | None, digits: int) -> str:
-    return "-" if values is None else " ".join(number(round(value, digits) + 0.0, digits) for value in values)
-
-
-def _turning(row: HypothesisRow) -> str:
-    return "-" if row.turning is None else f"{number(row.turning, 2)} rad/s"
-
-
-def _translation(row: HypothesisRow) -> str:
-    return _components(row.translation, 1 if row.unit == "px" else 3)
-
-
-def _rotation(row: HypothesisRow) -> str:
-    return _components(None if row.rotation is None else [math.degrees(v) for v in row.rotation], 0)
-
-
-SOURCE_COLUMNS: tuple[_Column[SourceRow], ...] = (
-    _Column("source", 18, _name, left=True),
-    _Column("state", 7, _state, left=True),
-    _Column("rate Hz", 7, lambda r: number(r.rate, 1)),
-    _Column("age", 7, lambda r: duration(r.age)),
-    _Column("lost", 6, lambda r: _lost(r.lost, losing=r.losing), from_width=50),
-    _Column("tracks", 6, lambda r: str(r.tracks), from_width=57),
-    _Column("lag", 8, lambda r: duration(r.lag), from_width=66),
-    _Column("space", 12, lambda r: r.space, left=True, from_width=79),
-    _Column("clock", 8, lambda r: "" if r.clock is None else f"{1e3 * r.clock:+.0f} ms", from_width=88),
-)
-_IDENTITY_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
-    _Column(" ", 1, _swatch),
-    _Column("hypothesis", 10, lambda r: str(r.id)),
-    _Column("state", 12, _motion, left=True),
-    _Column("size", 5, lambda r: str(r.size)),
-    _Column("age", 7, lambda r: duration(r.age)),
-)
-HYPOTHESIS_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
-    *_IDENTITY_COLUMNS,
-    _Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
-    _Column("speed", 11, _speed, from_width=58),
-    _Column("space", 16, lambda r: r.space, left=True, from_width=75),
-    _Column("linked to", 9, lambda r: ", ".join(map(str, r.linked)), left=True, from_width=85),
-    _Column("extent", 14, _extent, from_width=100),
-)
-POSE_COLUMNS: tuple[_Column[HypothesisRow], ...] = (
-    *_IDENTITY_COLUMNS[:-1],
-    _Column("speed", 11, _speed, from_width=45),
-    _Column("turning", 10, _turning, from_width=56),
-    _Column("moved since birth", 20, _translation, from_width=77),
-    _Column("turned, °", 13, _rotation, from_width=91),
-    _Column("extent", 14, _extent, from_width=106),
-)
-
-
-def number(value: float, digits: int) -> str:
-    """Format a number; a dash if it is not finite."""
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
-
-def duration(seconds: float) -> str:
-    """Format a duration in at most seven characters: ms, s, min, h or days."""
-    if not math.isfinite(seconds):
-        return "-"
-    size = abs(seconds)
-    if size < 0.9995:
-        return f"{seconds * 1e3:.0f} ms"
-    if size < 99.95:
-        return f"{seconds:.1f} s"
-    for unit, length, limit in (("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("d", 86400.0, math.inf)):
-        if size < limit:
-            return f"{seconds / length:.0f} {unit}"
-    return "-"
 
 
 def plain_line(snapshot: Snapshot) -> str:

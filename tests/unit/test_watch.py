@@ -11,7 +11,8 @@ from rich.console import Console
 
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.scene_rows import Snapshot
-from comotion_clients.watch_view import SORTS, as_json, duration, plain_line, render, share_rows
+from comotion_clients.watch_columns import duration
+from comotion_clients.watch_view import SORTS, as_json, plain_line, render, share_rows
 from comotion_schemas import (
     UNDETERMINED,
     Box,

@@ -8,7 +8,7 @@ from comotion_schemas import Event
 from comotion_schemas.colours import GREY, HUES, RGB, Palette, legible
 
 from ..scene_rows import HypothesisRow, Snapshot, SourceRow
-from ..watch_view import duration, number
+from ..watch_columns import duration, number
 from .hypotheses import labels
 from .paths import Paths
 from .shapes import LEGEND, Document, Entry, Level, Number, Points, Shape

@@ -1,0 +1,144 @@
+"""Columns of the tables of ``comotion watch``: row -> cells."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from rich.text import Text
+
+from comotion_schemas.colours import as_hex
+
+from .scene_rows import HypothesisRow, SourceRow
+
+Row = TypeVar("Row")
+
+STATE_STYLES = {
+    "ok": "green",
+    "silent": "yellow",
+    "stalled": "bold red",
+    "gone": "dim",
+    "moving": "bold",
+    "static": "",
+}
+
+
+@dataclass(frozen=True)
+class Column(Generic[Row]):
+    """A column of a table: title, width, content, and least terminal width at which it is shown."""
+
+    title: str
+    width: int
+    cell: Callable[[Row], str | Text]
+    left: bool = False
+    from_width: int = 0
+
+
+def lost(count: int, *, losing: bool) -> Text:
+    """Format a number of lost messages; red while messages are being lost."""
+    style = "bold red" if losing else "yellow" if count else ""
+    return Text(str(count), style=style)
+
+
+def _name(row: SourceRow) -> Text:
+    return Text(row.name, style="dim" if row.state == "gone" else "")
+
+
+def _swatch(row: HypothesisRow) -> Text:
+    return Text("●", style=as_hex(row.colour))
+
+
+def _state(row: SourceRow) -> Text:
+    return Text(row.state, style=STATE_STYLES.get(row.state, "dim"))
+
+
+def _motion(row: HypothesisRow) -> Text:
+    """State of a hypothesis; a question mark follows while it is not confirmed."""
+    if row.absent:
+        return Text("absent", style="dim")
+    style = STATE_STYLES.get(row.state, "dim") if row.confirmed else "dim"
+    return Text(row.state if row.confirmed else f"{row.state[:11]}?", style=style)
+
+
+def _speed(row: HypothesisRow) -> str:
+    return "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
+
+
+def _extent(row: HypothesisRow) -> str:
+    """Lengths of the box, the longest first."""
+    if row.extent is None:
+        return "-"
+    digits = 0 if row.unit == "px" else 2
+    return "×".join(number(length, digits) for length in sorted(row.extent, reverse=True))
+
+
+def _components(values: list[float] | None, digits: int) -> str:
+    return "-" if values is None else " ".join(number(round(value, digits) + 0.0, digits) for value in values)
+
+
+def _turning(row: HypothesisRow) -> str:
+    return "-" if row.turning is None else f"{number(row.turning, 2)} rad/s"
+
+
+def _translation(row: HypothesisRow) -> str:
+    return _components(row.translation, 1 if row.unit == "px" else 3)
+
+
+def _rotation(row: HypothesisRow) -> str:
+    return _components(None if row.rotation is None else [math.degrees(v) for v in row.rotation], 0)
+
+
+SOURCE_COLUMNS: tuple[Column[SourceRow], ...] = (
+    Column("source", 18, _name, left=True),
+    Column("state", 7, _state, left=True),
+    Column("rate Hz", 7, lambda r: number(r.rate, 1)),
+    Column("age", 7, lambda r: duration(r.age)),
+    Column("lost", 6, lambda r: lost(r.lost, losing=r.losing), from_width=50),
+    Column("tracks", 6, lambda r: str(r.tracks), from_width=57),
+    Column("lag", 8, lambda r: duration(r.lag), from_width=66),
+    Column("space", 12, lambda r: r.space, left=True, from_width=79),
+    Column("clock", 8, lambda r: "" if r.clock is None else f"{1e3 * r.clock:+.0f} ms", from_width=88),
+)
+_IDENTITY_COLUMNS: tuple[Column[HypothesisRow], ...] = (
+    Column(" ", 1, _swatch),
+    Column("hypothesis", 10, lambda r: str(r.id)),
+    Column("state", 12, _motion, left=True),
+    Column("size", 5, lambda r: str(r.size)),
+    Column("age", 7, lambda r: duration(r.age)),
+)
+HYPOTHESIS_COLUMNS: tuple[Column[HypothesisRow], ...] = (
+    *_IDENTITY_COLUMNS,
+    Column("conf", 5, lambda r: number(r.confidence, 2), from_width=46),
+    Column("speed", 11, _speed, from_width=58),
+    Column("space", 16, lambda r: r.space, left=True, from_width=75),
+    Column("linked to", 9, lambda r: ", ".join(map(str, r.linked)), left=True, from_width=85),
+    Column("extent", 14, _extent, from_width=100),
+)
+POSE_COLUMNS: tuple[Column[HypothesisRow], ...] = (
+    *_IDENTITY_COLUMNS[:-1],
+    Column("speed", 11, _speed, from_width=45),
+    Column("turning", 10, _turning, from_width=56),
+    Column("moved since birth", 20, _translation, from_width=77),
+    Column("turned, °", 13, _rotation, from_width=91),
+    Column("extent", 14, _extent, from_width=106),
+)
+
+
+def number(value: float, digits: int) -> str:
+    """Format a number; a dash if it is not finite."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def duration(seconds: float) -> str:
+    """Format a duration in at most seven characters: ms, s, min, h or days."""
+    if not math.isfinite(seconds):
+        return "-"
+    size = abs(seconds)
+    if size < 0.9995:
+        return f"{seconds * 1e3:.0f} ms"
+    if size < 99.95:
+        return f"{seconds:.1f} s"
+    for unit, length, limit in (("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("d", 86400.0, math.inf)):
+        if size < limit:
+            return f"{seconds / length:.0f} {unit}"
+    return "-"
