@@ -72,10 +72,14 @@ class ImageParameters:
 
 
 def image_sequences(seed: int, name: str, how: ImageParameters) -> list[Sequence]:
-    """Make labelled sequences; the same for the same seed, name and parameters."""
-    return [
+    """Make labelled sequences; the same for the same seed, name and parameters.
+
+    A sequence of which nothing is seen in enough frames is left out.
+    """
+    made = [
         _sequence(f"{name}_{seed}_{k}", rng_of(seed, "images", name, str(k)), how) for k in range(how.scenes)
     ]
+    return [sequence for sequence in made if len(sequence.truth)]
 
 
 def _sequence(name: str, rng: np.random.Generator, how: ImageParameters) -> Sequence:
