@@ -208,8 +208,8 @@ def _rate(name: str, seen: _Seen, service: Status | None, updates_hz: float | No
 
 
 def _reported(service: Status | None) -> list[str]:
-    """What the service itself says that a person should change, in the versions that do."""
-    return [problem.text for problem in getattr(service, "problems", None) or ()]
+    """What the service itself says that a person should change."""
+    return [] if service is None else [problem.text for problem in service.problems]
 
 
 def _overall(rows: list[ComponentRow], problems: list[str]) -> Overall:

@@ -27,6 +27,9 @@ HOSTS = ("a", "b", "c")
 SCENES = {"one": "b", "two": "c"}
 QUIC = 7447
 CUT_S = 5.0
+RATE = 20.0
+FIRST = 3
+"""Batches that may be published before the service hears the source."""
 SOURCE = """
 import sys, time
 import numpy as np
@@ -234,12 +237,13 @@ def until_counted(site: Site, scene: str, condition: Callable[[dict[str, int]], 
 
 
 def accounts_for(sent: int, now: dict[str, int]) -> bool:
-    """Whether counters tell how many batches never came, but for those that came late or twice.
+    """Whether counters tell how many batches never came, but for a few.
 
-    A batch that others overtake, when routes change, counts as lost before it comes.
+    The service counts from the first batch that it sees. When routes change, a batch that others overtake
+    counts as lost before it comes, and one may come twice.
     """
-    missing = sent - now["batches"]
-    return missing <= now["lost"] <= missing + now["duplicates"] + now["reordered"] + now["late"]
+    few = FIRST + now["duplicates"] + now["reordered"] + now["late"]
+    return abs(sent - now["batches"] - now["lost"]) <= few
 
 
 def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
@@ -251,7 +255,8 @@ def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
     site.network.set_link("a", "up")
     assert seen(site) == before, "after the link was cut"
     # What was published meanwhile did not arrive, and is counted.
-    lost = {scene: until_counted(site, scene, lambda now: now.get("lost", 0))["lost"] for scene in SCENES}
+    for scene in SCENES:
+        until_counted(site, scene, lambda now: now.get("lost", 0) > 0)
 
     for host in ("a", "b"):
         site.routers[host].kill()
@@ -262,4 +267,4 @@ def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
         source.popen.terminate()
         sent = int(source.wait_line(lambda line: line.startswith("sent ")).split()[1])
         now = until_counted(site, scene, lambda now, sent=sent: accounts_for(sent, now))
-        assert now["lost"] >= lost[scene]
+        assert now["lost"] > 0.9 * CUT_S * RATE
