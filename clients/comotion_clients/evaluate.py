@@ -11,6 +11,7 @@ import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import SessionSettings
 
 from .joint_rows import plain
@@ -156,9 +157,9 @@ def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
 def _result(feed: _Feed, scene: str) -> LiveRun:
     summary = feed.tally.summary()
     if not summary.updates:
-        raise ValueError(f"no update was received in scene {scene!r}: is the service running?")
+        raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
     if not summary.scored:
-        raise ValueError(f"no update of scene {scene!r} could be scored: no source publishes truth")
+        raise KnownError(f"no update of scene {scene!r} could be scored: no source publishes truth")
     return LiveRun(
         summary=summary,
         scores=feed.tally.scores,

@@ -5,6 +5,8 @@ import threading
 from collections import deque
 from typing import Generic, TypeVar
 
+from comotion_schemas.errors import KnownError
+
 T = TypeVar("T")
 
 
@@ -29,7 +31,7 @@ class Inbox(Generic[T]):
 
     def __init__(self, capacity: int) -> None:
         if capacity < 1:
-            raise ValueError("the capacity of an inbox is at least 1")
+            raise KnownError("the capacity of an inbox is at least 1")
         self.dropped = 0
         self._items: deque[T] = deque()
         self._capacity = capacity

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, TruthBatch
+from comotion_schemas.errors import KnownError
 
 Labels: TypeAlias = NDArray[np.integer[Any]]
 SourceKey: TypeAlias = tuple[str, str]
@@ -35,7 +36,7 @@ def contingency(labels: Labels, truth: Labels) -> NDArray[np.int64]:
         If the two are not vectors of one length.
     """
     if np.shape(labels) != np.shape(truth) or np.ndim(labels) != 1:
-        raise ValueError(f"two vectors of one length expected, got {np.shape(labels)} and {np.shape(truth)}")
+        raise KnownError(f"two vectors of one length expected, got {np.shape(labels)} and {np.shape(truth)}")
     rows, row = np.unique(labels, return_inverse=True)
     columns, column = np.unique(truth, return_inverse=True)
     flat = np.bincount(row * len(columns) + column, minlength=len(rows) * len(columns))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint
+from comotion_schemas.errors import KnownError
 
 _MASS = 1.0
 # m; least size of a link, so that its inertia is above zero.
@@ -46,9 +47,9 @@ def to_urdf(update: HypothesisUpdate, space: str | None = None, name: str = "com
     found = [h for h in update.hypotheses if h.pose is not None and len(h.centroid) == 3 and h.confirmed]
     spaces = sorted({h.space for h in found})
     if space is None and len(spaces) > 1:
-        raise ValueError(f"there are several spaces; choose one of {', '.join(spaces)}")
+        raise KnownError(f"there are several spaces; choose one of {', '.join(spaces)}")
     if not spaces or (space is not None and space not in spaces):
-        raise ValueError(f"no hypothesis has a pose in 3-D in {'the update' if space is None else space}")
+        raise KnownError(f"no hypothesis has a pose in 3-D in {'the update' if space is None else space}")
     chosen = space or spaces[0]
     bodies = {h.id: h for h in found if h.space == chosen}
     robot = ET.Element("robot", name=name)

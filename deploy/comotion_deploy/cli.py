@@ -1,7 +1,9 @@
 """The command ``comotion``: registers its commands and reports their errors."""
 
+import json
 import logging
 import sys
+import tomllib
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -90,11 +92,25 @@ def run(arguments: Sequence[str]) -> int:
         result = helped(app, arguments)(prog_name="comotion", standalone_mode=False)
     except typer.TyperException as error:
         return _fail(error.format_message(), error)
-    except (UserError, ValueError, OSError) as error:
+    except (UserError, OSError) as error:
+        return _fail(error, error)
+    except ValueError as error:
+        if not _is_known(error):
+            raise
         return _fail(error, error)
     except (typer.Abort, KeyboardInterrupt):
         return 130
     return result if isinstance(result, int) else 0
+
+
+def _is_known(error: ValueError) -> bool:
+    """Whether something given is wrong, as we or those who parse it for us say; any other is a defect."""
+    # Importing these takes longer than to show the help.
+    from comotion_schemas.errors import KnownError
+
+    validated = type(error).__module__.startswith("pydantic")
+    known = KnownError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError
+    return validated or isinstance(error, known)
 
 
 def _fail(message: object, error: Exception) -> int:

@@ -17,6 +17,7 @@ from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary, finite_or_none
 from comotion_schemas import HypothesisUpdate, Joint, encode
+from comotion_schemas.errors import KnownError
 
 from .brox_malik import compare
 from .inputs import Input
@@ -97,7 +98,7 @@ def evaluate_inputs(
                 one.open(), config, period=period, duration=duration, on_update=_tee(trace, digest)
             )
         except ValueError as error:
-            raise ValueError(f"{one.name}: {error}") from None
+            raise KnownError(f"{one.name}: {error}") from None
         compared = compare(one.open(), duration).means() if comparator else {}
         results.append(_evaluated(one, run, digest.hexdigest(), compared))
         if plot is not None:

@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from comotion.runtime.clocks import EventClock
 from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SUFFIX
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
@@ -43,10 +44,10 @@ def parse_seeds(text: str) -> list[int]:
     for chunk in text.split(","):
         first, dash, last = chunk.strip().partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()):
-            raise ValueError(f"seeds {text!r} are not numbers and ranges such as 0-4 or 0,2,7-9")
+            raise KnownError(f"seeds {text!r} are not numbers and ranges such as 0-4 or 0,2,7-9")
         seeds += range(int(first), int(last if dash else first) + 1)
     if not 0 < len(seeds) <= 1000:
-        raise ValueError(f"{len(seeds)} seeds are not 1 to 1000")
+        raise KnownError(f"{len(seeds)} seeds are not 1 to 1000")
     return seeds
 
 
@@ -99,7 +100,7 @@ def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -
 def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_received: bool) -> Input:
     if Path(name).suffix.lower() == SUFFIX:
         if split != 1 or rates is not None:
-            raise ValueError(f"{name}: sources and rates of a recorded scene cannot be changed")
+            raise KnownError(f"{name}: sources and rates of a recorded scene cannot be changed")
         return _recorded_scene(name, as_received=as_received)
     # Read twice: once to check it before hours of work, and once for its run, so that only one
     # recording is in memory at a time.

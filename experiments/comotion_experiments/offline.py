@@ -14,6 +14,7 @@ from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
+from comotion_schemas.errors import KnownError
 
 Message: TypeAlias = TruthBatch | ObservationBatch
 
@@ -142,12 +143,12 @@ def run_offline(
     """
     period = config.period if period is None else period
     if not period > 0:
-        raise ValueError(f"the period {period:g} s is not above 0")
+        raise KnownError(f"the period {period:g} s is not above 0")
     truth = Truth() if truth is None else truth
     batches = _batches(messages, truth)
     first = next(batches, None)
     if first is None:
-        raise ValueError("there is no observation")
+        raise KnownError("there is no observation")
     offline = _Offline(fusion or Fusion(config, scene=scene), Tally(truth), on_update)
     start_ns = _start(first)
     end_ns = None if duration is None else start_ns + round(duration * 1e9)
@@ -163,7 +164,7 @@ def run_offline(
     if not _over(now_ns := start_ns + round(due * period * 1e9), end_ns):
         offline.update(now_ns)
     if not offline.times:
-        raise ValueError(f"{duration:g} s are too short for an update every {period:g} s")
+        raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
     return Run(
         summary=offline.tally.summary(),
         scores=offline.tally.scores,

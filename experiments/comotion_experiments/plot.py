@@ -15,6 +15,7 @@ from comotion_clients.metrics import Score, Truth, contingency
 from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, HUES, RGB, Palette, colour, marker
+from comotion_schemas.errors import KnownError
 
 from .trace import Moment, Trace, main_space, moment_of
 
@@ -67,7 +68,7 @@ def save_plot(
 
     space = main_space(updates, spaces)
     if space is None:
-        raise ValueError("there is nothing to plot: no update lists a track")
+        raise KnownError("there is nothing to plot: no update lists a track")
     moments = [moment_of(update, truth, spaces, space) for update in updates]
     colours = _colours(updates)
     has_truth = any((moment.objects >= 0).any() for moment in moments)

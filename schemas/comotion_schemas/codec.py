@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from .columns import WIRE
+from .errors import KnownError
 from .hypotheses import HypothesisUpdate
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .types import MAX_BYTES
@@ -44,7 +45,7 @@ _PYDANTIC_REASONS: dict[str, RejectionReason] = {
 }
 
 
-class DecodeError(ValueError):
+class DecodeError(KnownError):
     """A payload is not a valid message; `reason` is a rejection reason of the protocol."""
 
     def __init__(self, reason: RejectionReason, detail: str) -> None:
@@ -63,7 +64,7 @@ def encode(message: Message) -> bytes:
     """
     payload = cast("bytes", msgpack.packb(_to_wire(message), use_bin_type=True))
     if len(payload) > MAX_BYTES:
-        raise ValueError(f"a message of {len(payload)} bytes exceeds the limit of {MAX_BYTES}")
+        raise KnownError(f"a message of {len(payload)} bytes exceeds the limit of {MAX_BYTES}")
     return payload
 
 

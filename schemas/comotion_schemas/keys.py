@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from .errors import KnownError
 from .messages import Role
 from .types import is_name
 
@@ -19,7 +20,7 @@ _STREAMS = get_args(StreamKind)
 
 def _chunk(what: str, name: str) -> str:
     if not is_name(name):
-        raise ValueError(f"{what} {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
+        raise KnownError(f"{what} {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
     return name
 
 

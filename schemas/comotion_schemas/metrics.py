@@ -21,6 +21,7 @@ import weakref
 from collections.abc import Iterator
 from typing import Any, Literal, Protocol
 
+from .errors import KnownError
 from .messages import Status
 
 DEFAULT_HOST = "127.0.0.1"
@@ -87,7 +88,7 @@ def parse_address(text: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":")
     if port.isdecimal() and 0 <= int(port) <= 65535 and bool(host) == bool(colon):
         return host or DEFAULT_HOST, int(port)
-    raise ValueError(f"metrics port {text!r} is neither PORT nor HOST:PORT")
+    raise KnownError(f"metrics port {text!r} is neither PORT nor HOST:PORT")
 
 
 def expose(host: str, port: int) -> int:

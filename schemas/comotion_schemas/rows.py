@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .errors import KnownError
 from .messages import RejectionReason
 
 
@@ -78,7 +79,7 @@ def usable_rows(
     kept = np.flatnonzero(usable & ~negative)
     found = numbers[kept].astype(np.uint64)
     if len(np.unique(found)) != len(found):
-        raise ValueError("an id is used twice in one instant")
+        raise KnownError("an id is used twice in one instant")
     return Rows(
         found,
         states[kept].astype(np.float32),
@@ -90,11 +91,11 @@ def usable_rows(
 
 def _check_shapes(ids: NDArray[np.int64], positions: NDArray[np.float64]) -> None:
     if ids.ndim != 1 or ids.dtype.kind not in "iu":
-        raise ValueError(f"ids are {ids.dtype} of shape {ids.shape}, not integers [N]")
+        raise KnownError(f"ids are {ids.dtype} of shape {ids.shape}, not integers [N]")
     if positions.ndim != 2 or positions.shape[1] not in {2, 3}:
-        raise ValueError(f"positions have the shape {positions.shape}, not [N, 2] or [N, 3]")
+        raise KnownError(f"positions have the shape {positions.shape}, not [N, 2] or [N, 3]")
     if len(ids) != len(positions):
-        raise ValueError(f"there are {len(ids)} ids for {len(positions)} positions")
+        raise KnownError(f"there are {len(ids)} ids for {len(positions)} positions")
 
 
 def _refuse(ids: NDArray[np.int64], bad: dict[RejectionReason, NDArray[np.bool_]]) -> None:
@@ -106,7 +107,7 @@ def _refuse(ids: NDArray[np.int64], bad: dict[RejectionReason, NDArray[np.bool_]
         if rows.any():
             first = int(ids[np.flatnonzero(rows)[0]])
             more = f" (and {int(rows.sum()) - 1} more)" if rows.sum() > 1 else ""
-            raise ValueError(f"id {first} {words[reason]}{more}; drop_invalid=True leaves such rows out")
+            raise KnownError(f"id {first} {words[reason]}{more}; drop_invalid=True leaves such rows out")
 
 
 def _sigma(
@@ -116,5 +117,5 @@ def _sigma(
         return sigma  # type: ignore[return-value]
     values = np.asarray(sigma, np.float32)
     if values.shape != (count,):
-        raise ValueError(f"sigma has the shape {values.shape}, not ({count},)")
+        raise KnownError(f"sigma has the shape {values.shape}, not ({count},)")
     return values[kept]

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .errors import KnownError
 from .types import is_name
 
 CA_FILE = "ca.crt"
@@ -71,14 +72,14 @@ class Identity:
         own = f"the certificate of {self.role} {self.name!r}"
         # A robot that publishes joint states has a viewer's token: it publishes no observations.
         if role != self.role and not (self.role == "source" and role == "viewer"):
-            raise ValueError(f"{own} is not for a {role}")
+            raise KnownError(f"{own} is not for a {role}")
         names = self.sources if self.role == "source" else (self.name,)
         # An agent numbers the services that it starts.
         derived = self.role == "service" and name.startswith(f"{self.name}-")
         if name not in names and not derived:
-            raise ValueError(f"{own} is for the name {' or '.join(names)}, not {name!r}")
+            raise KnownError(f"{own} is for the name {' or '.join(names)}, not {name!r}")
         if self.scene not in (ANY_SCENE, scene):
-            raise ValueError(f"{own} is for the scene {self.scene!r}, not {scene!r}")
+            raise KnownError(f"{own} is for the scene {self.scene!r}, not {scene!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,15 +113,15 @@ def load_tls(folder: Path) -> TlsFiles:
     files = [folder / name for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE, IDENTITY_FILE)]
     for file in files:
         if not file.is_file():
-            raise ValueError(f"{folder} is not the folder of a component: there is no {file.name}")
+            raise KnownError(f"{folder} is not the folder of a component: there is no {file.name}")
     try:
         identity = _identity(json.loads(files[3].read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"{files[3]}: malformed ({type(error).__name__})") from None
+        raise KnownError(f"{files[3]}: malformed ({type(error).__name__})") from None
     tls = TlsFiles(root_ca=files[0], certificate=files[1], key=files[2], identity=identity)
     if identity.expires_s <= time.time():
         day = time.strftime("%Y-%m-%d", time.gmtime(identity.expires_s))
-        raise ValueError(
+        raise KnownError(
             f"{folder}: the certificate expired on {day}; 'comotion pki issue --renew' makes one"
         )
     return tls
@@ -151,9 +152,9 @@ def require_encryption(endpoints: Sequence[str], *, wanted: bool) -> None:
     for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
         if wanted and protocol not in ENCRYPTED:
-            raise ValueError(f"{endpoint} is not encrypted: with a certificate use tls/{address}")
+            raise KnownError(f"{endpoint} is not encrypted: with a certificate use tls/{address}")
         if not wanted and protocol in ENCRYPTED:
-            raise ValueError(f"{endpoint} needs a certificate: --tls DIR/NAME, or {ENVIRONMENT}")
+            raise KnownError(f"{endpoint} needs a certificate: --tls DIR/NAME, or {ENVIRONMENT}")
 
 
 def warn_of_expiry(tls: TlsFiles) -> None:
@@ -180,5 +181,5 @@ def _identity(content: dict[str, Any]) -> Identity:
         expires_s=int(content["expires_s"]),
     )
     if not is_name(identity.name):
-        raise ValueError(identity.name)
+        raise KnownError(identity.name)
     return identity

@@ -16,6 +16,7 @@ from typing import Any, Literal, Protocol
 import zenoh
 import zenoh.ext
 
+from .errors import KnownError
 from .keys import Keys, StreamKind
 from .qos import HEARTBEAT_S, QOS, Kind, QoS
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
@@ -202,7 +203,7 @@ def connect(
         except zenoh.ZError as error:
             reason = str(error).split(" at /")[0]
             if "Unable to connect" not in reason:
-                raise ValueError(f"cannot open a session at {endpoints}: {reason}") from None
+                raise KnownError(f"cannot open a session at {endpoints}: {reason}") from None
         if not waiting and deadline is None:
             _log.warning("waiting for a router at %s; 'comotion router' starts one", endpoints)
         waiting = True

@@ -19,6 +19,8 @@ from typing import Any, Self, TypeVar, cast
 import msgpack
 import numpy as np
 
+from comotion_schemas.errors import KnownError
+
 FORMAT = 5
 """Version of the layout and of the state in it."""
 MAX_BYTES = 1 << 30
@@ -71,14 +73,14 @@ class Header:
             If they are no header of this format, or damaged.
         """
         if not data.startswith(_MAGIC):
-            raise ValueError("not a snapshot")
+            raise KnownError("not a snapshot")
         if len(data) < HEADER_BYTES:
-            raise ValueError("damaged snapshot: it ends within its header")
+            raise KnownError("damaged snapshot: it ends within its header")
         if _CHECKSUM.unpack_from(data, _HEADER.size)[0] != zlib.crc32(data[: _HEADER.size]):
-            raise ValueError("damaged snapshot: the checksum of its header is wrong")
+            raise KnownError("damaged snapshot: the checksum of its header is wrong")
         _, version, values, arrays, following, digest = _HEADER.unpack_from(data)
         if version != FORMAT:
-            raise ValueError(f"not a snapshot of this version: format {version}, expected {FORMAT}")
+            raise KnownError(f"not a snapshot of this version: format {version}, expected {FORMAT}")
         return cls(values, arrays, following, digest)
 
 
@@ -123,10 +125,10 @@ def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
     """
     header = Header.read(data)
     if len(data) != header.total:
-        raise ValueError(f"damaged snapshot: {len(data)} bytes, its header says {header.total}")
+        raise KnownError(f"damaged snapshot: {len(data)} bytes, its header says {header.total}")
     body = memoryview(data)[HEADER_BYTES:]
     if _digest([body]) != header.digest:
-        raise ValueError("damaged snapshot: its checksum is wrong")
+        raise KnownError("damaged snapshot: its checksum is wrong")
     arrays = body[header.values :]
     try:
         state = msgpack.unpackb(
@@ -138,7 +140,7 @@ def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
         return build(state)
     # Whatever goes wrong in a state that is checked but does not fit, the state is to blame.
     except Exception as error:
-        raise ValueError(f"damaged snapshot: {type(error).__name__} {error}") from error
+        raise KnownError(f"damaged snapshot: {type(error).__name__} {error}") from error
 
 
 def _digest(parts: Iterable[Any]) -> bytes:
@@ -165,6 +167,6 @@ def _resolve(value: dict[Any, Any], arrays: memoryview) -> Any:
     dtype, shape, at = value[_ARRAY]
     kind = np.dtype(dtype)
     if kind.kind not in _SAFE_KINDS:
-        raise ValueError("not a numeric array")
+        raise KnownError("not a numeric array")
     count = int(np.prod(shape, dtype=object))
     return np.frombuffer(arrays, kind, count, at).reshape(shape).copy() if count else np.empty(shape, kind)

@@ -5,6 +5,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from comotion_schemas.errors import KnownError
+
 from .errors import InputError
 
 # The parser takes time that grows with the square of the length of a dotted key.
@@ -42,14 +44,14 @@ def parse_toml(text: str) -> dict[str, Any]:
         If it is not valid, or nested more than 30 times.
     """
     if _LONG_KEY.search(text):
-        raise ValueError("a key has more than 20 parts")
+        raise KnownError("a key has more than 20 parts")
     try:
         found = tomllib.loads(text)
         deep = _is_deeper(found, _DEPTH)
     except RecursionError:
         deep = True
     if deep:
-        raise ValueError(f"nested more than {_DEPTH} times")
+        raise KnownError(f"nested more than {_DEPTH} times")
     return found
 
 

@@ -2,8 +2,10 @@
 
 from pydantic import ValidationError
 
+from comotion_schemas.errors import KnownError
 
-class InputError(ValueError):
+
+class InputError(KnownError):
     """An input cannot be used; the base of all errors below and beside."""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import JointStates, Message, ObservationBatch, Preview, TruthBatch, encode
 from comotion_schemas.component import new_session_id
+from comotion_schemas.errors import KnownError
 from comotion_schemas.qos import Kind
 
 from .player import LATE_S, Clock
@@ -74,9 +75,9 @@ class MessageSchedule:
 
     def __post_init__(self) -> None:
         if not 0 < self.speed <= 1000:
-            raise ValueError(f"speed {self.speed:g} is not within 0 to 1000")
+            raise KnownError(f"speed {self.speed:g} is not within 0 to 1000")
         if self.start < 0 or (self.end is not None and self.end <= self.start):
-            raise ValueError("the end of what is played is not after its start")
+            raise KnownError("the end of what is played is not after its start")
 
 
 class PayloadSink(Protocol):
@@ -170,7 +171,7 @@ class MessagePlayer:
         end_ns = log.end_ns if schedule.end is None else log.start_ns + round(schedule.end * 1e9)
         self._end_ns = min(end_ns, log.end_ns)
         if self._start_ns > self._end_ns:
-            raise ValueError(f"the recording is only {(log.end_ns - log.start_ns) / 1e9:.1f} s long")
+            raise KnownError(f"the recording is only {(log.end_ns - log.start_ns) / 1e9:.1f} s long")
         self._limit = math.inf
         self._begin = 0.0
         self._restamp: Restamp | None = None

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import StreamKind
 from comotion_schemas.qos import Kind
 from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
@@ -146,7 +147,7 @@ def _sources(
         if logged.kind != "hypotheses":
             streams.setdefault(logged.name, set()).add(logged.kind)
     if not first:
-        raise ValueError(f"{log.path}: it holds no message of a source")
+        raise KnownError(f"{log.path}: it holds no message of a source")
     message, names = f"replays {log.path.stem}", sorted(first)
     return {
         name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from comotion_schemas.errors import KnownError
+
 
 @dataclass(frozen=True)
 class Part:
@@ -23,7 +25,7 @@ def parse_part(text: str) -> Part:
     first, _, second = text.partition("/")
     if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 64:
         return Part(int(first) - 1, int(second))
-    raise ValueError(f"part {text!r} is not K/N with 1 <= K <= N <= 64, e.g. 2/3")
+    raise KnownError(f"part {text!r} is not K/N with 1 <= K <= N <= 64, e.g. 2/3")
 
 
 def parse_rates(text: str) -> list[float]:
@@ -39,7 +41,7 @@ def parse_rates(text: str) -> list[float]:
     except ValueError:
         rates = []
     if not rates or not all(0 < rate <= 1000 for rate in rates):
-        raise ValueError(f"rate {text!r} is not one or several numbers from 0 to 1000 Hz, e.g. 15,30,100")
+        raise KnownError(f"rate {text!r} is not one or several numbers from 0 to 1000 Hz, e.g. 15,30,100")
     return rates
 
 
@@ -52,5 +54,5 @@ def rate_of(part: Part, rates: Sequence[float]) -> float:
         If the number of rates is neither one nor the number of parts.
     """
     if len(rates) not in {1, part.count}:
-        raise ValueError(f"{len(rates)} rates for {part.count} sources; give one, or one for each")
+        raise KnownError(f"{len(rates)} rates for {part.count} sources; give one, or one for each")
     return rates[part.index % len(rates)]

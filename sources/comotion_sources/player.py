@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas.errors import KnownError
 
 from .frames import NANOSECONDS, Batcher, MessageBuilder, in_time_order
 from .streams import Stream
@@ -63,7 +64,7 @@ def parse_start(text: str) -> float | str:
         value = math.nan
     # Later times in nanoseconds do not fit in int64.
     if not 0 <= value < 9e9:
-        raise ValueError(f"start {text!r} is neither 'now', 'aligned' nor a Unix time in seconds")
+        raise KnownError(f"start {text!r} is neither 'now', 'aligned' nor a Unix time in seconds")
     return value
 
 

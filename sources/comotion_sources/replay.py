@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import SessionSettings
 
 from .parts import Part
@@ -57,7 +58,7 @@ def choose_streams(
         range.
     """
     if not 0 < speed <= 1000:
-        raise ValueError(f"speed {speed:g} is not within 0 to 1000")
+        raise KnownError(f"speed {speed:g} is not within 0 to 1000")
     count = split if part is None else part.count
     streams = recording_streams(
         recording,

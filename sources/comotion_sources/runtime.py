@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import usable_rows
 from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
@@ -84,7 +85,7 @@ class SourcePublisher:
         moving: bool = False,
     ) -> None:
         if connect is not None and settings is not None:
-            raise ValueError("give connect or settings, not both")
+            raise KnownError("give connect or settings, not both")
         endpoints = (connect,) if isinstance(connect, str) else connect
         self.name = name
         self._drop_invalid = drop_invalid

@@ -157,14 +157,15 @@ def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert "error" not in captured.err
 
 
-def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError])
+def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, kind: type[Exception]) -> None:
     from comotion_deploy.commands import config
 
     def defect(*_: object) -> None:
-        raise RuntimeError("a defect")
+        raise kind("a defect")
 
     monkeypatch.setattr(config, "fusion_config", defect)
-    with pytest.raises(RuntimeError, match="a defect"):
+    with pytest.raises(kind, match="a defect"):
         run(["config"])
 
 

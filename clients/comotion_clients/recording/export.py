@@ -32,6 +32,7 @@ from comotion_schemas import (
     TruthBatch,
 )
 from comotion_schemas.colours import Palette
+from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SCHEMA_ENCODING
 
 from ..metrics import Truth
@@ -88,7 +89,7 @@ def export(source: Path, target: Path) -> Exported:
             exporter.exported.invalid = reading.invalid
             exporter.close()
             if not exporter.exported.messages.get("/numbers"):
-                raise ValueError(f"{source}: it holds no hypotheses; was the service recorded?")
+                raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
         except BaseException:
             target.unlink()
             raise

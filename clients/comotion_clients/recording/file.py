@@ -10,6 +10,7 @@ from typing import Any, Self, cast
 from mcap.writer import Writer
 
 from comotion_schemas import QOS, Message
+from comotion_schemas.errors import KnownError
 from comotion_schemas.export import json_schemas
 from comotion_schemas.qos import Kind
 from comotion_schemas.recording import (
@@ -138,7 +139,7 @@ class RecordingFile:
         if key not in self._channels:
             kind = kind_of(key)
             if kind is None:
-                raise ValueError(f"{key!r} is not a key of messages")
+                raise KnownError(f"{key!r} is not a key of messages")
             self._channels[key] = self._writer.register_channel(
                 topic=key, message_encoding=MESSAGE_ENCODING, schema_id=self._schema(kind)
             )

@@ -26,6 +26,8 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+from comotion_schemas.errors import KnownError
+
 from .disk import write_all
 
 
@@ -50,7 +52,7 @@ def write_index(path: Path) -> None:
             for start, length, record in _records(file):
                 summary.add(start, length, record)
         except McapError as error:
-            raise ValueError(f"{path}: {error}") from None
+            raise KnownError(f"{path}: {error}") from None
         end = file.seek(0, os.SEEK_END)
     descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
     try:

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.transport import SessionSettings
 
@@ -203,7 +204,7 @@ def record(
     if not any(count for kind, count in series.counts.messages.items() if kind != "status"):
         for path in series.paths:
             path.unlink()
-        raise ValueError(f"no message was received in scene {scene!r}: nothing was recorded")
+        raise KnownError(f"no message was received in scene {scene!r}: nothing was recorded")
     return recorder.result()
 
 

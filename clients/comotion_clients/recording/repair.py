@@ -19,6 +19,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
 
 from .disk import create
@@ -96,7 +97,7 @@ def repair(source: Path, target: Path) -> RepairResult:
         If a file cannot be read or written, or `target` exists.
     """
     if source.stat().st_size == 0:
-        raise ValueError(f"{source}: the file is empty")
+        raise KnownError(f"{source}: the file is empty")
     result = RepairResult()
     with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         definitions = _Definitions()
@@ -106,7 +107,7 @@ def repair(source: Path, target: Path) -> RepairResult:
             try:
                 _copy(data, definitions, Writer(output), result)
                 if not result.messages:
-                    raise ValueError(f"{source}: there is no readable message in it")
+                    raise KnownError(f"{source}: there is no readable message in it")
             except BaseException:
                 target.unlink()
                 raise
@@ -217,7 +218,7 @@ def _read(record: bytes, result: RepairResult) -> Iterator[McapRecord]:
 def _break_up(content: bytes) -> list[McapRecord]:
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
     if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
-        raise ValueError("the size of the chunk is not plausible")
+        raise KnownError("the size of the chunk is not plausible")
     return breakup_chunk(chunk, validate_crc=True)
 
 

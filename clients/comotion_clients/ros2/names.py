@@ -4,6 +4,8 @@ import re
 import struct
 from dataclasses import dataclass
 
+from comotion_schemas.errors import KnownError
+
 # Quality of service in a token: all defaults, depth 10.
 _QOS = "::,10:,:,:,,"
 _GID_BYTES = 16
@@ -56,5 +58,5 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
         If the id does not have 16 bytes.
     """
     if len(gid) != _GID_BYTES:
-        raise ValueError(f"the id of a publisher has {len(gid)} bytes, not {_GID_BYTES}")
+        raise KnownError(f"the id of a publisher has {len(gid)} bytes, not {_GID_BYTES}")
     return struct.pack("<qqB", sequence, stamp_ns, _GID_BYTES) + gid

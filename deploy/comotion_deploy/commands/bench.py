@@ -195,5 +195,7 @@ def _baseline(quick: bool, pixels: bool) -> int:
 def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
     chunks = [chunk.strip() for chunk in text.split(",")]
     if not all(chunk.isdecimal() and least <= int(chunk) <= most for chunk in chunks):
-        raise ValueError(f"{option} {text}: expected numbers from {least} to {most}, separated by commas")
+        from comotion_schemas.errors import KnownError
+
+        raise KnownError(f"{option} {text}: expected numbers from {least} to {most}, separated by commas")
     return [int(chunk) for chunk in chunks]

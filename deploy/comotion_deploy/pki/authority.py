@@ -23,6 +23,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from comotion_schemas.errors import KnownError
 from comotion_schemas.tls import (
     CA_FILE,
     CERTIFICATE_FILE,
@@ -82,7 +83,7 @@ class Authority:
             If the folder has one.
         """
         if (folder / CA_KEY_FILE).exists() or (folder / CA_FILE).exists():
-            raise ValueError(f"{folder} has an authority already")
+            raise KnownError(f"{folder} has an authority already")
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         key = ec.generate_private_key(ec.SECP256R1())
         name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"comotion {secrets.token_hex(4)}")])
@@ -121,7 +122,7 @@ class Authority:
         """
         folder = self.folder / grant.name
         if folder.exists() != renew:
-            raise ValueError(
+            raise KnownError(
                 f"{folder} exists; see --renew" if not renew else f"there is no {folder} to renew"
             )
         common_name = self._common_name(folder, grant, renew=renew)
@@ -154,7 +155,7 @@ class Authority:
             return f"{grant.name[:47]}.{secrets.token_hex(8)}"
         previous = self._check(folder).grant
         if previous is None:
-            raise ValueError(f"{folder}: its certificate cannot be read; remove the folder and issue anew")
+            raise KnownError(f"{folder}: its certificate cannot be read; remove the folder and issue anew")
         return previous.common_name
 
     def _sign(
@@ -196,7 +197,7 @@ class Authority:
         try:
             certificate.verify_directly_issued_by(self.certificate)
         except (ValueError, TypeError, InvalidSignature):
-            raise ValueError("it was signed by another authority") from None
+            raise KnownError("it was signed by another authority") from None
 
 
 def export(folder: Path, name: str, out: Path) -> list[Path]:
@@ -215,9 +216,9 @@ def export(folder: Path, name: str, out: Path) -> list[Path]:
     """
     issued = {entry.folder.name: entry for entry in Authority(folder).issued()}
     if name not in issued:
-        raise ValueError(f"{folder} has no component {name!r}; see 'comotion pki list {folder}'")
+        raise KnownError(f"{folder} has no component {name!r}; see 'comotion pki list {folder}'")
     if (out / name).exists():
-        raise ValueError(f"{out / name} exists")
+        raise KnownError(f"{out / name} exists")
     out.mkdir(mode=0o700, parents=True, exist_ok=True)
     shutil.copytree(folder / name, out / name)
     grant = issued[name].grant

@@ -9,6 +9,8 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
+from comotion_schemas.errors import KnownError
+
 from .grants import Grant, grant_from_uris
 
 # Clocks of hosts may differ a little when a certificate is new.
@@ -21,7 +23,7 @@ def grant_of(certificate: x509.Certificate) -> Grant:
     try:
         extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
     except x509.ExtensionNotFound:
-        raise ValueError("it does not say what it allows") from None
+        raise KnownError("it does not say what it allows") from None
     uris = extension.value.get_values_for_type(x509.UniformResourceIdentifier)
     return grant_from_uris(uris, str(names[0].value) if len(names) == 1 else "")
 
@@ -80,9 +82,9 @@ def read_certificate(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except FileNotFoundError:
-        raise ValueError(f"there is no {path}; 'comotion pki init' makes an authority") from None
+        raise KnownError(f"there is no {path}; 'comotion pki init' makes an authority") from None
     except (OSError, ValueError) as error:
-        raise ValueError(f"{path} is not a certificate ({type(error).__name__})") from None
+        raise KnownError(f"{path} is not a certificate ({type(error).__name__})") from None
 
 
 def read_key(path: Path) -> ec.EllipticCurvePrivateKey:
@@ -90,9 +92,9 @@ def read_key(path: Path) -> ec.EllipticCurvePrivateKey:
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except FileNotFoundError:
-        raise ValueError(f"there is no {path}: certificates are issued where the authority is") from None
+        raise KnownError(f"there is no {path}: certificates are issued where the authority is") from None
     except (OSError, ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not a private key ({type(error).__name__})") from None
+        raise KnownError(f"{path} is not a private key ({type(error).__name__})") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"{path} is a key of another kind")
+        raise KnownError(f"{path} is a key of another kind")
     return key

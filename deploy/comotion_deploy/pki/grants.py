@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from comotion_schemas.errors import KnownError
 from comotion_schemas.tls import ANY_SCENE
 from comotion_schemas.types import is_name
 
@@ -51,20 +52,20 @@ class Grant:
 
     def __post_init__(self) -> None:
         if self.role not in ROLES:
-            raise ValueError(f"role {self.role!r} is none of {', '.join(ROLES)}")
+            raise KnownError(f"role {self.role!r} is none of {', '.join(ROLES)}")
         for name in (self.name, *self.sources, *self.joints):
             if not is_name(name):
-                raise ValueError(f"name {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
+                raise KnownError(f"name {name!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
         if self.scene != ANY_SCENE and not is_name(self.scene):
-            raise ValueError(f"scene {self.scene!r} is neither a name nor {ANY_SCENE!r}")
+            raise KnownError(f"scene {self.scene!r} is neither a name nor {ANY_SCENE!r}")
         if (self.role == "source") != bool(self.sources):
-            raise ValueError("a source publishes under one name or more, other roles under none")
+            raise KnownError("a source publishes under one name or more, other roles under none")
         if self.joints and self.role != "source":
-            raise ValueError(f"a {self.role} does not follow joint states")
+            raise KnownError(f"a {self.role} does not follow joint states")
         if not 0 <= self.rate < 1e6:
-            raise ValueError(f"rate {self.rate} is not within 0..1000000 Hz")
+            raise KnownError(f"rate {self.rate} is not within 0..1000000 Hz")
         if not _COMMON_NAME.fullmatch(self.common_name):
-            raise ValueError(f"common name {self.common_name!r} is malformed")
+            raise KnownError(f"common name {self.common_name!r} is malformed")
 
     def uris(self) -> list[str]:
         """Return the URIs in the certificate's subject alternative name."""
@@ -86,14 +87,14 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
     found: dict[str, list[str]] = {}
     for uri in uris:
         if not uri.startswith(_URN):
-            raise ValueError(f"unknown URI {uri!r}")
+            raise KnownError(f"unknown URI {uri!r}")
         key, _, value = uri.removeprefix(_URN).partition(":")
         found.setdefault(key, []).append(value)
     if sorted(set(found) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
-        raise ValueError("it does not say role, name, scene and rate")
+        raise KnownError("it does not say role, name, scene and rate")
     role = next((known for known in ROLES if [known] == found["role"]), None)
     if role is None or any(len(found[key]) != 1 for key in ("name", "scene", "rate")):
-        raise ValueError("role, name, scene or rate is unknown or given twice")
+        raise KnownError("role, name, scene or rate is unknown or given twice")
     return Grant(
         role=role,
         name=found["name"][0],

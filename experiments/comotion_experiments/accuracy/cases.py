@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import ObservationBatch
+from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
@@ -122,7 +123,7 @@ def recorded_cases(folder: Path) -> list[Case]:
     """
     paths = sorted(folder.glob("*.npz"))
     if not paths:
-        raise ValueError(f"{folder}: no .npz recordings")
+        raise KnownError(f"{folder}: no .npz recordings")
     return [_recorded(path) for path in paths]
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from comotion_clients.subscribe import subscribe
 from comotion_schemas import Status
+from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import SessionSettings
 from comotion_sources.runtime import SourcePublisher
 
@@ -182,7 +183,7 @@ def _service(endpoint: str) -> int:
             continue
         if words[1:4] == ["-m", "comotion_deploy", "serve"] and endpoint in words:
             return int(command.parent.name)
-    raise ValueError("the service has ended, or this system has no /proc")
+    raise KnownError("the service has ended, or this system has no /proc")
 
 
 def processor_seconds(pid: int) -> float:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from rich.table import Table
 
+from comotion_schemas.errors import KnownError
+
 from .experiment import Costs, Row
 
 TITLES = (
@@ -122,6 +124,6 @@ def write_page(page: Path, title: str, text: str) -> None:
     begin, end = f"<!-- {title}: begin -->", f"<!-- {title}: end -->"
     old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
     if begin not in old or end not in old:
-        raise ValueError(f"{page}: has no marks '{begin}' and '{end}'")
+        raise KnownError(f"{page}: has no marks '{begin}' and '{end}'")
     head, tail = old.split(begin)[0], old.split(end)[1]
     page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from comotion_schemas.errors import KnownError
+
 from . import affinity, clusters, respawning, switching, weighting, workcell
 from .figure import Figure
 
@@ -142,5 +144,5 @@ def select(names: Sequence[str] | None) -> list[Figure]:
     known = [figure.name for figure in FIGURES]
     for name in wanted:
         if name not in known:
-            raise ValueError(f"no figure {name!r}; one of {', '.join(known)}")
+            raise KnownError(f"no figure {name!r}; one of {', '.join(known)}")
     return [figure for figure in FIGURES if figure.name in wanted]

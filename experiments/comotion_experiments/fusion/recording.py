@@ -11,6 +11,7 @@ import msgpack
 import numpy as np
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
+from comotion_schemas.errors import KnownError
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig
 from comotion_sources.klt.observer import CameraSpace, Observer, choose_space
@@ -97,7 +98,7 @@ def keep(cache: Path | None, name: str, setup: object, make: Callable[[], Source
 def _read(raw: bytes) -> Message:
     message = decode(raw)
     if not isinstance(message, TruthBatch | ObservationBatch):
-        raise ValueError(f"{type(message).__name__} in the cache")
+        raise KnownError(f"{type(message).__name__} in the cache")
     return message
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
 from comotion_sources.recordings.npz import read_npz
 
 DATA_SETS = {
@@ -69,12 +70,12 @@ def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:
     found = {name: [_read(path) for path in sorted(folder.glob(glob))] for name, glob in DATA_SETS.items()}
     found = {name: sequences for name, sequences in found.items() if sequences}
     if not found:
-        raise ValueError(f"{folder}: holds none of {', '.join(DATA_SETS.values())}")
+        raise KnownError(f"{folder}: holds none of {', '.join(DATA_SETS.values())}")
     return found
 
 
 def _read(path: Path) -> Sequence:
     recording = read_npz(path)
     if recording.dim != 2 or recording.labels is None:
-        raise ValueError(f"{path}: not a labelled recording of image positions")
+        raise KnownError(f"{path}: not a labelled recording of image positions")
     return Sequence(path.stem, recording.positions, recording.times, recording.labels.astype(np.int64))

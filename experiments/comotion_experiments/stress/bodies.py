@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from comotion_schemas.errors import KnownError
 from comotion_sources.simulator import load_scene
 from comotion_sources.simulator.spec import Body as BodySpec
 from comotion_sources.simulator.spec import Sines
@@ -118,7 +119,7 @@ def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> li
 
 def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     if not isinstance(body.size, list):
-        raise ValueError(f"body {body.name!r}: the size is not fixed")
+        raise KnownError(f"body {body.name!r}: the size is not fixed")
     return np.array(body.size, np.float64)
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+from comotion_schemas.errors import KnownError
+
 from . import bodies, events, features
 from .image_experiment import IMAGE_FAMILIES, ImageFamily
 from .scene import Scene
@@ -125,6 +127,6 @@ def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Any
     for name in names:
         fitting = {k: f for k, f in ALL.items() if k == name or k.startswith(f"{name}_")}
         if not fitting:
-            raise ValueError(f"no family {name!r}; there are {', '.join(ALL)}")
+            raise KnownError(f"no family {name!r}; there are {', '.join(ALL)}")
         found.update(fitting)
     return list(found.values())

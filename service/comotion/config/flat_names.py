@@ -5,6 +5,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from comotion_schemas.errors import KnownError
+
 MEMBERS = {
     "sigma_switch": "thesis",
     "v_move": "thesis",
@@ -36,12 +38,12 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
     found = {name: value for name, value in values.items() if name not in MEMBERS and name not in GROUPS}
     for old in values.keys() & GROUPS.keys():
         if GROUPS[old] in found:
-            raise ValueError(f"{old} and {GROUPS[old]} are the same group; give one of them")
+            raise KnownError(f"{old} and {GROUPS[old]} are the same group; give one of them")
         found[GROUPS[old]] = values[old]
     for name in values.keys() & MEMBERS.keys():
         group = _as_dict(found.get(MEMBERS[name], {}))
         if name in group:
-            raise ValueError(f"{name} and {MEMBERS[name]}.{name} are the same parameter; give one of them")
+            raise KnownError(f"{name} and {MEMBERS[name]}.{name} are the same parameter; give one of them")
         found[MEMBERS[name]] = {**group, name: values[name]}
     return found
 
@@ -51,5 +53,5 @@ def _as_dict(group: Any) -> dict[str, Any]:
     if isinstance(group, BaseModel):
         return {name: getattr(group, name) for name in group.model_fields_set}
     if not isinstance(group, Mapping):
-        raise ValueError(f"expected parameters by name, got {group!r}")
+        raise KnownError(f"expected parameters by name, got {group!r}")
     return dict(group)

@@ -8,6 +8,8 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from comotion_schemas.errors import KnownError
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -36,9 +38,9 @@ class Camera(BaseModel):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if len(self.distortion) not in _DISTORTION_LENGTHS:
-            raise ValueError(f"{len(self.distortion)} distortion coefficients; OpenCV knows 4, 5, 8, 12, 14")
+            raise KnownError(f"{len(self.distortion)} distortion coefficients; OpenCV knows 4, 5, 8, 12, 14")
         if not 1e-9 < math.hypot(*self.quaternion) < 1e9:
-            raise ValueError("the quaternion is zero or beyond measure")
+            raise KnownError("the quaternion is zero or beyond measure")
         return self
 
 

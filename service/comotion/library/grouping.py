@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch
+from comotion_schemas.errors import KnownError
 from comotion_schemas.types import Unit
 
 from ..arrays import Floats, Labels
@@ -76,7 +77,7 @@ class Grouping:
             If there are several sources: see :attr:`by_source`.
         """
         if len(self.by_source) != 1:
-            raise ValueError(f"there are {len(self.by_source)} sources: use by_source[name]")
+            raise KnownError(f"there are {len(self.by_source)} sources: use by_source[name]")
         return next(iter(self.by_source.values()))
 
     @property
@@ -155,11 +156,11 @@ def group(
     given = positions if isinstance(positions, Mapping) else {_DEFAULT: positions}
     clocks = times if isinstance(times, Mapping) else dict.fromkeys(given, times)
     if clocks.keys() != given.keys():
-        raise ValueError(f"positions are of {sorted(given)}, times of {sorted(clocks)}")
+        raise KnownError(f"positions are of {sorted(given)}, times of {sorted(clocks)}")
     arrays = {name: _checked(name, array, clocks[name]) for name, array in given.items()}
     dims = {states.shape[2] for states, _ in arrays.values()}
     if len(dims) != 1:
-        raise ValueError("sources differ in their number of coordinates")
+        raise KnownError("sources differ in their number of coordinates")
     chosen: Unit = unit or ("m" if dims == {3} else "px")
     origin = min(float(clock[0]) for _, clock in arrays.values())
     config = config or FusionConfig()
@@ -174,16 +175,16 @@ def _checked(name: str, positions: ArrayLike, times: ArrayLike) -> tuple[Floats,
     states, clock = np.array(positions, np.float64), np.asarray(times, np.float64)
     who = "" if name == _DEFAULT else f"source {name!r}: "
     if states.ndim != 3 or states.shape[2] not in {2, 3}:
-        raise ValueError(f"{who}positions have the shape {states.shape}, not [T, N, 3] or [T, N, 2]")
+        raise KnownError(f"{who}positions have the shape {states.shape}, not [T, N, 3] or [T, N, 2]")
     if clock.shape != states.shape[:1]:
-        raise ValueError(f"{who}there are {clock.shape} times for {len(states)} instants")
+        raise KnownError(f"{who}there are {clock.shape} times for {len(states)} instants")
     if not np.isfinite(clock).all() or not (np.diff(clock) > 0).all():
-        raise ValueError(f"{who}times do not increase")
+        raise KnownError(f"{who}times do not increase")
     if np.isinf(states).any():
-        raise ValueError(f"{who}a position is infinite; NaN stands for unseen")
+        raise KnownError(f"{who}a position is infinite; NaN stands for unseen")
     states[np.isnan(states).any(axis=2)] = np.nan
     if not np.isfinite(states).any():
-        raise ValueError(f"{who}there is no observation")
+        raise KnownError(f"{who}there is no observation")
     return states, clock
 
 

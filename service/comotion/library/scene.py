@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas.errors import KnownError
 from comotion_schemas.rows import Rows, usable_rows
 from comotion_schemas.types import Unit
 
@@ -94,10 +95,10 @@ class Scene:
             coordinates changes.
         """
         if not math.isfinite(t):
-            raise ValueError(f"the time {t} is not finite")
+            raise KnownError(f"the time {t} is not finite")
         stamp_ns = round(t * 1e9)
         if stamp_ns <= self._newest.get(source, stamp_ns - 1):
-            raise ValueError(f"source {source!r}: the time {t:g} s does not increase")
+            raise KnownError(f"source {source!r}: the time {t:g} s does not increase")
         rows = usable_rows(ids, positions, sigma, unseen=True, drop=self._drop_invalid)
         for reason, count in rows.dropped.items():
             self.dropped[reason] = self.dropped.get(reason, 0) + count
@@ -122,7 +123,7 @@ class Scene:
             If nothing has been pushed and no time is given.
         """
         if t is None and not self._newest:
-            raise ValueError("nothing has been pushed")
+            raise KnownError("nothing has been pushed")
         now = max(self._newest.values()) if t is None else round(t * 1e9)
         self._update = self.fusion.update(now)
         self._due_ns = now + self._period_ns
@@ -137,7 +138,7 @@ class Scene:
         if not len(positions):
             positions = np.zeros((0, dim), np.float32)
         elif positions.shape[1] != dim:
-            raise ValueError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
+            raise KnownError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
         batch = ObservationBatch(
             source=source,
             session=_SESSION,

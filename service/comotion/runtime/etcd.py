@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
+from comotion_schemas.errors import KnownError
 from comotion_schemas.tls import TlsFiles
 
 if TYPE_CHECKING:  # the extra `cluster` need not be installed
@@ -48,7 +49,7 @@ class Etcd:
 
     def __init__(self, urls: Sequence[str], tls: TlsFiles | None = None) -> None:
         if not urls:
-            raise ValueError("an etcd cluster needs at least one url")
+            raise KnownError("an etcd cluster needs at least one url")
         self.urls = tuple(urls)
         self._members = [_member(url, tls) for url in urls]
 
@@ -152,14 +153,14 @@ def _member(url: str, tls: TlsFiles | None) -> "Etcd3Client":
     try:
         from etcd3gw import client  # noqa: PLC0415
     except ImportError:
-        raise ValueError("etcd needs the extra 'cluster': pip install 'comotion[cluster]'") from None
+        raise KnownError("etcd needs the extra 'cluster': pip install 'comotion[cluster]'") from None
     try:
         parts = urlsplit(url)
         port = parts.port or _DEFAULT_PORT
     except ValueError as error:
-        raise ValueError(f"{url!r} is no url of etcd: {error}") from None
+        raise KnownError(f"{url!r} is no url of etcd: {error}") from None
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise ValueError(f"{url!r} is no url of etcd; one is http://127.0.0.1:2379")
+        raise KnownError(f"{url!r} is no url of etcd; one is http://127.0.0.1:2379")
     files: dict[str, Any] = {}
     if tls is not None and parts.scheme == "https":
         files = {"ca_cert": str(tls.root_ca), "cert_cert": str(tls.certificate), "cert_key": str(tls.key)}

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
 
+from comotion_schemas.errors import KnownError
+
 from ..kernel_cache import KernelCache, source_digest
 from .state_file import write_atomically
 
@@ -56,7 +58,7 @@ def _file(method: str, known: dict[str, Dispatcher]) -> Path:
         cache = getattr(one, "_cache", None)
         if isinstance(cache, KernelCache):
             return Path(cache.cache_path) / f"{method}-{source_digest()}.json"
-    raise ValueError("no kernel is kept on disk")
+    raise KnownError("no kernel is kept on disk")
 
 
 def _load(kernel: Dispatcher, wanted: list[str]) -> bool:

@@ -24,6 +24,7 @@ from zenoh import SampleKind
 from zenoh.handlers import RingChannel
 
 from comotion_schemas.component import Component
+from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, last_chunk
 from comotion_schemas.transport import LEASE_MS
 
@@ -43,7 +44,7 @@ _NEVER_NS = 1 << 64
 _log = logging.getLogger(__name__)
 
 
-class SceneTakenError(ValueError):
+class SceneTakenError(KnownError):
     """Another service has the scene."""
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from comotion_schemas import UNDETERMINED
+from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from .. import snapshot
@@ -96,7 +97,7 @@ def _content(path: Path, head: snapshot.Header) -> bytes:
     """Read the file, unless it is larger than what its header announces."""
     size = path.stat().st_size
     if size != head.total or size > snapshot.MAX_BYTES:
-        raise ValueError(f"damaged snapshot: {size} bytes, its header says {head.total}")
+        raise KnownError(f"damaged snapshot: {size} bytes, its header says {head.total}")
     return path.read_bytes()
 
 
@@ -113,15 +114,15 @@ def _try_out(config: FusionConfig, data: bytes) -> None:
         twin.update(twin.watermark_ns or 0)
         twin.snapshot()
     except Exception as error:
-        raise ValueError(f"no update follows from it: {type(error).__name__} {error}") from error
+        raise KnownError(f"no update follows from it: {type(error).__name__} {error}") from error
 
 
 def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
     if fusion.scene != scene:
-        raise ValueError(f"it is of scene {fusion.scene!r}, not {scene!r}")
+        raise KnownError(f"it is of scene {fusion.scene!r}, not {scene!r}")
     watermark = fusion.watermark_ns
     if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
-        raise ValueError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
+        raise KnownError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
 
 
 def _put_aside(path: Path) -> str:

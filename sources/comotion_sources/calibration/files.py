@@ -26,6 +26,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
+
 from ..bounded import parse_toml, read_text
 from ..errors import InputError
 from .model import Extrinsics, Intrinsics
@@ -92,7 +94,7 @@ def calibration_of(content: Mapping[str, Any]) -> Calibration:
         If a table or key is missing, unknown or has a wrong type.
     """
     if not content.keys() & {"intrinsics", "extrinsics"}:
-        raise ValueError("neither [intrinsics] nor [extrinsics]")
+        raise KnownError("neither [intrinsics] nor [extrinsics]")
     intrinsics, extrinsics = content.get("intrinsics"), content.get("extrinsics")
     return Calibration(
         None if intrinsics is None else _intrinsics_of(_table("intrinsics", intrinsics)),
@@ -102,15 +104,15 @@ def calibration_of(content: Mapping[str, Any]) -> Calibration:
 
 def _table(name: str, value: object) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{name} must be a table")
+        raise KnownError(f"{name} must be a table")
     return value
 
 
 def _require(table: Mapping[str, Any], name: str, allowed: set[str], needed: tuple[str, ...]) -> None:
     if unknown := sorted(table.keys() - allowed - set(needed)):
-        raise ValueError(f"[{name}]: unknown key {unknown[0]!r}")
+        raise KnownError(f"[{name}]: unknown key {unknown[0]!r}")
     if missing := [key for key in needed if key not in table]:
-        raise ValueError(f"[{name}]: missing key {missing[0]!r}")
+        raise KnownError(f"[{name}]: missing key {missing[0]!r}")
 
 
 def _intrinsics_of(table: Mapping[str, Any]) -> Intrinsics:
@@ -130,13 +132,13 @@ def _extrinsics_of(table: Mapping[str, Any]) -> Extrinsics:
     _require(table, "extrinsics", {"frame"}, ("translation", "quaternion"))
     frame = table.get("frame", "world")
     if not isinstance(frame, str):
-        raise ValueError("frame must be a string")
+        raise KnownError("frame must be a string")
     return Extrinsics.from_quaternion(table["quaternion"], table["translation"], frame)
 
 
 def _integer(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
-        raise ValueError(f"{name} is not a whole number: {value!r}"[:200])
+        raise KnownError(f"{name} is not a whole number: {value!r}"[:200])
     return int(value)
 
 
@@ -145,13 +147,13 @@ def _from_yaml(text: str) -> Calibration:
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
     content = yaml.load(body, _Loader)  # noqa: S506 - a SafeLoader
     if not isinstance(content, dict):
-        raise ValueError("not a map of names and values, so not a calibration")
+        raise KnownError("not a map of names and values, so not a calibration")
     matrix = _numbers(_first(content, _MATRIX, "camera matrix"))
     model = content.get("distortion_model") or _ROS_MODELS[0]
     if model not in _ROS_MODELS:
-        raise ValueError(f"distortion model {model!r} is not one of {', '.join(_ROS_MODELS)}")
+        raise KnownError(f"distortion model {model!r} is not one of {', '.join(_ROS_MODELS)}")
     if matrix.size != 9:
-        raise ValueError(f"the camera matrix has {matrix.size} numbers instead of 9")
+        raise KnownError(f"the camera matrix has {matrix.size} numbers instead of 9")
     width = _integer("the image width", _first(content, _WIDTH, "image width"))
     height = _integer("the image height", _first(content, _HEIGHT, "image height"))
     distortion = next((_numbers(content[name]) for name in _DISTORTION if name in content), np.zeros(0))
@@ -182,14 +184,14 @@ def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any
     for name in names:
         if name in content:
             return content[name]
-    raise ValueError(f"no {what} ({', '.join(names[:3])} ...): neither an OpenCV nor a ROS calibration")
+    raise KnownError(f"no {what} ({', '.join(names[:3])} ...): neither an OpenCV nor a ROS calibration")
 
 
 def _numbers(value: Any) -> NDArray[np.float64]:
     """Flatten an OpenCV or ROS matrix (its ``data``) or a plain list to float64 [M]."""
     data = value.get("data") if isinstance(value, dict) else value
     if not isinstance(data, list):
-        raise ValueError("a matrix is neither a list of numbers nor a map with a list 'data'")
+        raise KnownError("a matrix is neither a list of numbers nor a map with a list 'data'")
     # YAML 1.1 parses 1e-5 as a string; float() gives the number that ROS and OpenCV wrote.
     return np.array([float(entry) for row in data for entry in (row if isinstance(row, list) else [row])])
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from comotion_schemas.errors import KnownError
+
 Vectors = NDArray[np.float64]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV accepts
@@ -50,14 +52,14 @@ class Intrinsics:
         distortion = np.asarray(self.distortion, np.float64).ravel()
         object.__setattr__(self, "distortion", distortion)
         if self.width < 1 or self.height < 1:
-            raise ValueError(f"image size {self.width} x {self.height} is not above zero")
+            raise KnownError(f"image size {self.width} x {self.height} is not above zero")
         numbers = np.array([self.fx, self.fy, self.cx, self.cy, *distortion])
         if not np.isfinite(numbers).all():
-            raise ValueError("intrinsics must be finite")
+            raise KnownError("intrinsics must be finite")
         if self.fx <= 0 or self.fy <= 0:
-            raise ValueError(f"focal lengths {self.fx}, {self.fy} are not above zero")
+            raise KnownError(f"focal lengths {self.fx}, {self.fy} are not above zero")
         if distortion.size not in _DISTORTION_LENGTHS:
-            raise ValueError(f"{distortion.size} distortion coefficients; OpenCV accepts 4, 5, 8, 12 or 14")
+            raise KnownError(f"{distortion.size} distortion coefficients; OpenCV accepts 4, 5, 8, 12 or 14")
 
     @property
     def matrix(self) -> Vectors:
@@ -113,12 +115,12 @@ class Extrinsics:
         rotation = np.asarray(self.rotation, np.float64)
         translation = np.asarray(self.translation, np.float64)
         if rotation.shape != (3, 3) or translation.shape != (3,):
-            raise ValueError("extrinsics need a 3 x 3 rotation and a translation of 3 numbers")
+            raise KnownError("extrinsics need a 3 x 3 rotation and a translation of 3 numbers")
         if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-            raise ValueError("extrinsics must be finite")
+            raise KnownError("extrinsics must be finite")
         error = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if error > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise ValueError("the rotation is not a proper rotation matrix")
+            raise KnownError("the rotation is not a proper rotation matrix")
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation", translation)
 
@@ -142,7 +144,7 @@ class Extrinsics:
         """
         values = np.asarray(quaternion, np.float64)
         if values.shape != (4,) or not np.isfinite(values).all() or np.linalg.norm(values) < 1e-9:
-            raise ValueError("a quaternion is 4 finite numbers that are not all zero")
+            raise KnownError("a quaternion is 4 finite numbers that are not all zero")
         return cls(Rotation.from_quat(values).as_matrix(), np.asarray(translation, np.float64), frame)
 
     @property

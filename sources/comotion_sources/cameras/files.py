@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from comotion_schemas.errors import KnownError
+
 from ..calibration.model import Extrinsics, Intrinsics
 from .types import CameraError, Frame, Image
 
@@ -157,7 +159,7 @@ def stamp_ns(text: str) -> int:
     """
     match = re.fullmatch(r"(\d{1,10})(?:\.(\d*))?", text)
     if match is None:
-        raise ValueError(f"{text!r} is not a time in seconds")
+        raise KnownError(f"{text!r} is not a time in seconds")
     return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
 
 

@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
+
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
 from .common_motion import common_motion
@@ -130,9 +132,9 @@ class Tracker:
             If the frame is not newer than the one before, or has another size.
         """
         if self._stamp_ns is not None and frame.stamp_ns <= self._stamp_ns:
-            raise ValueError("frames must come in order of their stamps")
+            raise KnownError("frames must come in order of their stamps")
         if self._grey is not None and frame.image.shape[:2] != self._grey.shape:
-            raise ValueError("the image size must not change; reset the tracker first")
+            raise KnownError("the image size must not change; reset the tracker first")
         grey = _grey(frame.image)
         before = self._features.ids
         self._follow(grey)

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
+
 from ..calibration.files import CalibrationError
 from ..cameras.types import Image
 from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detector
@@ -56,14 +58,14 @@ def parse_target(text: str) -> Target:
 def _grid(text: str) -> tuple[int, int]:
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 100 and 2 <= int(rows) <= 100):
-        raise ValueError(f"{text!r} is not COLUMNSxROWS")
+        raise KnownError(f"{text!r} is not COLUMNSxROWS")
     return int(columns), int(rows)
 
 
 def _length(text: str) -> float:
     value = float(text)
     if not 0 < value < 100:
-        raise ValueError(f"{text} is not a length in metres")
+        raise KnownError(f"{text} is not a length in metres")
     return value
 
 

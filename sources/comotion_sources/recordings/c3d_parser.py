@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
+
 # From the C3D specification: block size in bytes, key byte, processor types and their byte order, and
 # the largest frame number that the header can hold.
 _BLOCK = 512
@@ -28,7 +30,7 @@ _MEMORY = 4 << 30  # bytes; ten minutes of 300 markers at 200 Hz take about 1 Gi
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
-class NotReadableError(ValueError):
+class NotReadableError(KnownError):
     """The file cannot be read; the message is for the user."""
 
 

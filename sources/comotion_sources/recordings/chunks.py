@@ -9,6 +9,8 @@ import lz4.frame
 import zstandard
 from mcap.records import ChunkIndex
 
+from comotion_schemas.errors import KnownError
+
 _MAX_BYTES = 64 << 20
 """A recorder's chunks have 1 MiB plus one message of at most 16 MiB; other recorders write up to some MiB."""
 _OPCODE_AND_LENGTH = 9
@@ -34,7 +36,7 @@ def require_bounded(file: BinaryIO, chunks: Iterable[ChunkIndex]) -> None:
         file.read(8)
         start = file.read(_FRAME_BYTES)
         if max(announced, index.uncompressed_size, _unpacked(compression, start)) > _MAX_BYTES:
-            raise ValueError("a chunk unpacks to more than 64 MiB")
+            raise KnownError("a chunk unpacks to more than 64 MiB")
 
 
 def _unpacked(compression: bytes, start: bytes) -> int:

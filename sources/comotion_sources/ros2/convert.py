@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import KnownError
+
 TF = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -25,7 +27,7 @@ ID_FIELDS = ("id", "track_id", "marker_id", "label")
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
-class MessageError(ValueError):
+class MessageError(KnownError):
     """A message that cannot be observations; one line."""
 
 

@@ -13,6 +13,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from comotion_schemas.errors import KnownError
+
 from ..bounded import parse_toml, read_text
 from ..errors import InputError, SceneError, describe
 
@@ -37,7 +39,7 @@ class Range(_Part):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.min > self.max:
-            raise ValueError("min exceeds max")
+            raise KnownError("min exceeds max")
         return self
 
 
@@ -63,7 +65,7 @@ class KeyStates(_Part):
     def _ordered(self) -> Self:
         times = [state[0] for state in self.states if state]
         if len(times) != len(self.states) or any(a >= b for a, b in pairwise(times)):
-            raise ValueError("the times of the states must increase")
+            raise KnownError("the times of the states must increase")
         return self
 
 
@@ -176,7 +178,7 @@ class SceneSpec(_Part):
         if self.outliers is not None:
             _check_motion("outliers", self.outliers.motion, self.dim)
         if len({body.name for body in self.bodies}) != len(self.bodies):
-            raise ValueError("two bodies have the same name")
+            raise KnownError("two bodies have the same name")
         return self
 
     @property
@@ -192,9 +194,9 @@ class SceneSpec(_Part):
 
 def _check_body(body: Body, dim: int) -> None:
     if isinstance(body.size, list) and len(body.size) != dim:
-        raise ValueError(f"body {body.name!r}: size needs {dim} numbers")
+        raise KnownError(f"body {body.name!r}: size needs {dim} numbers")
     if body.poses and dim != 3:
-        raise ValueError(f"body {body.name!r}: poses need dim 3")
+        raise KnownError(f"body {body.name!r}: poses need dim 3")
     _check_motion(f"body {body.name!r}", body.motion, dim)
 
 
@@ -202,9 +204,9 @@ def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None
     if isinstance(motion, KeyStates):
         width = 1 + dim + (1 if dim == 2 else 3)
         if any(len(state) != width for state in motion.states):
-            raise ValueError(f"{what}: a state needs {width} numbers: t, position, rotation")
+            raise KnownError(f"{what}: a state needs {width} numbers: t, position, rotation")
     elif motion.at is not None and len(motion.at) != dim:
-        raise ValueError(f"{what}: at needs {dim} numbers")
+        raise KnownError(f"{what}: at needs {dim} numbers")
 
 
 def scene_names() -> list[str]:

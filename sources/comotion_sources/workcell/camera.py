@@ -22,6 +22,7 @@ from urllib.parse import parse_qsl
 import zenoh
 
 from comotion_schemas import DecodeError, JointStates, Keys, decode
+from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
@@ -100,33 +101,33 @@ def parse(text: str) -> CameraSpec:
 def _size(text: str) -> tuple[int, int]:
     width, height = (int(part) for part in text.split("x"))
     if not (16 <= width <= 4096 and 16 <= height <= 4096):
-        raise ValueError(text)
+        raise KnownError(text)
     return width, height
 
 
 def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < 1e6:
-        raise ValueError(text)
+        raise KnownError(text)
     return value
 
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise ValueError(text)
+        raise KnownError(text)
     return int(text)
 
 
 def _cover(text: str) -> Cover:
     start, stop = (float(part) for part in text.split("-"))
     if not 0 <= start < stop < 1e6:
-        raise ValueError(text)
+        raise KnownError(text)
     return Cover(start, stop)
 
 
 def _name(text: str) -> str:
     if not is_name(text):
-        raise ValueError(text)
+        raise KnownError(text)
     return text
 
 
