@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from comotion_schemas.errors import KnownError
+
 from .calibration.model import Extrinsics
 
 _KEPT_NS = 10_000_000_000
@@ -82,7 +84,7 @@ def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:
     for stamp_ns, pose in _lines(path):
         buffer.add(stamp_ns, pose)
     if buffer.newest_ns is None:
-        raise ValueError(f"{path}: no poses")
+        raise KnownError(f"{path}: no poses")
     return buffer
 
 
@@ -99,4 +101,4 @@ def _lines(path: Path) -> Iterator[tuple[int, Extrinsics]]:
             stamp_ns = int(seconds) * 10**9 + int((fraction + "0" * 9)[:9] or 0)
             yield stamp_ns, Extrinsics.from_quaternion(values[4:], values[1:4])
         except ValueError:
-            raise ValueError(f"{path}:{number}: expected 'stamp tx ty tz qx qy qz qw'") from None
+            raise KnownError(f"{path}:{number}: expected 'stamp tx ty tz qx qy qz qw'") from None

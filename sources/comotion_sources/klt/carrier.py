@@ -9,6 +9,7 @@ import numpy as np
 import zenoh
 
 from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_as
+from comotion_schemas.errors import KnownError
 from comotion_schemas.types import is_name
 
 from ..calibration.model import Extrinsics
@@ -38,7 +39,7 @@ class CarrierName:
         """
         source, colon, feature = text.partition(":")
         if not is_name(source) or (colon and not feature.isdecimal()):
-            raise ValueError(f"{text!r} is not SOURCE:ID, such as robot:3")
+            raise KnownError(f"{text!r} is not SOURCE:ID, such as robot:3")
         return cls(source, int(feature or 0))
 
 
