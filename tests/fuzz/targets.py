@@ -115,7 +115,7 @@ def _core(data: bytes) -> None:
 
 def _wire(data: bytes) -> None:
     """What arrives on a key, as the service takes it in."""
-    source = data[:4].hex()
+    source = data[:4].hex() or "x"
     Keys("fuzz").stream("obs", source)
     found = decode(data[4:])
     if isinstance(found, ObservationBatch):

@@ -172,3 +172,14 @@ def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover() -> 
                     outside.add(f"{name} in {module.__name__} is from {file}")
     assert not outside
     assert found > 50
+
+
+@pytest.mark.parametrize("method", ["comotion", "thesis"])
+@pytest.mark.timeout(900)  # compiles what has changed
+def test_after_ready_nothing_is_compiled_or_loaded_whatever_comes_first(method: str) -> None:
+    """Signatures are counted, so it does not matter what is on the disk; CI starts from an empty folder."""
+    script = EVERY_KERNEL.with_name("first_tick.py")
+    done = subprocess.run(
+        [sys.executable, str(script), method], check=True, stdout=subprocess.PIPE, text=True
+    )
+    assert done.stdout == ""

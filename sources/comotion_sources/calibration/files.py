@@ -34,6 +34,7 @@ from .model import Extrinsics, Intrinsics
 
 _MAX_BYTES = 64_000
 """A larger file is not a calibration, and parsing it as YAML would take seconds."""
+_DEPTH = 20
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "d")
 _WIDTH = ("image_width", "image_Width", "width")
@@ -164,11 +165,18 @@ def _from_yaml(text: str) -> Calibration:
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Loads plain YAML and the tag of OpenCV matrices, without aliases: they make small files large."""
 
+    depth = 0
+
     def compose_node(self, parent: Any, index: Any) -> Any:
+        mark = self.peek_event().start_mark
         if self.check_event(yaml.events.AliasEvent):
-            mark = self.peek_event().start_mark
             raise yaml.composer.ComposerError(None, None, "an alias, which no calibration needs,", mark)
-        return super().compose_node(parent, index)
+        if self.depth >= _DEPTH:
+            raise yaml.composer.ComposerError(None, None, f"nested more than {_DEPTH} times", mark)
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
 
 def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
