@@ -5,7 +5,9 @@ Loading takes a fraction of the time that it takes to run what would load it.
 
 import json
 import sys
+import zlib
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
@@ -55,16 +57,22 @@ def note(method: str) -> None:
 def _file(method: str, known: dict[str, Dispatcher]) -> Path:
     """Beside the compiled kernels."""
     for _, one in sorted(known.items()):
-        cache = getattr(one, "_cache", None)
-        if isinstance(cache, KernelCache):
-            return Path(cache.cache_path) / f"{method}-{source_digest()}.json"
+        kept = getattr(one, "_cache", None)
+        if isinstance(kept, KernelCache):
+            return Path(kept.cache_path) / f"{method}-{source_digest()}-{_warm_up_digest():08x}.json"
     raise KnownError("no kernel is kept on disk")
+
+
+@cache
+def _warm_up_digest() -> int:
+    """Which kernels are needed depends on what a warm-up does."""
+    return zlib.crc32(Path(__file__).with_name("warm_up.py").read_bytes())
 
 
 def _load(kernel: Dispatcher, wanted: list[str]) -> bool:
     """Load some signatures of a kernel; False if one is not on the disk for this processor."""
-    cache = kernel._cache  # type: ignore[attr-defined]
-    there = {str(found): found for found in cache.signatures(kernel.targetctx)}
+    kept = kernel._cache  # type: ignore[attr-defined]
+    there = {str(found): found for found in kept.signatures(kernel.targetctx)}
     if not there.keys() >= set(wanted):
         return False
     for one in wanted:
