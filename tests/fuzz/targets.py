@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -223,13 +224,6 @@ cy = 239.5
 translation = [0.0, 0.0, 1.2]
 quaternion = [0.0, 0.0, 0.0, 1.0]
 """
-_SCENE = """name = "two"
-dim = 2
-duration = 2.0
-[[objects]]
-name = "a"
-features = 3
-"""
 _URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute">
 <parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
 </joint></robot>"""
@@ -237,6 +231,11 @@ _CONFIG = 'scene = "cell"\n[fusion]\nwindow = 4.0\n[process.router]\nrun = "rout
 
 _RECORDINGS = "comotion_sources.recordings"
 _ROBOTS = "comotion_sources.proprioception"
+
+
+def _scene_seeds() -> list[bytes]:
+    scenes = resources.files("comotion_sources") / "scenes"
+    return [(scenes / f"{name}.toml").read_bytes() for name in ("fig4_4", "3d_async")]
 
 
 def _wire_seeds() -> list[bytes]:
@@ -263,7 +262,7 @@ TARGETS: dict[str, Target] = {
         "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"
     ),
     "camera-toml": _of_file("a.toml", read_calibration, _text(_CAMERA), "comotion_sources.calibration"),
-    "scene": _of_file("s.toml", load_scene, _text(_SCENE), "comotion_sources.simulator"),
+    "scene": _of_file("s.toml", load_scene, _scene_seeds, "comotion_sources.simulator"),
     "config": _of_file("c.toml", load_toml, _text(_CONFIG), "comotion_deploy.options"),
     "urdf": _of_file("r.urdf", load_model, _text(_URDF), _ROBOTS),
     "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _text(*_LOGS), _ROBOTS),

@@ -374,3 +374,23 @@ def test_without_the_extra_one_line_says_what_to_install(tmp_path, command):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == "error: mcap is not installed: pip install 'comotion[record]'\n"
+
+
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path):
+    from mcap.writer import Writer
+
+    from comotion_schemas import Keys
+    from comotion_schemas.recording import MESSAGE_ENCODING
+    from comotion_sources.errors import RecordingError
+    from comotion_sources.recordings.messages import MessageLog
+
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1 << 30)
+        writer.start()
+        channel = writer.register_channel(Keys().stream("obs", "cam"), MESSAGE_ENCODING, 0)
+        writer.add_message(channel, 0, bytes(65 << 20), 0, 0)
+        writer.finish()
+    assert path.stat().st_size < 1 << 20
+    with pytest.raises(RecordingError, match="damaged or never completed"):
+        MessageLog(path)
