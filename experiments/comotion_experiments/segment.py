@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch
@@ -138,6 +139,8 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
     total = getattr(camera, "frames", None)
     with ExitStack() as stack:
         stack.callback(camera.close)
+        # The arrays of one update are too small to be worth waking other cores for.
+        stack.enter_context(threadpool_limits(limits=1))
         run = _Run(camera, options)
         outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space)
         stack.callback(outputs.close)

@@ -185,7 +185,8 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     """
     if len(points) > 2 * _KEPT:
         points = points[_farthest(points)]
-    principal = np.linalg.svd(points - points.mean(0), full_matrices=True)[2].T
+    centred = points - points.mean(0)
+    principal = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
     turns = _TURNS[points.shape[1]]
     sizes = _sizes(points @ principal, turns)
     best = int(sizes.argmin())
