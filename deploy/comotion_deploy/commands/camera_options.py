@@ -90,7 +90,7 @@ Poses = Annotated[
         "--poses",
         envvar="COMOTION_POSES",
         metavar="FILE",
-        help="Pose of the camera over time, as TUM RGB-D's groundtruth.txt; with --stamps file.",
+        help="Pose of the camera over time, as TUM RGB-D's groundtruth.txt; with --stamps original.",
     ),
 ]
 CarriedBy = Annotated[
