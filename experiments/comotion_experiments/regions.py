@@ -53,13 +53,12 @@ def regions(
     if len(np.unique(seeds[seeds > 0])) < len(names):
         names = names[np.unique(seeds[seeds > 0]) - 1]
         _, inverse = np.unique(seeds, return_inverse=True)
-        seeds = inverse.reshape(seeds.shape)
+        seeds = np.asarray(inverse.reshape(seeds.shape), np.int32)
     axis = -1 if small.ndim == 3 else None
     walked = random_walker(small, seeds, mode="cg_j", tol=_TOLERANCE, prob_tol=_ROUNDING, channel_axis=axis)
-    found = names[walked - 1]
-    return cv2.resize(found.astype(np.int32), (width, height), interpolation=cv2.INTER_NEAREST).astype(
-        np.int64
-    )
+    found = names[walked - 1].astype(np.int32)
+    full = cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(full, np.int64)
 
 
 def _seeds(shape: tuple[int, ...], pixels: NDArray[np.float32], index: NDArray[np.intp]) -> NDArray[np.int32]:

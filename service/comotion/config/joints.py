@@ -11,7 +11,7 @@ class JointsConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     pairs: Annotated[int, Field(ge=0, le=100)] = Field(
-        1, description="pairs of hypotheses that are judged at an update; 0: no joints"
+        1, description="pairs of hypotheses that are judged together, every 150 ms at most; 0: no joints"
     )
     least_turn: Annotated[float, Field(ge=0, le=6)] = Field(
         0.2, description="rad; a pair that has turned and moved less is undetermined"

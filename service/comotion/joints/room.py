@@ -22,6 +22,8 @@ from .pair import JOINTS, Pair
 from .states import States
 
 Key = tuple[int, int]
+# Between judgements: motion that tells joints takes longer than this, and updates must not.
+_REST_NS = 150_000_000
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Joints:
         self._config: JointsConfig = config.joints
         self._window_ns = to_ns(config.window)
         self._pairs: dict[Key, Pair] = {}
+        self._judged_ns: int | None = None
 
     def update(self, stamp_ns: int, views: Sequence[SpaceView]) -> tuple[list[Joint], list[Event]]:
         """Judge some pairs, and describe all that may touch."""
@@ -92,7 +95,10 @@ class Joints:
     ) -> tuple[list[Joint], list[Event]]:
         listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
         near = _touching(view, list(listed), self._config.reach)
-        due = self._due(near, stamp_ns)
+        rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
+        due = self._due(near, stamp_ns) if rested else []
+        if due:
+            self._judged_ns = stamp_ns
         motions = motions_of({one for key in due for one in key}) if due else {}
         events: list[Event] = []
         for key in due:
