@@ -273,18 +273,17 @@ def _past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: Rigid
     """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
 
     The members of a hypothesis that is known to be separate have together what a body costs. They pay it
-    for the static body and for others that do not clearly move, but not for those that continue it. `owners`
-    are the trajectories that each of the K bodies was fitted to.
+    for bodies under which they do not clearly move, as the static one, but not for those that continue it.
+    `owners` are the trajectories that each of the K bodies was fitted to.
     """
     before, current = scene.before, scene.judged & scene.frames.current
     evidence = np.zeros((len(before), len(owners)))
-    if not scene.separate.any():
-        return evidence
-    price = pose_costs(6, len(scene.frames.stamps), config) + config.birth_price
-    gain = np.array([(found.body[own, 0] - found.body[own, k]).sum() for k, own in enumerate(owners)])
-    rests = np.flatnonzero(gain <= CLEARLY * found.opening)
+    dof = 3 if scene.frames.dim == 2 else 6
+    price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
     for one in np.unique(before[scene.separate]).tolist():
         members = before == one
+        gain = (found.body[members, :1] - found.body[members]).sum(0)
+        rests = np.flatnonzero(gain <= CLEARLY * found.opening)
         others = [k for k in rests if _share(before[owners[k]], one) < _PURE]
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
