@@ -297,7 +297,8 @@ def _share(labels: Labels, one: int) -> float:
 def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:
     """Rows of the trajectories that are assigned to each body but the static one.
 
-    With `keep_own` also, as one more body, the rows that each body was fitted to where they are others.
+    With `keep_own` also, as one more body, the rows that each body was fitted to where they are others. Also
+    those of the hypotheses that are known to be separate: a body that is dropped later may have displaced them.
     """
     frames = scene.frames
     telling = scene.judged & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
@@ -307,6 +308,10 @@ def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: 
         found.append(rows)
         if keep_own and not np.array_equal(rows, body.rows):
             found.append(body.rows)
+    for one in np.unique(scene.before[scene.separate]).tolist():
+        rows = frames.rows_of((scene.before == one) & telling)
+        if not any(np.array_equal(rows, other) for other in found):
+            found.append(rows)
     return found
 
 
