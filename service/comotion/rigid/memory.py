@@ -9,19 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Labels
+from ..arrays import Bools, Floats, Ints, Labels
+from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
-from .costs import Costs
+from .costs import Costs, pose_costs
+from .subset import Scene
 
 # s of motion that explains the members better than rest does by more than its price, until a hypothesis is
 # known to be separate; and s of evidence to the contrary, until it no longer is.
 _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
-CLEARLY = 4.0
-"""Gain of a body over rest, in prices of the body, from which on it clearly moves.
-
-Noise that is correlated over time gains once or twice the price by chance.
-"""
+# Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
+# over time gains once or twice the price by chance.
+_CLEARLY = 4.0
+# The past pays a little more than what the body and its memberships cost.
+_PAST_FACTOR = 1.2
+# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
+_PURE = 0.8
 # nat; by so much rest must explain the members better than the body does to speak against it.
 _CONTRARY = 10.0
 
@@ -49,7 +53,7 @@ class Separation:
         step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
         self._stamp_ns = stamp_ns
         evidence, labels = result.evidence, result.assignment.labels
-        clear = [_gain(evidence, labels == k, k) > CLEARLY * evidence.opening[k] for k in range(len(ids))]
+        clear = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.opening[k] for k in range(len(ids))]
         for k, one in enumerate(ids.tolist()):
             members = labels == k
             if one == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
@@ -93,3 +97,28 @@ def _contradicted(evidence: Costs, members: Bools, k: int, clear: list[bool]) ->
     others = [j for j, moves in enumerate(clear) if moves and j not in (0, k)]
     lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
     return bool(min(lost, default=np.inf) < evidence.opening[k])
+
+
+def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
+    """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
+
+    The members of a hypothesis that is known to be separate have together what a body costs. They pay it
+    for bodies under which they do not clearly move, as the static one, but not for those that continue it.
+    `owners` are the trajectories that each of the K bodies was fitted to.
+    """
+    before, current = scene.before, scene.judged & scene.frames.current
+    evidence = np.zeros((len(before), len(owners)))
+    dof = 3 if scene.frames.dim == 2 else 6
+    price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
+    for one in np.unique(before[scene.separate]).tolist():
+        members = before == one
+        gain = (found.body[members, :1] - found.body[members]).sum(0)
+        rests = np.flatnonzero(gain <= _CLEARLY * found.opening)
+        others = [k for k in rests if _share(before[owners[k]], one) < _PURE]
+        sharing = max(int((members & current).sum()), 1)
+        evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
+    return evidence
+
+
+def _share(labels: Labels, one: int) -> float:
+    return float((labels == one).mean()) if len(labels) else 0.0

@@ -47,8 +47,8 @@ from .assignment import (
     same_body,
 )
 from .candidates import candidate_rows
-from .costs import Costs, costs, excess_costs, moving_bodies, pose_costs
-from .memory import CLEARLY, Separation
+from .costs import Costs, costs, excess_costs, moving_bodies
+from .memory import Separation, past_evidence
 from .motions import describe_bodies
 from .noise import Differences
 from .poses import Poses, poses_of
@@ -68,10 +68,6 @@ _ESTIMATE_STRIDE = 5
 # Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
 # trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
 _ENDED_WEIGHT = 0.5
-# The past pays a little more than what the body and its memberships cost.
-_PAST_FACTOR = 1.2
-# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
-_PURE = 0.8
 
 
 class RigidMethod:
@@ -258,7 +254,7 @@ def _weighted(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfi
     judged: Bools = scene.judged
     weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
     members = [np.unique(scene.frames.owner[body.rows]) for body in bodies]
-    body = found.body + _past_evidence(scene, members, found, config)
+    body = found.body + past_evidence(scene, members, found, config)
     body[:, 1:] += config.membership_price * _membership(scene, members[1:])
     return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
 
@@ -269,36 +265,11 @@ def _membership(scene: Scene, members: list[Ints]) -> Floats:
     return 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
 
 
-def _past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
-    """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
-
-    The members of a hypothesis that is known to be separate have together what a body costs. They pay it
-    for bodies under which they do not clearly move, as the static one, but not for those that continue it.
-    `owners` are the trajectories that each of the K bodies was fitted to.
-    """
-    before, current = scene.before, scene.judged & scene.frames.current
-    evidence = np.zeros((len(before), len(owners)))
-    dof = 3 if scene.frames.dim == 2 else 6
-    price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
-    for one in np.unique(before[scene.separate]).tolist():
-        members = before == one
-        gain = (found.body[members, :1] - found.body[members]).sum(0)
-        rests = np.flatnonzero(gain <= CLEARLY * found.opening)
-        others = [k for k in rests if _share(before[owners[k]], one) < _PURE]
-        sharing = max(int((members & current).sum()), 1)
-        evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
-    return evidence
-
-
-def _share(labels: Labels, one: int) -> float:
-    return float((labels == one).mean()) if len(labels) else 0.0
-
-
 def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:
     """Rows of the trajectories that are assigned to each body but the static one.
 
     With `keep_own` also, as one more body, the rows that each body was fitted to where they are others. Also
-    those of the hypotheses that are known to be separate: a body that is dropped later may have displaced them.
+    those of the hypotheses that are known to be separate: a body that is dropped later may displace them.
     """
     frames = scene.frames
     telling = scene.judged & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
