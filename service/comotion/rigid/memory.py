@@ -36,6 +36,7 @@ class Separation:
     def __init__(self) -> None:
         self._seconds: dict[int, float] = {}
         self._contrary: dict[int, float] = {}
+        self._moving: set[int] = set()
         self._stamp_ns: int | None = None
 
     def learn(self, result: SearchResult, ids: Labels, stamp_ns: int) -> None:
@@ -54,6 +55,7 @@ class Separation:
         self._stamp_ns = stamp_ns
         evidence, labels = result.evidence, result.assignment.labels
         clear = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.opening[k] for k in range(len(ids))]
+        self._moving = {one for one, moves in zip(ids.tolist(), clear, strict=True) if moves}
         for k, one in enumerate(ids.tolist()):
             members = labels == k
             if one == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
@@ -69,6 +71,10 @@ class Separation:
         """Whether the hypothesis of each trajectory, int64 [N], is known to be separate, bool [N]."""
         separate = [one for one, seconds in self._seconds.items() if seconds >= _SEPARATE_AFTER]
         return np.isin(before, separate)
+
+    def resting(self, before: Labels) -> Bools:
+        """Likewise, whether it did not clearly move at the last update either."""
+        return self.known(before) & ~np.isin(before, list(self._moving))
 
     def keep(self, present: Labels) -> None:
         """Forget all hypotheses but those that are present, int64 [n]."""

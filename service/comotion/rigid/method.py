@@ -179,8 +179,8 @@ class RigidMethod:
         if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
             self._separation.learn(self._last[2], previous.ids, int(self._last[1].stamps[-1]))
         self._separation.keep(before)
-        separate = self._separation.known(before)
-        return Scene(frames, tracks.newest, judged, before, static, excess, separate)
+        past = self._separation.known(before), self._separation.resting(before)
+        return Scene(frames, tracks.newest, judged, before, static, excess, *past)
 
 
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
@@ -269,7 +269,7 @@ def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: 
     """Rows of the trajectories that are assigned to each body but the static one.
 
     With `keep_own` also, as one more body, the rows that each body was fitted to where they are others. Also
-    those of the hypotheses that are known to be separate: a body that is dropped later may displace them.
+    those of separate hypotheses at rest: a body that is dropped later may displace them.
     """
     frames = scene.frames
     telling = scene.judged & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
@@ -279,7 +279,7 @@ def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: 
         found.append(rows)
         if keep_own and not np.array_equal(rows, body.rows):
             found.append(body.rows)
-    for one in np.unique(scene.before[scene.separate]).tolist():
+    for one in np.unique(scene.before[scene.resting]).tolist():
         rows = frames.rows_of((scene.before == one) & telling)
         if not any(np.array_equal(rows, other) for other in found):
             found.append(rows)

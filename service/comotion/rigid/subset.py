@@ -66,6 +66,8 @@ class Scene:
         float64 [N], :func:`~comotion.rigid.costs.excess_costs`.
     separate
         bool [N], whether the hypothesis is known to be a body of its own.
+    resting
+        bool [N], whether it is, and did not clearly move.
     """
 
     frames: Frames
@@ -75,6 +77,7 @@ class Scene:
     static: int | None
     excess: Floats
     separate: Bools
+    resting: Bools
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
@@ -86,6 +89,7 @@ class Scene:
             before=self.before[tracks],
             excess=self.excess[tracks],
             separate=self.separate[tracks],
+            resting=self.resting[tracks],
         )
 
 
