@@ -20,7 +20,7 @@ from .states import States, turns_between
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
 # Parameters of a free pair: the mean of six numbers and the spread of each.
 _FREE = 12
-# Successive states are not independent: so many count as one. Chosen on seed 0 of docs/joints.md.
+# Successive states are not independent: so many count as one. A guess that served in docs/joints.md.
 _TEMPERATURE = 2.0
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-9

@@ -9,7 +9,7 @@ from ..arrays import Bools, Floats, Stamps
 from ..partition import BodyMotion
 
 # Errors of poses that last: patches drift, bodies bend. A second of frames has one such error, of this share
-# of the smaller body's radius, and of so many rad. Chosen on seed 0 of docs/joints.md.
+# of the smaller body's radius, and of so many rad. A guess that served in docs/joints.md.
 _SLOW_SHARE = 0.01
 _SLOW_TURN = 0.004
 _SLOW_SECONDS = 1.0
