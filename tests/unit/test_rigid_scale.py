@@ -139,7 +139,8 @@ def frames_of(count, length, seed=0):
     stamps = np.arange(length, dtype=np.int64) * (10**9 // RATE)
     owner, life = np.arange(count), (w > 0).sum(1)
     current, ones = np.ones(count, np.bool_), np.ones(count)
-    return Frames(3, stamps, y, w, owner, ones, variance, variance, ones, life, current), steps
+    white = np.tile([1.0, 0.0, 0.0], (count, 1))
+    return Frames(3, stamps, y, w, owner, ones, variance, variance, white, life, current), steps
 
 
 def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
@@ -158,7 +159,8 @@ def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
 
 def scene_of(frames, before, excess):
     count = len(before)
-    return Scene(frames, frames.y[:, -1].copy(), np.ones(count, np.bool_), before, None, excess, before < -1)
+    judged, never = np.ones(count, np.bool_), np.zeros(count, np.bool_)
+    return Scene(frames, frames.y[:, -1].copy(), judged, before, None, excess, never, never)
 
 
 def test_a_subset_is_bounded_and_holds_what_is_unexplained():
