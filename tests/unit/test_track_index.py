@@ -70,5 +70,5 @@ def test_an_index_that_was_loaded_finds_the_same_slots():
     window, index = make_index()
     slots = send(index, [5, 3, 8])
     twin = TrackIndex(window)
-    twin.load(index.ids[slots], np.array(slots))
+    twin.load(index.ids[slots], np.array(slots), index.ended())
     assert send(twin, [8, 5, 3]) == [slots[2], slots[0], slots[1]]

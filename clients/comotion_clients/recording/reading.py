@@ -10,6 +10,7 @@ from mcap.reader import McapReader, make_reader
 from mcap.stream_reader import CRCValidationError
 from zstandard import ZstdError
 
+from comotion_schemas.errors import KnownError
 from comotion_schemas import DEFAULT_SCENE, DecodeError, Message, decode
 from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
 
@@ -83,8 +84,8 @@ class Reading:
         except _DAMAGED as error:
             raise self._damaged(error) from None
 
-    def _damaged(self, error: Exception) -> ValueError:
-        return ValueError(
+    def _damaged(self, error: Exception) -> KnownError:
+        return KnownError(
             f"{self._path}: damaged or never completed ({type(error).__name__}); "
             f"try: comotion record --repair {self._path}"
         )
