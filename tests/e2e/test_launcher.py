@@ -173,7 +173,10 @@ def test_a_killed_launcher_takes_everything_with_it(
     ("content", "words"),
     [
         ("[serve]\nmethd = 'thesis'\n[process.serve]\nrun = 'serve'", "has no option 'methd'"),
-        ("[process.router]\nrun = 'router --insecure --listen tcp/nowhere'", "router cannot start: cannot listen"),
+        (
+            "[process.router]\nrun = 'router --insecure --listen tcp/nowhere'",
+            "router cannot start: cannot listen",
+        ),
     ],
 )
 def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(

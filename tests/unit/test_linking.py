@@ -154,7 +154,7 @@ def test_links_need_motion() -> None:
 
 
 def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
-    """When all motion has left the window, the bodies stay apart, and the room keeps its link."""
+    """When all motion has left the window, the bodies stay apart and keep their links."""
 
     def stopped(motion: Motion) -> Motion:
         return lambda t: motion(min(t, 4.0))
@@ -163,7 +163,7 @@ def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
     motions = (still, stopped(lid), stopped(cart))
     update = run(fusion, messages(camera(), motions, start=4.0, seconds=2.5))
     assert len({h.id for h in update.hypotheses if h.space == "world"}) == 3
-    assert linked_bodies(update) == {"room": {"room"}}
+    assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
 @pytest.mark.parametrize(

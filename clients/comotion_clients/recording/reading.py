@@ -10,8 +10,8 @@ from mcap.reader import McapReader, make_reader
 from mcap.stream_reader import CRCValidationError
 from zstandard import ZstdError
 
-from comotion_schemas.errors import KnownError
 from comotion_schemas import DEFAULT_SCENE, DecodeError, Message, decode
+from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import MESSAGE_ENCODING, kind_of
 
 # Raised by mcap and its decompressors on damaged bytes.

@@ -127,9 +127,11 @@ def _bodies(name: str, views: Sequence[SpaceView]) -> Poses | None:
             poses = space.poses()
             if poses is None:
                 return None
-            listed = np.isin(poses.ids, [h.id for h in space.hypotheses])
+            states = {h.id: h.state for h in space.hypotheses}
+            listed = np.isin(poses.ids, list(states))
             listed[0] = True
-            return poses.of(np.flatnonzero(listed))
+            resting = [k for k, one in enumerate(poses.ids.tolist()) if states.get(one) != "moving"]
+            return poses.at_rest(np.array(resting, np.intp)).of(np.flatnonzero(listed))
     return None
 
 

@@ -25,7 +25,7 @@ _POINTS = 50
 _FLOOR_PX = 0.05
 # A group that moves less than this in a frame pair rests, if the other moves so many times as far. Of 127
 # decisions on the development sequences where this was so, none was between parts of one body.
-_RESTING_PX = 1.5
+RESTING_PX = 1.5
 _TIMES_AS_FAR = 10.0
 # px; smallest motion that the larger one is compared with: at rest the noise is all there is.
 _SLOWEST_PX = 0.2
@@ -118,4 +118,4 @@ def thinned(group: Ints) -> Ints:
 def one_rests(first: float, second: float) -> bool:
     """Whether of two groups that move so far, px, one rests while the other moves."""
     slow, fast = min(first, second), max(first, second)
-    return slow < _RESTING_PX and fast > _TIMES_AS_FAR * max(slow, _SLOWEST_PX)
+    return slow < RESTING_PX and fast > _TIMES_AS_FAR * max(slow, _SLOWEST_PX)

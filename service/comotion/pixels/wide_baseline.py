@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from ..config import PixelsConfig
-from .epipolar import one_rests, thinned
+from .epipolar import RESTING_PX, one_rests, thinned
 from .kernels.epipolar import residual_alone, residuals_joint
 from .kernels.robust_affine import affine_residual_alone, affine_residuals_joint
 from .key_frames import KeyFrames
@@ -104,8 +104,9 @@ class WideBaselineTest:
         views = [
             (a, b)
             for a, b in zip(self._of(first), self._of(second), strict=True)
-            if min(len(a.x), len(b.x)) >= _LEAST_MEMBERS
+            if min(len(a.x), len(b.x)) >= _LEAST_MEMBERS and max(a.motion, b.motion) > RESTING_PX
         ]
+        # Where both rest, any two bodies look like one.
         if not views or any(one_rests(a.motion, b.motion) for a, b in views):
             return False
         if np.mean([_affine_excess(a, b) for a, b in views]) > self._p.parallax_excess:

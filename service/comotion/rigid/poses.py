@@ -1,6 +1,6 @@
 """In the result of a search, out the poses of its bodies over the window, for links to other spaces."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,21 @@ class Poses:
         """Some of the bodies, by index."""
         parts = {f.name: getattr(self, f.name)[bodies] for f in fields(self) if f.name != "stamps"}
         return Poses(self.stamps, **parts)
+
+    def at_rest(self, bodies: Ints) -> "Poses":
+        """Poses in which some bodies, by index, rest: they have the poses of the static one.
+
+        What a fit to their members says of their motion is noise.
+        """
+        found = replace(self, **{f: getattr(self, f).copy() for f in _OF_FRAMES})
+        for name in _OF_FRAMES:
+            column = getattr(found, name)
+            column[bodies] = column[0]
+        return found
+
+
+# What a body has in each frame.
+_OF_FRAMES = ("R", "t", "posed", "place_variance", "turn_variance")
 
 
 def poses_of(tracks: Tracks, frames: Frames, found: SearchResult, ids: NDArray[np.int64]) -> Poses:
