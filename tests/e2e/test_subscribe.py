@@ -121,7 +121,8 @@ def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene:
             publisher.put(encode(update(scene, seq)))
         publisher.put(encode(update(scene, 0, session="f" * 16)))
         assert [next(updates).seq for _ in range(3)] == [5, 8, 0]
-        assert (updates.counters.lost, updates.counters.stale) == (2, 2)
+        # 6 never came; 7 was late, but it came.
+        assert (updates.counters.lost, updates.counters.stale) == (1, 2)
 
 
 def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, scene: str) -> None:
