@@ -23,6 +23,8 @@ from .queries import Handler, Queryables
 
 # Updates and tokens between two turns of the loop; the newest are kept.
 _RING = 64
+# s; a router answers within milliseconds.
+_TOKEN_TIMEOUT_S = 0.5
 _log = logging.getLogger(__name__)
 
 
@@ -132,7 +134,14 @@ class Follower:
         return update
 
     def _note(self, token: Sample) -> None:
-        # Without a router every token seems to be gone.
-        connected = bool(self._component.session.info.routers_zid())
-        if token.kind == SampleKind.DELETE and connected:
-            self._election.suspect(last_chunk(str(token.key_expr)))
+        key = str(token.key_expr)
+        if token.kind == SampleKind.DELETE and self._is_gone(key):
+            self._election.suspect(last_chunk(key))
+
+    def _is_gone(self, key: str) -> bool:
+        """Whether a token is gone for the router too: to a session that loses its router all seem to be."""
+        session = self._component.session
+        if not session.info.routers_zid():
+            return False
+        there = any(reply.ok is not None for reply in session.liveliness().get(key, timeout=_TOKEN_TIMEOUT_S))
+        return not there and bool(session.info.routers_zid())
