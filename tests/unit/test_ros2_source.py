@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
 from comotion_schemas import decode
+from comotion_schemas.ros_types import store
 from comotion_sources.ros2.convert import (
     CLOUD,
     KINDS,
@@ -16,7 +17,6 @@ from comotion_sources.ros2.convert import (
     Converter,
     MessageError,
     kind_of,
-    store,
 )
 from comotion_sources.ros2.process import Ros2Source, _Relay
 from comotion_sources.runtime import SourcePublisher

@@ -58,7 +58,7 @@ def ros2(
     if bag is not None and bag.exists():
         raise UserError(f"{bag}: exists")
     from comotion_clients.ros2.process import Ros2Options, run
-    from comotion_clients.ros2.types import store
+    from comotion_schemas.ros_types import store
     from comotion_schemas.transport import SessionSettings
 
     try:

@@ -54,8 +54,8 @@ def ros2(
     Types: tf2_msgs/TFMessage, geometry_msgs/TransformStamped and PoseStamped, sensor_msgs/PointCloud2,
     motion_capture_tracking_interfaces/NamedPoseArray.
     """
+    from comotion_schemas.ros_types import store
     from comotion_schemas.transport import SessionSettings
-    from comotion_sources.ros2.convert import store
     from comotion_sources.ros2.process import Ros2Source, run
 
     try:

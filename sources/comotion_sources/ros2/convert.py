@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas.errors import KnownError
+from comotion_schemas.ros_types import store
 
 TF = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
@@ -17,11 +17,6 @@ POSE = "geometry_msgs/msg/PoseStamped"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 NAMED_POSES = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
 KINDS = (TF, TRANSFORM, POSE, CLOUD, NAMED_POSES)
-# Of motion_capture_tracking, which rosbags does not have.
-_NAMED = {
-    "motion_capture_tracking_interfaces/msg/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
-    NAMED_POSES: "std_msgs/Header header\nmotion_capture_tracking_interfaces/NamedPose[] poses\n",
-}
 ID_FIELDS = ("id", "track_id", "marker_id", "label")
 """Fields of a point cloud that name the feature, in the order of preference."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -50,23 +45,6 @@ class Observed:
     ids: NDArray[np.uint64]
     positions: NDArray[np.float64]
     quaternions: NDArray[np.float64] | None = None
-
-
-@cache
-def store() -> Any:
-    """Return the types of ROS 2 Jazzy, with those of motion_capture_tracking.
-
-    Raises
-    ------
-    ImportError
-        If rosbags is not installed.
-    """
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    found = get_typestore(Stores.ROS2_JAZZY)
-    for name, text in _NAMED.items():
-        found.register(get_types_from_msg(text, name))
-    return found
 
 
 def kind_of(key: str) -> str | None:

@@ -1,0 +1,42 @@
+"""Types of ROS 2 messages, by rosbags (extra ``ros``), with those that rosbags does not have."""
+
+from functools import cache
+from typing import Any
+
+# vision_msgs 4. The hash of a type depends on names and types of its fields alone.
+_VISION = {
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
+    ),
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox3D bbox\nstring id\n"
+    ),
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
+}
+# motion_capture_tracking.
+_MOCAP = {
+    "motion_capture_tracking_interfaces/msg/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": (
+        "std_msgs/Header header\nmotion_capture_tracking_interfaces/NamedPose[] poses\n"
+    ),
+}
+
+
+@cache
+def store() -> Any:
+    """Return the types of ROS 2 Jazzy, vision_msgs and motion_capture_tracking.
+
+    Raises
+    ------
+    ImportError
+        If rosbags is not installed.
+    """
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - an extra
+
+    found = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in (_VISION | _MOCAP).items():
+        found.register(get_types_from_msg(text, name))
+    return found
