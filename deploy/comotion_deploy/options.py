@@ -7,6 +7,8 @@ command are in the table of its name (``[serve]``, ``[source.simulator]``), fusi
 """
 
 import logging
+import re
+import socket
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -181,6 +183,16 @@ def name_of_certificate(ctx: typer.Context, name: str | None) -> str | None:
     except ValueError:  # said when the session is opened
         return name
     return name if identity is None else identity.name
+
+
+def host_name() -> str:
+    """The name of this host, as a name of the protocol."""
+    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48] or "host"
+
+
+def urls(text: str | None) -> tuple[str, ...]:
+    """Split urls that are separated by commas."""
+    return tuple(url.strip() for url in (text or "").split(",") if url.strip())
 
 
 def load_toml(path: Path) -> dict[str, Any]:

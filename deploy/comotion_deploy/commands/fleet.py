@@ -1,8 +1,6 @@
 """``comotion fleet``: many scenes over many hosts, by entries in etcd and one agent a host."""
 
 import json
-import re
-import socket
 import threading
 from contextlib import ExitStack
 from pathlib import Path
@@ -66,7 +64,7 @@ def fleet(
     from ..fleet.agent import Agent
     from ..log_lines import LogLines
 
-    agent = name or re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48]
+    agent = name or options.host_name()
     stop = threading.Event()
     served = [word for endpoint in connect or () for word in ("--connect", endpoint)]
     served += [] if tls is None else ["--tls", str(tls)]
@@ -174,4 +172,4 @@ def _cluster(ctx: typer.Context, urls: str | None, tls: Path | None = None) -> "
     if not found:
         raise typer.BadParameter("urls of an etcd cluster are needed", param_hint="--etcd")
     files = None if folder is None else load_tls(folder)
-    return Etcd([url.strip() for url in found.split(",") if url.strip()], files)
+    return Etcd(options.urls(found), files)

@@ -1,8 +1,6 @@
 """``comotion serve``: the fusion service of a scene."""
 
 import os
-import re
-import socket
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -33,11 +31,6 @@ class ClockChoice(StrEnum):
 
     WALL = "wall"
     EVENT = "event"
-
-
-def _host() -> str:
-    """The name of this host, as a name of the protocol."""
-    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48] or "host"
 
 
 def serve(
@@ -130,7 +123,7 @@ def serve(
 
     if standby != bool(etcd):
         raise typer.BadParameter("--standby and --etcd go together", param_hint="--standby")
-    name = name or (f"fusion-{_host()}" if standby else server.DEFAULT_NAME)
+    name = name or (f"fusion-{options.host_name()}" if standby else server.DEFAULT_NAME)
     # Replicas of one scene may run on one machine.
     replica = f".{name}" if standby else ""
     kept = state or default_path(f"{scene}{replica}", [*(connect or ()), *(listen or ())])
@@ -145,7 +138,7 @@ def serve(
             state=None if no_state else kept,
             state_interval=state_interval,
             ready_file=ready_file,
-            etcd=tuple(url.strip() for url in (etcd or "").split(",") if url.strip()),
+            etcd=options.urls(etcd),
             etcd_tls=settings.tls,
             lease=lease,
             correct_clocks=correct_clocks,
