@@ -21,7 +21,7 @@ from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
 
 # ns; so long after its last update the bodies of another service are recognised by their trajectories.
-_RECENT_NS = 10_000_000_000
+_TAKEOVER_NS = 10_000_000_000
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PublishedIds:
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """An update of this service with the ids, births and events that clients know."""
         leader = self._leader
-        if leader is not None and update.stamp_ns - leader.stamp_ns <= _RECENT_NS:
+        if leader is not None and update.stamp_ns - leader.stamp_ns <= _TAKEOVER_NS:
             present = {h.id for h in update.hypotheses if not h.absent}
             self._take_over(update, leader, present - set(self._names))
         led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)

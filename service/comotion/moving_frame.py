@@ -19,7 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from .arrays import Floats, Labels
 
 # Another body becomes the world if it is so many times larger.
-_CLEARLY = 2.0
+_TIMES_LARGER = 2.0
 # s for which frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
@@ -108,7 +108,7 @@ class MovingFrame:
         if not sizes:
             return
         largest = max(sizes, key=lambda one: (sizes[one], -one))
-        if self._world in sizes and sizes[largest] < _CLEARLY * sizes[self._world]:
+        if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
             return
         if largest == self._world:
             return

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
-from comotion.hypotheses.extent import _KEPT, Extents, Members
+from comotion.hypotheses.extent import _MOST_POINTS, Extents, Members
 from comotion.partition import PoseReference
 from comotion_schemas import Hypothesis, ObservationBatch, Pose
 
@@ -110,7 +110,7 @@ def test_what_is_kept_of_lost_members_is_bounded_and_as_large():
         points = rng.uniform(-HALF, HALF, (40, 3))
         body.box(2 * k * S, points, keys=range(40 * k, 40 * k + 40))
         box = body.box(2 * k * S + S, points, keys=range(40 * k, 40 * k + 40))
-    assert len(body.extents.state()[0][1]) <= _KEPT + 40
+    assert len(body.extents.state()[0][1]) <= _MOST_POINTS + 40
     np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.05)
 
 

@@ -9,7 +9,7 @@ from comotion_schemas import ObservationBatch
 from .stats import Stats
 
 # Faults that nobody has asked for yet; a trace is cut.
-_KEPT = 32
+_MOST_FAULTS = 32
 _MAX_TRACE = 8000
 
 
@@ -46,7 +46,7 @@ class Faults:
 
     def __init__(self, stats: Stats) -> None:
         self._stats = stats
-        self._kept: deque[Fault] = deque(maxlen=_KEPT)
+        self._kept: deque[Fault] = deque(maxlen=_MOST_FAULTS)
 
     def note(self, what: str, error: Exception, batch: ObservationBatch | None = None) -> None:
         """Take note of an exception that is being handled."""

@@ -116,8 +116,8 @@ def count_instants(batch: ObservationBatch) -> int:
 def size_of(batch: ObservationBatch) -> int:
     """Bytes that a batch holds."""
     columns = batch.ids, batch.positions, batch.stamps_ns, batch.sigma, batch.quaternions, batch.ended
-    return _HEADER + sum(column.nbytes for column in columns if isinstance(column, np.ndarray))
+    return _OBJECT_BYTES + sum(column.nbytes for column in columns if isinstance(column, np.ndarray))
 
 
 # Python objects of a batch and of one instant of it.
-_HEADER = 1500
+_OBJECT_BYTES = 1500

@@ -1,9 +1,12 @@
 """Stamps and sessions of sources in; their clocks, their liveness and their health out."""
 
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Self
+
+from comotion_schemas import ObservationBatch
 
 from .instants import Entry
 
@@ -128,6 +131,41 @@ class Source:
             return 2**62
         # Batches that are looked at together have no times of arrival of their own.
         return at_ns - self.heard_ns if at_ns > self.heard_ns else stamp_ns - self.newest_ns
+
+    def hand_over(
+        self, scene_time: Callable[[ObservationBatch], int], at_ns: int, timeout_ns: int
+    ) -> Iterator[tuple[Entry, bool]]:
+        """Let the rival that came first take over once this session is silent; refuse it if it never is.
+
+        Parameters
+        ----------
+        scene_time
+            Gives the stamp of a batch on the time scale of the scene.
+        at_ns
+            The clock of arrivals.
+        timeout_ns
+            Longest silence that is asked for.
+
+        Yields
+        ------
+        tuple[Entry, bool]
+            A batch that waits no more, and whether it belongs to the session that has taken over.
+        """
+        while self.rivals:
+            first, limit_ns = self.rivals[0], self.handover_ns(timeout_ns)
+            stamp_ns = scene_time(first.batch)
+            if self.silence_ns(stamp_ns, at_ns) >= limit_ns:
+                mine = [one for one in self.rivals if one.key == first.key]
+                self.rivals = [one for one in self.rivals if one.key != first.key]
+                self.start(first.batch.session, stamp_ns, at_ns)
+                for one in mine:
+                    self.observe(scene_time(one.batch), at_ns)
+                    yield one, True
+            elif at_ns - first.at_ns >= limit_ns:
+                self.rivalled_ns = at_ns
+                yield self.rivals.pop(0), False
+            else:
+                return
 
     def state(self) -> dict[str, Any]:
         """As plain values; the clock of arrivals ends with the process, and so does what waits."""

@@ -26,7 +26,7 @@ from .instants import Entry
 FUTURE_NS = 1_000_000_000
 # Silence of all that agree after which the scene follows those that do not. Within `max_lag`, so that the
 # watermark has not passed by then what waits.
-_PATIENCE_NS = 500_000_000
+_SILENCE_NS = 500_000_000
 # A source that agrees so long after the first that waits is not on its way since before the step.
 _MARGIN_NS = 250_000_000
 # What a recording that is played again leaves to the end of the last one.
@@ -114,7 +114,7 @@ class Steps:
         first = self.held[0].at_ns
         if agreed_ns is not None and agreed_ns >= first + _MARGIN_NS:
             return "judge"
-        return "follow" if at_ns - first >= _PATIENCE_NS else "wait"
+        return "follow" if at_ns - first >= _SILENCE_NS else "wait"
 
     def follow(self, reference_ns: int) -> None:
         """Move the time scale to the clock of those that wait."""

@@ -38,9 +38,8 @@ What is forgotten:
     been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
 """
 
-import heapq
-from collections.abc import Collection, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
@@ -49,8 +48,9 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from ..config import FusionConfig, to_ns
 from .directory import Sources
 from .faults import Faults
-from .instants import Entry, Indices, Instant, SessionEnded, count_instants, size_of, split
+from .instants import Entry, Instant, SessionEnded, count_instants, size_of, split
 from .load import Load
+from .release import Release
 from .sources import MAX_RIVALS, PERIODS, Source
 from .stats import Key, Ledger, Stats
 from .steps import FUTURE_NS, Steps
@@ -60,20 +60,6 @@ __all__ = ["FUTURE_NS", "Timeline"]
 # Nothing is acquired in the future: clocks that are synchronised agree better than this.
 _AHEAD_NS = 250_000_000
 _NO_ROWS = np.zeros(0, np.intp)
-
-
-class _Waiting(NamedTuple):
-    """An instant that waits for the watermark; compared by the first three, of which `order` is unique."""
-
-    stamp_ns: int
-    source: str
-    order: int
-    generation: int
-    entry: Entry | None
-    batch: ObservationBatch
-    rows: Indices
-    in_order: bool
-    last: bool
 
 
 class Timeline:
@@ -90,8 +76,6 @@ class Timeline:
     ----------
     watermark_ns
         W on the time scale of the scene, nanoseconds; None until a source has set it.
-    sessions
-        (source, session) by number, of every session that is current or has trajectories.
     sources
         The sources.
     at_ns
@@ -113,13 +97,9 @@ class Timeline:
         self._faults = faults or Faults(stats)
         self.sources = Sources(config)
         self._inbox: list[Entry] = []
-        self._waiting: list[_Waiting] = []
         self._load = Load(config)
-        self._over: list[int] = []
-        self._order = 0
-        self._next_number = 0
+        self._release = Release(self.sources, self._settle)
         self.at_ns = 0
-        self.sessions: dict[int, Key] = {}
         self.watermark_ns: int | None = None
         self.ledger = Ledger(stats)
         self.steps = Steps(self._window_ns, self._source_timeout_ns)
@@ -176,18 +156,16 @@ class Timeline:
             self._hand_over(self.sources[name], now_ns)
         self._decide(now_ns)
         self._move_watermark(now_ns)
-        return list(self._release())
+        return list(self._release.until(self.watermark_ns))
 
     def done(self, instant: Instant, refused: RejectionReason | None = None) -> None:
         """Settle an instant that came out: it was fused, or refused for a reason."""
-        entry = instant.entry
-        if entry is None:
-            return
-        if refused is None:
-            entry.kept = True
-        else:
-            entry.refused = refused
-        self._finish(entry)
+        self._release.done(instant, refused)
+
+    @property
+    def sessions(self) -> dict[int, Key]:
+        """(source, session) by number, of every session that is current or has trajectories."""
+        return self._release.sessions
 
     def track_timeout_ns(self, session: int) -> int:
         """Time without observation after which a trajectory of this session number is outdated."""
@@ -198,7 +176,8 @@ class Timeline:
         """Forget sessions that are over and silent sources, but for numbers in `used`, with trajectories."""
         self.sources.forget_silent(self.at_ns, lambda name, s: s.number in used or self._load.holds(name))
         current = {source.number for source in self.sources.values()}
-        self.sessions = {n: key for n, key in self.sessions.items() if n in used or n in current}
+        for number in self.sessions.keys() - used - current:
+            del self.sessions[number]
 
     def _admit(self, entry: Entry, now_ns: int) -> None:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
@@ -298,22 +277,11 @@ class Timeline:
 
     def _hand_over(self, source: Source, now_ns: int) -> None:
         """Give the name to the rival that came first once the session of a source is silent."""
-        at_ns = self.at_ns
-        while source.rivals:
-            first, limit_ns = source.rivals[0], source.handover_ns(self._source_timeout_ns)
-            stamp_ns = self.steps.scene_time(first.batch)
-            if source.silence_ns(stamp_ns, at_ns) >= limit_ns:
-                mine = [one for one in source.rivals if one.key == first.key]
-                source.rivals = [one for one in source.rivals if one.key != first.key]
-                source.start(first.batch.session, stamp_ns, at_ns)
-                for one in mine:
-                    source.observe(self.steps.scene_time(one.batch), at_ns)
-                    self._wait(one, source, now_ns)
-            elif at_ns - first.at_ns >= limit_ns:
-                source.rivalled_ns = at_ns
-                self._settle(source.rivals.pop(0), "duplicate-name", rejected=True)
+        for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
+            if follows:
+                self._wait(entry, source, now_ns)
             else:
-                return
+                self._settle(entry, "duplicate-name", rejected=True)
 
     def _make_room(self) -> bool:
         """Whether there is room for one more source; the one silent for longest makes it."""
@@ -322,14 +290,14 @@ class Timeline:
         name = self.sources.longest_silent(self.at_ns, self._load.holds)
         if name is None:
             return False
-        self._over.append(self.sources.pop(name).number)
+        self._release.end(self.sources.pop(name).number)
         return True
 
     def _wait(self, entry: Entry, source: Source, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
         batch, watermark = entry.batch, self.watermark_ns
         floor = now_ns - self._window_ns if watermark is None else watermark - self._lateness_ns
-        reordered = False
+        newest_ns, reordered = self.steps.scene_time(batch), False
         for stamp, rows in split(batch):
             stamp_ns = stamp - self.steps.shift_ns
             if stamp_ns < floor:
@@ -338,30 +306,17 @@ class Timeline:
             in_order = watermark is None or stamp_ns >= watermark
             reordered |= not in_order
             entry.left += 1
-            self._push(stamp_ns, source.generation, batch, entry, rows, in_order)
+            what = Instant(stamp_ns, batch, rows, -1, in_order, stamp_ns == newest_ns, entry)
+            self._release.add(what, source.generation)
         self._stats.reordered += reordered
-        if watermark is not None and batch.ended is not None and self.steps.scene_time(batch) < floor:
-            self._push(watermark, source.generation, batch, None, _NO_ROWS, False)
+        if watermark is not None and batch.ended is not None and newest_ns < floor:
+            what = Instant(watermark, batch, _NO_ROWS, -1, in_order=False, last=True)
+            self._release.add(what, source.generation)
         self._note_clock(entry, now_ns)
         if entry.left:
             source.agreed_ns = self.at_ns
         else:
             self._settle(entry, "late")
-
-    def _push(
-        self,
-        stamp_ns: int,
-        generation: int,
-        batch: ObservationBatch,
-        entry: Entry | None,
-        rows: Indices,
-        in_order: bool,
-    ) -> None:
-        """Let an instant wait; without an entry for what its batch says about ended trajectories alone."""
-        self._order += 1
-        last = entry is None or stamp_ns == self.steps.scene_time(batch)
-        key = stamp_ns, batch.source, self._order
-        heapq.heappush(self._waiting, _Waiting(*key, generation, entry, batch, rows, in_order, last))
 
     def _note_clock(self, entry: Entry, now_ns: int) -> None:
         """Take note of whether the clock of a source is right."""
@@ -385,44 +340,6 @@ class Timeline:
         # The previous watermark wins over a clock that was set back: W never decreases.
         self.watermark_ns = reached if self.watermark_ns is None else max(reached, self.watermark_ns)
 
-    def _release(self) -> Iterator[Instant | SessionEnded]:
-        over, self._over = self._over, []
-        yield from (SessionEnded(number) for number in over if number >= 0)
-        if self.watermark_ns is None:
-            return
-        while self._waiting and self._waiting[0].stamp_ns <= self.watermark_ns:
-            found = heapq.heappop(self._waiting)
-            source = self.sources.get(found.source)
-            if source is None or found.generation < source.released:
-                if found.entry is not None:
-                    found.entry.late = True
-                    self._finish(found.entry)
-                continue
-            if found.generation > source.released:
-                if source.released >= 0:
-                    yield SessionEnded(source.number)
-                self._number(source, found)
-            what = found.stamp_ns, found.batch, found.rows, source.number
-            yield Instant(*what, found.in_order, found.last, found.entry)
-
-    def _number(self, source: Source, first: _Waiting) -> None:
-        """Give a session its number, with its first instant."""
-        source.released, source.number = first.generation, self._next_number
-        self.sessions[self._next_number] = (first.source, first.batch.session)
-        self._next_number += 1
-
-    def _finish(self, entry: Entry) -> None:
-        """One instant of a batch is settled; with the last one, the batch is."""
-        entry.left -= 1
-        if entry.left > 0:
-            return
-        if entry.kept:
-            self._settle(entry, "partly_late" if entry.late else "fused")
-        elif entry.refused is not None:
-            self._settle(entry, entry.refused, rejected=True)
-        else:
-            self._settle(entry, "late")
-
     def _settle(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
         self._load.remove(entry)
         self.ledger.settle(entry.key, fate, rejected=rejected)
@@ -432,11 +349,9 @@ class Timeline:
         return {
             "watermark": self.watermark_ns,
             "shift": self.steps.shift_ns,
-            "next_number": self._next_number,
             "sources": self.sources.state(),
-            "sessions": [[number, *key] for number, key in self.sessions.items()],
             "accounts": self.ledger.state(),
-        }
+        } | self._release.state()
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.
@@ -448,7 +363,6 @@ class Timeline:
         """
         self.watermark_ns = state["watermark"]
         self.steps.shift_ns = int(state["shift"])
-        self._next_number = int(state["next_number"])
         self.sources.load(state["sources"])
-        self.sessions = {int(number): (source, session) for number, source, session in state["sessions"]}
+        self._release.load(state)
         self.ledger.load(state["accounts"])

@@ -23,7 +23,7 @@ from .memory import find
 # s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
 _LASTING = 0.5
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
-_KEPT = 256
+_MOST_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
 _SMALLER = 0.9
 # ns; the axes of a box are sought so often, as the search costs more than the rest of this module.
@@ -151,7 +151,7 @@ def _lost(stamp_ns: int, extent: _Extent, current: Stamps) -> Stamps:
     """Rows of features that are not seen any more and were members for long enough, bounded in number."""
     gone = find(extent.keys, current) < 0
     lost = np.flatnonzero(gone & (extent.since <= stamp_ns - int(_LASTING * 1e9)))
-    if len(lost) > _KEPT:
+    if len(lost) > _MOST_POINTS:
         lost = lost[_farthest(extent.points[lost])]
     return lost
 
@@ -183,7 +183,7 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     before
         float64 [dim, dim], the last axes.
     """
-    if len(points) > 2 * _KEPT:
+    if len(points) > 2 * _MOST_POINTS:
         points = points[_farthest(points)]
     centred = points - points.mean(0)
     principal = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]

@@ -13,7 +13,7 @@ from ..arrays import Floats, Ints, Labels, Stamps
 from ..partition import NO_HYPOTHESIS, PoseReference
 
 # s; lost features count among the last members of their hypothesis for so long.
-_RECENT = 2.0
+_LAST_MEMBERS = 2.0
 # s; a body is expected to keep its velocity for so long; it may turn back later.
 _CARRY = 0.5
 # Share of a body's extent by which the centroid of other features of it errs.
@@ -96,7 +96,7 @@ class ObjectMemory:
         keys, stamps = group.keys, np.full(len(group.keys), stamp_ns)
         positions, before = group.positions, self.traces.get(description.id)
         if before is not None:
-            lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_RECENT * 1e9))
+            lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9))
             keys = np.concatenate([keys, before.keys[lost]])
             stamps = np.concatenate([stamps, before.stamps[lost]])
             positions = np.vstack([positions, before.positions[lost]])

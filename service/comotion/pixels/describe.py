@@ -10,6 +10,8 @@ from ..partition import Group
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 
+# A velocity is taken over the newest half second, of features observed over at least a fifth: one step alone
+# has the noise of both its ends.
 _VELOCITY_NS = 500_000_000
 _LEAST_HISTORY_NS = 200_000_000
 # px; KLT noise and its drift over the time a velocity is taken over stay below this.

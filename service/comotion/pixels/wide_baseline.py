@@ -35,12 +35,12 @@ _PARAMETERS = 7
 # Observations that the noise of all groups counts for beside that of one.
 _PRIOR_STRENGTH = 20.0
 # Median of a squared standard normal deviate.
-_CHI2_MEDIAN = 0.455
+_CHI2_MEDIAN_1D = 0.455
 # px; added to residuals so that the ratio of two tiny ones does not decide: of fundamental matrices, and of
 # affine motions.
 _EPIPOLAR_FLOOR_PX, _AFFINE_FLOOR_PX = 0.05, 0.3
 # Times the limit from which on one frame pair is enough to contradict.
-_CLEARLY = 4.0
+_ONE_PAIR_LIMIT = 4.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class _View:
     def variance(self) -> float:
         """Of the Sampson distances under a fundamental matrix of its own, px²; needs `_LEAST_MEMBERS`."""
         square, _ = residual_alone(self.x, self.y)
-        return square / _CHI2_MEDIAN * len(self.x) / (len(self.x) - _PARAMETERS)
+        return square / _CHI2_MEDIAN_1D * len(self.x) / (len(self.x) - _PARAMETERS)
 
     @cached_property
     def motion(self) -> float:
@@ -117,7 +117,7 @@ class WideBaselineTest:
         found = []
         for a, b in views:
             found.append(_epipolar_excess(a, b))
-            if found[-1] > _CLEARLY * self._p.parallax_epipolar:
+            if found[-1] > _ONE_PAIR_LIMIT * self._p.parallax_epipolar:
                 return False
         return bool(np.mean(found) < self._p.parallax_epipolar)
 
@@ -125,7 +125,7 @@ class WideBaselineTest:
         """Log of the joint residual over what noise and drift explain, of the group where it is larger."""
         joint = residuals_joint(a.x, a.y, b.x, b.y)
         return 0.5 * max(
-            math.log(max(square / _CHI2_MEDIAN, 1e-12) / self._expected(view, typical))
+            math.log(max(square / _CHI2_MEDIAN_1D, 1e-12) / self._expected(view, typical))
             for square, view in zip(joint, (a, b), strict=True)
         )
 
@@ -179,5 +179,7 @@ def _epipolar_excess(a: _View, b: _View) -> float:
     joint = residuals_joint(a.x, a.y, b.x, b.y)
     return max(
         math.log((math.sqrt(square) + _EPIPOLAR_FLOOR_PX) / (math.sqrt(own) + _EPIPOLAR_FLOOR_PX))
-        for square, own in zip(joint, (_CHI2_MEDIAN * a.variance, _CHI2_MEDIAN * b.variance), strict=True)
+        for square, own in zip(
+            joint, (_CHI2_MEDIAN_1D * a.variance, _CHI2_MEDIAN_1D * b.variance), strict=True
+        )
     )

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
 from .kernels.records import RowArrays
-from .kernels.registration import UNKNOWNS, move_rows, normal_equations, pose_information
+from .kernels.registration import REGISTRATION_UNKNOWNS, move_rows, normal_equations, pose_information
 from .procrustes import Body
 from .resampling import Frames
 
@@ -100,7 +100,7 @@ class View:
     @cached_property
     def unknowns(self) -> Ints:
         """Indices of the unknowns that exist."""
-        return np.arange(UNKNOWNS) if self.frames.dim == 3 else _PLANAR
+        return np.arange(REGISTRATION_UNKNOWNS) if self.frames.dim == 3 else _PLANAR
 
     @cached_property
     def prior(self) -> Floats:
@@ -197,7 +197,7 @@ def _fit(view: View, start: _Start) -> tuple[Offset, float]:
     total = start.at + step
     cost = 0.5 * (total @ P @ total) - sum(one.gain(step) for one in start.matched)
     cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
-    full = np.zeros(UNKNOWNS)
+    full = np.zeros(REGISTRATION_UNKNOWNS)
     full[view.unknowns] = np.linalg.solve(left + P, left @ step)
     return start.offset.after(full), float(cost)
 
@@ -215,7 +215,7 @@ def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -
 
 def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> _Equations:
     """Equations of rows and one body."""
-    left, right = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
+    left, right = np.zeros((REGISTRATION_UNKNOWNS, REGISTRATION_UNKNOWNS)), np.zeros(REGISTRATION_UNKNOWNS)
     frames = view.frames
     poses = view.bodies[k].poses, view.information[k]
     terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, LEAST_FRAMES

@@ -9,7 +9,7 @@ ClockName = Literal["wall", "event"]
 # Daemons that keep the time slew by less between two looks; more is a step.
 _SLEW_NS = 50_000_000
 # How long no source may have followed the clock before a stamp far ahead is believed.
-_PATIENCE_NS = 1_000_000_000
+_UNFOLLOWED_NS = 1_000_000_000
 
 
 class Clock(Protocol):
@@ -69,7 +69,7 @@ class EventClock:
     def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
         """Advance to a stamp that is credible; the clock never goes back."""
         now = self._now_ns
-        if now is None or stamp_ns <= now + FUTURE_NS or monotonic_ns - self._kept_ns > _PATIENCE_NS:
+        if now is None or stamp_ns <= now + FUTURE_NS or monotonic_ns - self._kept_ns > _UNFOLLOWED_NS:
             self._now_ns = stamp_ns if now is None else max(now, stamp_ns)
             self._kept_ns = monotonic_ns
 

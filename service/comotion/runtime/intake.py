@@ -29,7 +29,7 @@ IDLE_NS = 60_000_000_000
 # A source that has sent nothing for this long makes room for another.
 _SILENT_NS = 1_000_000_000
 # Batches: a source of 1 kHz may wait a quarter of a second, more than two default periods.
-_RING = 256
+_MOST_BATCHES = 256
 # What of a source is kept to be read in its share of the time.
 _PENDING = 1024
 _PENDING_BYTES = 32 * 1024 * 1024
@@ -58,11 +58,11 @@ class _Ring:
     def pull(self) -> int:
         """Take what has come in, without what discovery has returned; returns how many were displaced."""
         fresh: list[zenoh.Sample] = []
-        while len(fresh) < _RING and (sample := self.subscriber.try_recv()) is not None:
+        while len(fresh) < _MOST_BATCHES and (sample := self.subscriber.try_recv()) is not None:
             if self.after is None or sample.timestamp is None or sample.timestamp > self.after:
                 fresh.append(sample)
         # A full ring has displaced nobody knows how many.
-        unknown = len(fresh) == _RING
+        unknown = len(fresh) == _MOST_BATCHES
         for sample in fresh:
             self.add(sample, None if unknown else 0)
             unknown = False
@@ -225,7 +225,7 @@ class Intake:
             self._close(idle)
         key = self._keys.stream("obs", name)
         self._rings[name] = _Ring(
-            declare_subscriber(self._session, key, "obs", RingChannel(_RING)), monotonic_ns
+            declare_subscriber(self._session, key, "obs", RingChannel(_MOST_BATCHES)), monotonic_ns
         )
         self.received[name] = 0
         return True

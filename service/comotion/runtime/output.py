@@ -22,7 +22,7 @@ from .election import Election, Leadership
 from .queries import Handler, Queryables
 
 # Updates and tokens between two turns of the loop; the newest are kept.
-_RING = 64
+_MOST_UPDATES = 64
 # s; a router answers within milliseconds.
 _TOKEN_TIMEOUT_S = 0.5
 _log = logging.getLogger(__name__)
@@ -108,8 +108,10 @@ class Follower:
         self._fusion = fusion
         self._epoch = 0
         keys, session = component.keys, component.session
-        self._updates = declare_subscriber(session, keys.hypotheses, "hypotheses", RingChannel(_RING))
-        self._tokens = session.liveliness().declare_subscriber(keys.all_live("service"), RingChannel(_RING))
+        self._updates = declare_subscriber(session, keys.hypotheses, "hypotheses", RingChannel(_MOST_UPDATES))
+        self._tokens = session.liveliness().declare_subscriber(
+            keys.all_live("service"), RingChannel(_MOST_UPDATES)
+        )
 
     def look(self) -> None:
         """Take in what the others have published, and which of them have gone."""

@@ -37,7 +37,8 @@ _POLL_S = 0.02
 _AT_WORK = 0.05
 # Until the tokens of all others have come in; and until one that was cut off has withdrawn its own.
 _SETTLE_NS = _SECOND_NS
-_RING = 256
+# Tokens that come in between two looks.
+_MOST_TOKENS = 256
 _MAX_OTHERS = 256
 _TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-[0-9a-f]{16}")
 _NEVER_NS = 1 << 64
@@ -91,7 +92,7 @@ class Presence:
         self._is_router = component.listens
         liveliness = component.session.liveliness()
         self._tokens: Any = liveliness.declare_subscriber(
-            component.keys.all_live("service"), RingChannel(_RING), history=True
+            component.keys.all_live("service"), RingChannel(_MOST_TOKENS), history=True
         )
 
     @property

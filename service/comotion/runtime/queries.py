@@ -40,7 +40,8 @@ from ..fusion import AffinitySnapshot, Fusion
 AFFINITY_SCHEMA = "comotion.Affinity/1"
 _AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
 _JSON = "application/json"
-_RING = 64
+# Queries that wait for a turn of the loop; of more, the oldest are dropped.
+_MOST_QUERIES = 64
 _log = logging.getLogger(__name__)
 
 Answer = tuple[bytes, str]
@@ -57,7 +58,7 @@ class Queryables:
     def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
         self._keys = keys
         self._queryables = [
-            (session.declare_queryable(keys.query(name), RingChannel(_RING)), name, handler)
+            (session.declare_queryable(keys.query(name), RingChannel(_MOST_QUERIES)), name, handler)
             for name, handler in handlers.items()
         ]
 

@@ -22,8 +22,8 @@ from comotion_schemas.keys import last_chunk
 from comotion_schemas.transport import declare_subscriber
 
 _ASK_S = 2.0  # between two rounds of queries
-_ANSWER_S = 1.0
-_FORGET_S = 60.0
+_ANSWER_S = 1.0  # a source that is slower is asked again with the next round
+_FORGET_S = 60.0  # after the last token or Status of a source
 # A step is worth a note for so long.
 _NOTED_S = 60.0
 _NOTES = 8

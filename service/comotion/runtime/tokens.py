@@ -14,7 +14,8 @@ from comotion_schemas.types import is_name
 
 from .guard import LogLimit
 
-_RING = 1024
+# Tokens that come and go between two turns of the loop; more are read with the next full list.
+_MOST_CHANGES = 1024
 # Tokens and Statuses that are read at a time: a storm of them must not delay an update.
 _AT_ONCE = 256
 # A batch that was sent before a Status may arrive after it.
@@ -37,7 +38,9 @@ class Tokens:
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._session, self._key, self._most = session, keys.all_live("source"), most
-        self._changes = session.liveliness().declare_subscriber(self._key, RingChannel(_RING), history=True)
+        self._changes = session.liveliness().declare_subscriber(
+            self._key, RingChannel(_MOST_CHANGES), history=True
+        )
         self._limit = LogLimit(20, 10.0)
         self._query: Any = None
         self._since_query: set[str] = set()
@@ -103,7 +106,9 @@ class Sent:
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._most = most
-        self._statuses = declare_subscriber(session, keys.streams("status"), "status", RingChannel(_RING))
+        self._statuses = declare_subscriber(
+            session, keys.streams("status"), "status", RingChannel(_MOST_CHANGES)
+        )
         self._claims: dict[tuple[str, str], tuple[int, int]] = {}
 
     def look(self) -> list[tuple[str, str, int]]:

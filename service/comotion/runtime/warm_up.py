@@ -31,7 +31,7 @@ _FEW_FRAMES = 12
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
-_START_NS = 1_000_000_000_000
+_FIRST_STAMP_NS = 1_000_000_000_000
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
@@ -105,7 +105,7 @@ def _batch(positions: NDArray[np.float64], frame: int, unit: str, source: int) -
         space=unit,
         unit=unit,  # type: ignore[arg-type]
         dim=dim,
-        stamp_ns=_START_NS + frame * 1_000_000_000 // _RATE_HZ,
+        stamp_ns=_FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ,
         ids=ids,
         positions=(positions * (_PIXELS_PER_METRE if unit == "px" else 1.0)).astype(np.float32),
         quaternions=quaternions if source else None,

@@ -7,7 +7,7 @@ from ...compiled import compiled
 from .affine import fit_affine
 
 # Rounds of reweighting in the robust fit.
-_ROUNDS = 4
+_AFFINE_ROUNDS = 4
 # px² per unit of weight; points on a line still have a solution.
 _RIDGE = 1e-3
 # px²; smallest typical squared residual that weights refer to.
@@ -46,7 +46,7 @@ def _robust_residuals(x: Floats, y: Floats, prior: Floats) -> Floats:
     )
     weight = prior.copy()
     square = np.zeros(len(x))
-    for _ in range(_ROUNDS):
+    for _ in range(_AFFINE_ROUNDS):
         _, _, fields = fit_affine(px, py, u, v, weight.reshape(-1, 1), _RIDGE)
         a, b, c, d, e, f = fields[:, 0]
         square = (u[:, 0] - a * px[:, 0] - b * py[:, 0] - e) ** 2

@@ -6,11 +6,11 @@ from ...arrays import Floats, Ints
 from ...compiled import compiled
 from .records import PoseArrays, RowArrays
 
-UNKNOWNS = 7
+REGISTRATION_UNKNOWNS = 7
 """Unknowns: rotation vector, shift and delay."""
 # Unknowns of the error of a pose, and what is added to the mean of their information where it is singular.
 _POSE = 6
-_RIDGE = 1e-9
+_SINGULAR_RIDGE = 1e-9
 
 
 @compiled()
@@ -56,8 +56,8 @@ def normal_equations(
     R, t, posed = poses
     squared, coordinates = 0.0, 0.0
     seen = np.empty(len(seconds), np.intp)
-    design, z = np.empty((len(seconds), 3, UNKNOWNS)), np.empty((len(seconds), 3))
-    pose, cross = information.copy(), np.zeros((len(seconds), _POSE, UNKNOWNS + 1))
+    design, z = np.empty((len(seconds), 3, REGISTRATION_UNKNOWNS)), np.empty((len(seconds), 3))
+    pose, cross = information.copy(), np.zeros((len(seconds), _POSE, REGISTRATION_UNKNOWNS + 1))
     for n in range(len(rows)):
         i, count = rows[n], 0
         for f in range(len(seconds)):
@@ -127,9 +127,9 @@ def _add_pose(A: Floats, r: Floats, J: Floats, inverse: float, pose: Floats, cro
                 continue
             for q in range(_POSE):
                 pose[p, q] += a * J[c, q]
-            for q in range(UNKNOWNS):
+            for q in range(REGISTRATION_UNKNOWNS):
                 cross[p, q] += a * A[c, q]
-            cross[p, UNKNOWNS] += a * r[c]
+            cross[p, REGISTRATION_UNKNOWNS] += a * r[c]
 
 
 @compiled()
@@ -137,15 +137,17 @@ def _eliminate(
     before: Floats, pose: Floats, cross: Floats, left: Floats, right: Floats
 ) -> tuple[float, float]:
     """Take the pose of a frame out of the equations; return the squared residual and coordinates it takes."""
-    both = np.empty((_POSE, UNKNOWNS + 1 + _POSE))
-    both[:, : UNKNOWNS + 1] = cross
-    both[:, UNKNOWNS + 1 :] = pose - before
-    regular = pose + _RIDGE * np.trace(pose) / _POSE * np.eye(_POSE)
+    both = np.empty((_POSE, REGISTRATION_UNKNOWNS + 1 + _POSE))
+    both[:, : REGISTRATION_UNKNOWNS + 1] = cross
+    both[:, REGISTRATION_UNKNOWNS + 1 :] = pose - before
+    regular = pose + _SINGULAR_RIDGE * np.trace(pose) / _POSE * np.eye(_POSE)
     solved = np.linalg.solve(regular, both)
-    taken = cross.T @ np.ascontiguousarray(solved[:, : UNKNOWNS + 1])
-    left -= taken[:UNKNOWNS, :UNKNOWNS]
-    right += taken[:UNKNOWNS, UNKNOWNS]
-    return taken[UNKNOWNS, UNKNOWNS], np.trace(solved[:, UNKNOWNS + 1 :])
+    taken = cross.T @ np.ascontiguousarray(solved[:, : REGISTRATION_UNKNOWNS + 1])
+    left -= taken[:REGISTRATION_UNKNOWNS, :REGISTRATION_UNKNOWNS]
+    right += taken[:REGISTRATION_UNKNOWNS, REGISTRATION_UNKNOWNS]
+    return taken[REGISTRATION_UNKNOWNS, REGISTRATION_UNKNOWNS], np.trace(
+        solved[:, REGISTRATION_UNKNOWNS + 1 :]
+    )
 
 
 @compiled()
@@ -191,23 +193,23 @@ def _add(design: Floats, z: Floats, inverse: float, left: Floats, right: Floats)
     residual, float64 [4].
     """
     count = len(z)
-    mean, middle = np.zeros((3, UNKNOWNS)), np.zeros(4)
+    mean, middle = np.zeros((3, REGISTRATION_UNKNOWNS)), np.zeros(4)
     for k in range(count):
         for c in range(3):
             middle[c] += z[k, c] / count
-            for p in range(UNKNOWNS):
+            for p in range(REGISTRATION_UNKNOWNS):
                 mean[c, p] += design[k, c, p] / count
     for k in range(count):
         for c in range(3):
             z[k, c] -= middle[c]
             r = z[k, c]
             middle[3] += r * r * inverse
-            for p in range(UNKNOWNS):
+            for p in range(REGISTRATION_UNKNOWNS):
                 design[k, c, p] -= mean[c, p]
-            for p in range(UNKNOWNS):
+            for p in range(REGISTRATION_UNKNOWNS):
                 a = design[k, c, p] * inverse
                 right[p] -= a * r
-                for q in range(UNKNOWNS):
+                for q in range(REGISTRATION_UNKNOWNS):
                     left[p, q] += a * design[k, c, q]
     return middle
 

@@ -12,7 +12,7 @@ _CONVERGED = 1e-22
 # Newton's method doubles the digits at each step: after a step with a square below this, rad^2, the next
 # one would be below double precision.
 _STEPS = 8
-_SETTLED = 1e-16
+_CONVERGED = 1e-16
 # A pivot below this share of the diagonal is rounding.
 _PIVOT = 1e-9
 # rad; below it the sine of an angle is the angle in double precision.
@@ -92,7 +92,7 @@ def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
         if size > 1.0:
             return False
         _turn(R, 0.5 * s0, 0.5 * s1, 0.5 * s2)
-        if size < _SETTLED:
+        if size < _CONVERGED:
             return True
     return False
 

@@ -12,6 +12,7 @@ from sklearn.mixture import GaussianMixture
 from ...arrays import Floats
 
 COVARIANCES = ("full", "diag", "spherical")
+# Figure 3.5 looks at ten eigenvalues; more components of 50 to 100 trajectories have too few rows each.
 _MOST_COMPONENTS = 10
 # Floor of a variance, as scikit-learn had it when the thesis was written. With the 1e-6 of today a
 # component of a single row is as good as certain, and the largest number of components wins.
