@@ -1,7 +1,7 @@
 """Any interleaving of any batches: order, accounting and the watermark of event time."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from comotion.config import FusionConfig
@@ -20,15 +20,21 @@ LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
 def batches(draw, most_rows=5):
     """A batch of one of three sources and sessions, from far behind to far ahead, of up to 5 instants."""
     offsets = draw(st.lists(st.integers(-3_000, 2_500), min_size=0, max_size=most_rows))
-    stamp = max(offsets) if offsets else draw(st.integers(-3_000, 2_500))
+    stamp = None if offsets else draw(st.integers(-3_000, 2_500))
+    source, session = draw(st.sampled_from("abc")), draw(st.sampled_from("012")) * 16
+    return batch_of(source, session, draw(st.integers(0, 12)), offsets, stamp)
+
+
+def batch_of(source, session, seq, offsets, stamp=None):
+    """A batch with a row at each of `offsets`, ms; without any, at `stamp`."""
     return ObservationBatch(
-        source=draw(st.sampled_from("abc")),
-        session=draw(st.sampled_from("012")) * 16,
-        seq=draw(st.integers(0, 12)),
+        source=source,
+        session=session,
+        seq=seq,
         space="world",
         unit="m",
         dim=2,
-        stamp_ns=T0 + stamp * MS,
+        stamp_ns=T0 + (max(offsets) if offsets else stamp) * MS,
         ids=np.arange(len(offsets), dtype=np.uint64),
         positions=np.zeros((len(offsets), 2)),
         stamps_ns=np.array([T0 + offset * MS for offset in offsets], np.int64) if offsets else None,
@@ -162,7 +168,21 @@ def test_nothing_of_a_session_comes_out_after_its_end(steps):
                 ended.add(event.session)
 
 
+def one_row(session, seq, at_ms):
+    return batch_of("a", session * 16, seq, [at_ms])
+
+
+# A decision on a clock that allows a rival to take over.
+_TWO_DECISIONS = [
+    ([(one_row("0", 0, 0), None)], 0),
+    ([(one_row("1", 0, 143), None), (one_row("0", 1, -857), None)], 167),
+    ([], 100),
+    ([], 400),
+]
+
+
 @given(steps(batches()))
+@example(_TWO_DECISIONS)
 @settings(deadline=None)
 def test_a_second_advance_at_the_same_time_changes_nothing(steps):
     run = Run(steps)

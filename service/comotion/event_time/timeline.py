@@ -152,9 +152,9 @@ class Timeline:
             except Exception as error:  # a defect costs its batch, not the service
                 self._faults.note("judging a batch", error, entry.batch)
                 self._settle(entry, "defect", rejected=True)
-        for name in sorted(n for n, s in self.sources.items() if s.rivals):
-            self._hand_over(self.sources[name], now_ns)
-        self._decide(now_ns)
+        # One decision may allow another: that on a clock tells the stamps of rivals, a new session agrees.
+        while self._hand_over_all(now_ns) or self._decide(now_ns):
+            pass
         self._move_watermark(now_ns)
         return list(self._release.until(self.watermark_ns))
 
@@ -208,12 +208,12 @@ class Timeline:
             return max(now_ns, self.watermark_ns)
         return now_ns
 
-    def _decide(self, now_ns: int) -> None:
-        """Judge the batches that wait because of their clock, once it is clear who is wrong."""
+    def _decide(self, now_ns: int) -> bool:
+        """Judge the batches that wait because of their clock; whether it was clear who is wrong."""
         steps, at_ns = self.steps, self.at_ns
         decision = steps.decide(self.sources.agreed_ns(), at_ns)
         if decision == "wait":
-            return
+            return False
         if decision == "follow":
             steps.follow(self._reference(now_ns))
         held, steps.held = steps.held, []
@@ -227,6 +227,7 @@ class Timeline:
                 self._settle(entry, "duplicates")
             else:
                 self._judge(entry, now_ns, trusted=decision == "follow")
+        return True
 
     def _doubt(self, entry: Entry) -> None:
         """The clock of a session is wrong: others agree."""
@@ -275,13 +276,20 @@ class Timeline:
         if len(source.rivals) > MAX_RIVALS:
             self._settle(source.rivals.pop(0), "duplicate-name", rejected=True)
 
-    def _hand_over(self, source: Source, now_ns: int) -> None:
+    def _hand_over_all(self, now_ns: int) -> bool:
+        """Whether any rival waits no more."""
+        contested = sorted(name for name, source in self.sources.items() if source.rivals)
+        return any([self._hand_over(self.sources[name], now_ns) for name in contested])
+
+    def _hand_over(self, source: Source, now_ns: int) -> bool:
         """Give the name to the rival that came first once the session of a source is silent."""
+        waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
             if follows:
                 self._wait(entry, source, now_ns)
             else:
                 self._settle(entry, "duplicate-name", rejected=True)
+        return len(source.rivals) < waiting
 
     def _make_room(self) -> bool:
         """Whether there is room for one more source; the one silent for longest makes it."""
