@@ -279,7 +279,7 @@ class Timeline:
     def _hand_over_all(self, now_ns: int) -> bool:
         """Whether any rival waits no more."""
         contested = sorted(name for name, source in self.sources.items() if source.rivals)
-        return any([self._hand_over(self.sources[name], now_ns) for name in contested])
+        return any(self._hand_over(self.sources[name], now_ns) for name in contested)
 
     def _hand_over(self, source: Source, now_ns: int) -> bool:
         """Give the name to the rival that came first once the session of a source is silent."""
