@@ -1,7 +1,9 @@
-"""Types of ROS 2 messages, by rosbags (extra ``ros``), with those that rosbags does not have."""
+"""Types of ROS 2 messages, by rosbags (extra ``ros``), with those that rosbags does not have; decoding."""
 
 from functools import cache
 from typing import Any
+
+from .errors import KnownError
 
 # vision_msgs 4. The hash of a type depends on names and types of its fields alone.
 _VISION = {
@@ -40,3 +42,26 @@ def store() -> Any:
     for name, text in (_VISION | _MOCAP).items():
         found.register(get_types_from_msg(text, name))
     return found
+
+
+class CdrError(KnownError):
+    """Bytes that are not a message of a type; one line."""
+
+
+def from_cdr(raw: bytes, kind: str) -> Any:
+    """Decode a message in CDR with its 4 bytes of encapsulation header.
+
+    Raises
+    ------
+    CdrError
+        If the bytes are not a message of this type.
+    ImportError
+        If rosbags is not installed.
+    """
+    types = store()
+    if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
+        raise CdrError("not a CDR payload")
+    try:
+        return types.deserialize_cdr(raw, kind)
+    except Exception as error:  # rosbags raises many types on malformed bytes
+        raise CdrError(f"not a {kind}: {type(error).__name__}") from None

@@ -1,6 +1,7 @@
 """Updates as ROS 2 messages, decoded by rosbags with type texts of its own, and a bag by another reader."""
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,13 +18,14 @@ from comotion_clients.ros2.names import Node, attachment, topic_chunk, topic_key
 from comotion_clients.ros2.types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, to_cdr, type_hash
 
 S = 10**9
-# As ROS 2 Jazzy publishes them.
+# As ROS 2 Jazzy and vision_msgs 4.1.1 publish them.
 PUBLISHED = {
     TF: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
     CLOUD: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     ODOMETRY: "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     MARKERS: "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
     JOINTS: "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+    DETECTIONS: "RIHS01_793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018",
 }
 # Written down here again, so that the test shares nothing with the code.
 VISION = """vision_msgs/msg/ObjectHypothesis: string class_id; float64 score
@@ -107,8 +109,9 @@ def numbers(value) -> list[float]:
 
 def test_type_hashes_are_the_published_ones():
     store = reader()
-    for kind in (*PUBLISHED, DETECTIONS):
-        assert type_hash(kind) == store.hash_rihs01(kind) == PUBLISHED.get(kind, type_hash(kind))
+    assert set(Converter("my-lab").kinds().values()) == set(PUBLISHED)
+    for kind, published in PUBLISHED.items():
+        assert type_hash(kind) == store.hash_rihs01(kind) == published
 
 
 def test_a_frame_moves_with_the_body(read):
@@ -190,3 +193,26 @@ def test_a_bag_is_read_by_another_reader(tmp_path):
     assert {t.child_frame_id for t in found["/tf"].transforms} == {"comotion/my-lab/1", "comotion/my-lab/7"}
     assert found["/comotion/my_lab/detections"].detections[1].id == "7"
     assert len(found) == 6
+
+
+def test_in_a_frame_that_moves_all_is_in_its_axes():
+    """The camera is turned by 90 degrees about z and shifted; the body has not moved in the world."""
+    half = float(np.sqrt(0.5))
+    frame = Pose(translation=[1.0, 0.0, 0.0], rotation=[0.0, 0.0, half, half])
+    still = Pose(translation=[0.0] * 3, rotation=[0.0, 0.0, 0.0, 1.0])
+    given = update()
+    carried = replace(
+        given,
+        frames={"world": frame},
+        hypotheses=[replace(h, pose=still) if h.id == 7 else h for h in given.hypotheses],
+    )
+    store = reader()
+    raw = next(to_cdr(m, k) for topic, k, m in Converter("my-lab").convert(carried) if topic == "/tf")
+    at = {t.child_frame_id: t.transform for t in store.deserialize_cdr(raw, TF).transforms}
+    body, world = at["comotion/my-lab/7"], at["comotion/my-lab/world/world"]
+    assert numbers(body.translation) == [1.5, 2.0, 0.5]
+    for found in (body, world):
+        turn = Rotation.from_quat(numbers(found.rotation)).as_rotvec()
+        np.testing.assert_allclose(turn, [0, 0, -np.pi / 2], atol=1e-12)
+    # x(frame) = R^T (x(world) - t): the origin of the world is at (0, 1, 0) in the axes of the camera.
+    np.testing.assert_allclose(numbers(world.translation), [0, 1, 0], atol=1e-12)

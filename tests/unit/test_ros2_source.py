@@ -16,6 +16,7 @@ from comotion_sources.ros2.convert import (
     TF,
     Converter,
     MessageError,
+    _ids,
     kind_of,
 )
 from comotion_sources.ros2.process import Ros2Source, _Relay
@@ -112,6 +113,10 @@ def test_a_cloud_has_ids_or_is_refused():
     assert found.positions[:, 0].tolist() == [0, 1, 2]
     with pytest.raises(MessageError, match="one of id, track_id"):
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
+
+
+def test_numbers_that_are_no_id_are_left_out_later():
+    assert _ids(np.array([np.nan, 3, 2.5, 1e30, -np.inf], np.float32)).tolist() == [-1, 3, -1, -1, -1]
 
 
 def test_the_type_is_in_the_key():

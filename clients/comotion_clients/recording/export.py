@@ -35,6 +35,7 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SCHEMA_ENCODING
 
+from ..carried import poses_in_space
 from ..metrics import Truth
 from ..scoring import Observed, Tally, spaces_of
 from . import foxglove
@@ -132,6 +133,7 @@ class _Exporter:
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
         self._palette.see(update.hypotheses)
+        update = poses_in_space(update)
         score = self._tally.add(update, self._observed)
         scored = score.scored > 0 and not math.isnan(score.nmi)
         self._put(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
 
+from ..carried import poses_in_space, transform
 from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, make
@@ -69,7 +70,7 @@ class Converter:
         self._palette.see(update.hypotheses)
         if update.stamp_ns <= 0 or update.stamp_ns == self._last_ns:
             return
-        self._last_ns = update.stamp_ns
+        self._last_ns, update = update.stamp_ns, poses_in_space(update)
         tracks = _tracks_by_space(update)
         found = bodies(update.hypotheses, set(tracks))
         named = self._topics.named
@@ -81,21 +82,25 @@ class Converter:
         for body in found:
             yield named("odometry"), ODOMETRY, self._odometry(update, body)
         if found:
-            yield "/tf", TF, make(TF)(transforms=[self._transform(update, body) for body in found])
+            yield "/tf", TF, make(TF)(transforms=list(self._transforms(update, found)))
         if any(joint.position is not None for joint in update.joints):
             yield named("joints"), JOINTS, self._joints(update)
 
     def _frame(self, hypothesis: int) -> str:
         return f"comotion/{self._scene}/{hypothesis}"
 
-    def _transform(self, update: HypothesisUpdate, body: Body) -> Any:
-        return make("geometry_msgs/TransformStamped")(
-            header=_header(update, body.one.space),
-            child_frame_id=self._frame(body.one.id),
-            transform=make("geometry_msgs/Transform")(
-                translation=_vector(body.origin), rotation=_quaternion(body.quaternion)
-            ),
-        )
+    def _transforms(self, update: HypothesisUpdate, found: Sequence[Body]) -> Iterator[Any]:
+        """Yield the frames of bodies, and the world in the frame of every space that moves.
+
+        The world is the child: the frame of a space may already have a parent in the ROS network.
+        """
+        for body in found:
+            space, child = body.one.space, self._frame(body.one.id)
+            yield _transform(update, space, child, body.origin, body.quaternion)
+        for space in {body.one.space for body in found} & update.frames.keys():
+            place, turn = transform(update.frames[space]).inv().as_components()
+            child = f"comotion/{self._scene}/{space}/world"
+            yield _transform(update, space, child, place.tolist(), turn.as_quat().tolist())
 
     def _odometry(self, update: HypothesisUpdate, body: Body) -> Any:
         twist = make("geometry_msgs/Twist")(linear=_vector(body.linear), angular=_vector(body.angular))
@@ -136,6 +141,14 @@ class Converter:
             velocity=np.array([joint.rate or 0.0 for joint in known], np.float64),
             effort=np.empty(0),
         )
+
+
+def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector, turn: Quaternion) -> Any:
+    return make("geometry_msgs/TransformStamped")(
+        header=_header(update, parent),
+        child_frame_id=child,
+        transform=make("geometry_msgs/Transform")(translation=_vector(place), rotation=_quaternion(turn)),
+    )
 
 
 def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:

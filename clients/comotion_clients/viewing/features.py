@@ -8,6 +8,7 @@ import numpy as np
 from comotion_schemas import HypothesisUpdate
 from comotion_schemas.colours import Palette
 
+from ..carried import poses_in_space
 from ..scoring import SpaceRef, spaces_of
 from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
@@ -54,7 +55,7 @@ class Features:
         known
             Source -> space, from its batches.
         """
-        refs = spaces_of(update, known)
+        update, refs = poses_in_space(update), spaces_of(update, known)
         shapes: list[Shape] = []
         for ref in dict.fromkeys(refs):
             space = self._space(ref)

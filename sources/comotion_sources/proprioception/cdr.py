@@ -1,14 +1,14 @@
 """ROS 2 ``sensor_msgs/msg/JointState`` in CDR -> joint samples, by rosbags (extra ``ros``)."""
 
-from functools import cache
 from typing import Any
+
+from comotion_schemas.ros_types import CdrError, from_cdr, store
 
 from .samples import JointSample, SampleError, joint_sample
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
-@cache
 def ros_types() -> Any:
     """Return the type store of rosbags.
 
@@ -18,10 +18,9 @@ def ros_types() -> Any:
         If rosbags is not installed.
     """
     try:
-        from rosbags.typesys import Stores, get_typestore
+        return store()
     except ImportError:
         raise SampleError("rosbags is not installed: pip install 'comotion[ros]'") from None
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def decode_message(raw: bytes) -> Any:
@@ -32,14 +31,11 @@ def decode_message(raw: bytes) -> Any:
     SampleError
         If the payload is not a JointState.
     """
-    if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
-        raise SampleError("not a CDR payload")
+    ros_types()
     try:
-        return ros_types().deserialize_cdr(raw, JOINT_STATE)
-    except SampleError:
-        raise
-    except Exception as error:  # rosbags raises many types on malformed bytes
-        raise SampleError(f"not a {JOINT_STATE}: {type(error).__name__}") from None
+        return from_cdr(raw, JOINT_STATE)
+    except CdrError as error:
+        raise SampleError(str(error)) from None
 
 
 def from_message(message: Any, received_ns: int) -> JointSample:

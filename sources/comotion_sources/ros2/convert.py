@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas.errors import KnownError
-from comotion_schemas.ros_types import store
+from comotion_schemas.ros_types import CdrError, from_cdr
 
 TF = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
@@ -19,6 +19,7 @@ NAMED_POSES = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
 KINDS = (TF, TRANSFORM, POSE, CLOUD, NAMED_POSES)
 ID_FIELDS = ("id", "track_id", "marker_id", "label")
 """Fields of a point cloud that name the feature, in the order of preference."""
+_LARGEST_ID = 2.0**53  # beyond, a float is no longer one whole number
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
@@ -78,12 +79,10 @@ class Converter:
         MessageError
             If the bytes are not a message of this type, or a cloud has no field that names features.
         """
-        if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
-            raise MessageError("not a CDR payload")
         try:
-            message = store().deserialize_cdr(raw, kind)
-        except Exception as error:  # rosbags raises many types on malformed bytes
-            raise MessageError(f"not a {kind}: {type(error).__name__}") from None
+            message = from_cdr(raw, kind)
+        except CdrError as error:
+            raise MessageError(str(error)) from None
         if kind == CLOUD:
             return [_cloud(message, received_ns)]
         poses: dict[tuple[int, str], list[tuple[int, list[float], list[float]]]] = {}
@@ -143,8 +142,16 @@ def _cloud(message: Any, received_ns: int) -> Observed:
         raise MessageError("a cloud has fields that do not fit its points") from None
     points = np.frombuffer(data, kind, count)
     positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    ids = points[name].astype(np.int64)
+    ids = _ids(points[name])
     return Observed(_stamp(message.header, received_ns), message.header.frame_id, ids, positions)  # type: ignore[arg-type]
+
+
+def _ids(numbers: NDArray[Any]) -> NDArray[np.int64]:
+    """Ids from any kind of number; -1, which the publisher leaves out, for what is none."""
+    values = numbers.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        whole = (np.abs(values) < _LARGEST_ID) & (values == np.floor(values))
+    return np.where(whole, values, -1.0).astype(np.int64)
 
 
 def _stamp(header: Any, received_ns: int) -> int:
