@@ -14,6 +14,18 @@ from .processes import PYTHON, ProcessSpec, comotion
 
 RATES = (15, 30, 100)
 SUMMARY = "summary.txt"
+# Variables that tell processes how their own scene is reached and run; the demo has another one.
+_OF_OTHER_SCENES = (
+    "TLS",
+    "SECURE",
+    "ROUTER_CONNECT",
+    "CONFIG",
+    "STANDBY",
+    "ETCD",
+    "METRICS_PORT",
+    "CLOCK",
+    "NO_STATE",
+)
 _BARS = " ▁▂▃▄▅▆▇█"
 _LEAD_S = 4.0  # until the scene starts: all processes are then ready
 _REPORT_S = 60.0  # longest time for writing the report
@@ -39,6 +51,12 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def without_other_scenes() -> list[str]:
+    """Remove from the environment what belongs to other scenes; returns the names that were there."""
+    names = [f"COMOTION_{name}" for name in _OF_OTHER_SCENES]
+    return [name for name in names if os.environ.pop(name, None)]
 
 
 def demo_processes(

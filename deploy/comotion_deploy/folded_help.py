@@ -1,4 +1,4 @@
-"""Short help: options that all commands share, and environment variables, are shown by ``--help-all``."""
+"""Short help: shared and rarely used options, and environment variables, are shown by ``--help-all`` alone."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,8 +10,10 @@ COMMON = frozenset(
     {"connect", "listen", "tls", "insecure", "_config", "_log_level", "_metrics", "ready_file"}
 )
 """Parameters of the shared options; :mod:`.options` has them."""
+RARE = frozenset({"respawn_every", "tracker", "realtime", "reconnect", "share_preview", "clock_offset"})
+"""Parameters of cameras that few people set."""
 ALL = "--help-all"
-_HINT = "Shared options (--connect, --config, --log-level ...) and environment variables: --help-all"
+_HINT = "More options (--connect, --config, --log-level ...) and environment variables: --help-all"
 
 
 def helped(app: typer.Typer, arguments: Sequence[str]) -> Callable[..., Any]:
@@ -31,11 +33,23 @@ def _fold(command: Any) -> None:
         _fold(child)
     folded = False
     for parameter in command.params:
-        folded |= parameter.name in COMMON
-        if parameter.name in COMMON:
-            parameter.hidden = True
+        if parameter.name in COMMON | RARE:
+            folded = parameter.hidden = True
         if hasattr(parameter, "show_envvar"):
             folded |= bool(parameter.show_envvar and parameter.envvar)
             parameter.show_envvar = False
+            _shorten(parameter)
     if folded:
         command.epilog = f"{command.epilog or ''}\n\n{_HINT}\n"
+
+
+def _shorten(option: Any) -> None:
+    """Show few names of an option in one column, so that there is room for the words.
+
+    A flag that is on shows how to switch it off; any other option shows its first name.
+    """
+    switched_on = getattr(option, "is_flag", False) and option.default is True
+    if getattr(option, "is_flag", False):
+        option.metavar = " "
+    option.opts = [*option.opts[:1], *(option.secondary_opts[:1] if switched_on else ())]
+    option.secondary_opts = []

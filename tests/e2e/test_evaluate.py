@@ -86,6 +86,10 @@ def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: 
     process.interrupt()
     assert process.wait() == 2
     assert process.lines[-1] == "error: no update was received in scene 'default': is the service running?"
+    # With a duration it ends by itself, also in a scene that nobody has.
+    process = start("evaluate", "--connect", endpoint, "--duration", 0.5, "--scene", "typo", ready=False)
+    assert process.wait() == 2
+    assert process.lines[-1] == "error: no update was received in scene 'typo': is the service running?"
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,8 @@ from .series import Series, SeriesOptions
 
 FLUSH_S = 1.0
 """Interval of writing to the disk: a crash loses at most the messages of this time."""
+ROUTER_TIMEOUT_S = 10.0
+"""Longest wait of a recording of limited duration for a router."""
 _STEP_S = 0.1
 _TERMINAL_LINE_S, _PLAIN_LINE_S = 0.25, 5.0  # between two lines of progress
 _log = logging.getLogger(__name__)
@@ -173,6 +175,8 @@ def record(
         If the name of the scene or recorder is not valid, or nothing was received.
     OSError
         If a file exists or cannot be created.
+    TimeoutError
+        With a duration, if no router answers.
     StorageError
         If the disk is full; the files are intact.
     """
@@ -187,6 +191,7 @@ def record(
             settings=settings,
             status=recorder.status,
             ready_file=options.ready_file,
+            connect_timeout=None if options.duration is None else ROUTER_TIMEOUT_S,
         ) as component:
             with Intake(component.session, component.keys, pending):
                 recorder.begun = time.monotonic()
@@ -199,13 +204,20 @@ def record(
         raise StorageError(f"the recording has stopped: {error}") from None
     except BaseException:
         series.abandon()
+        _without_files_of_nothing(series)
         raise
-    # Its own Status is a message of the scene too.
-    if not any(count for kind, count in series.counts.messages.items() if kind != "status"):
-        for path in series.paths:
-            path.unlink()
+    if _without_files_of_nothing(series):
         raise KnownError(f"no message was received in scene {scene!r}: nothing was recorded")
     return recorder.result()
+
+
+def _without_files_of_nothing(series: Series) -> bool:
+    """Remove the files if nothing was received, and tell; its own Status is a message of the scene too."""
+    if any(count for kind, count in series.counts.messages.items() if kind != "status"):
+        return False
+    for path in series.paths:
+        path.unlink(missing_ok=True)
+    return True
 
 
 def _run(recorder: _Recorder, component: Component, options: RecordOptions) -> None:

@@ -41,7 +41,15 @@ def demo(
     _log_level: options.Log = options.LogLevel.INFO,
 ) -> None:
     """Run router, three simulated sources, the service and watch; end with a summary and a plot."""
-    from ..demo import DemoOptions, demo_processes, free_endpoint, prepare, show_summary, time_scale
+    from ..demo import (
+        DemoOptions,
+        demo_processes,
+        free_endpoint,
+        prepare,
+        show_summary,
+        time_scale,
+        without_other_scenes,
+    )
     from ..launcher import launch
 
     as_in_thesis = method == "thesis" and simulated == "fig4_4"
@@ -50,6 +58,8 @@ def demo(
     fusion += ["--method", method] if method else []
     how = DemoOptions(simulated=simulated, duration=duration, seed=seed, fusion=fusion, out=out)
     scale = time_scale(how)
+    if ignored := without_other_scenes():
+        print(f"the demo has a router of its own and does not use {', '.join(ignored)}", flush=True)
     out.mkdir(parents=True, exist_ok=True)
     for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
         (out / name).unlink(missing_ok=True)

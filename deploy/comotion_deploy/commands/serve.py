@@ -21,7 +21,9 @@ Examples:
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
 
   comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies of a depth camera
+
   comotion serve --scene a --standby --etcd http://etcd1:2379,http://etcd2:2379   # on two hosts
+
   comotion serve --clock event   # for recordings with stamps in the past
 """
 
