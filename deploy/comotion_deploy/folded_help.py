@@ -1,4 +1,4 @@
-"""Short help: shared and rarely used options, and environment variables, are shown by ``--help-all`` alone."""
+"""Short help: shared and rare options, and environment variables, are shown by ``--help-all`` alone."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
