@@ -10,6 +10,10 @@ import pytest
 
 _E2E = Path(__file__).parent / "e2e"
 _EVERY_KERNEL = Path(__file__).parent / "reference" / "every_kernel.py"
+# About half of the time that all end-to-end tests take.
+_OF_SERVICES = {
+    f"test_{name}" for name in ("service", "fleet", "standby", "soak", "evaluate", "demo", "watch", "sources")
+}
 # Two processes compile at a time; the pixels come first, for the other one needs them last.
 _TOGETHER = (("pixels", "thesis"), ("metres",))
 # Of some 200 kernels; one that the other process had compiled a moment before may be loaded.
@@ -20,10 +24,11 @@ _TO_WORKERS = "comotion_digests"
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of real processes run one after another, beside the others: at once they starve each other."""
+    """Tests of real processes run one after another in each of two groups: more at once starve each other."""
     for item in items:
         if item.path.is_relative_to(_E2E):
-            item.add_marker(pytest.mark.xdist_group("e2e"))
+            group = "services" if item.path.stem in _OF_SERVICES else "other processes"
+            item.add_marker(pytest.mark.xdist_group(group))
             # Several waits of one test may be long on a loaded machine; each has a deadline of its own.
             item.add_marker(pytest.mark.timeout(600))
 
