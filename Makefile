@@ -50,7 +50,8 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-pictures: setup  ## make the pictures of README and gallery again, in docs/images
+pictures: setup  ## make the pictures of README and guides again; COMOTION_CHROMIUM=chromium for those of screens
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[sim3d,view]'
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 
 wheel: setup  ## wheel and source distribution, in dist

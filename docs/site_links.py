@@ -1,5 +1,6 @@
-"""A hook of the site: links from docs/ to files of the repository outside of it lead nowhere on the site.
+"""A hook of the site: what leads out of it stays in it, for it is read without a network.
 
+Links from docs/ to files of the repository outside of it lead nowhere on the site.
 Where the file is a page of the site, the link stays. A link to code, scenes or the changelog becomes its
 path in the repository, as text: the site is read without a network. A link to a file that does not exist
 is an error.
@@ -13,6 +14,7 @@ from mkdocs.exceptions import PluginError
 
 _TOP = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((\.\./[^)#\s]+)(?:#[^)]*)?\)")
+_SEARCH = _TOP / "docs" / "site_search.js"
 _FROM_NETWORK = re.compile(r'<script src="https?://[^"]*"></script>')
 
 
@@ -32,5 +34,11 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Leave out the script that the search of pages opened as files loads from the network."""
-    return _FROM_NETWORK.sub("", output)
+    """Put a script of our own for the one that searches in pages opened as files, from the network."""
+    ours = f"<script>{_SEARCH.read_text(encoding='utf-8')}</script>"
+    return _FROM_NETWORK.sub(lambda _: ours, output)
+
+
+def on_post_template(output_content: str, **_: Any) -> str:
+    """The same for the page of an address that is not there."""
+    return on_post_page(output_content)

@@ -1,11 +1,17 @@
-"""The pictures of README and gallery that can be made without a screen: ``python -m ...pictures FOLDER``.
+"""The pictures of README, gallery and guides: ``python -m comotion_experiments.pictures FOLDER``.
 
 The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
-evaluate --plot`` does it. No picture is reduced to a palette: hypotheses must not share a colour.
+evaluate --plot`` does it; the affinities are drawn by the code in the gallery. Viewer, terminal and pages are
+looked at by the browser that ``COMOTION_CHROMIUM`` names; without one these pictures stay as they are. No
+picture is reduced to a palette: hypotheses must not share a colour.
 """
 
 import argparse
 import logging
+import os
+import re
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,7 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
+from comotion_schemas.errors import KnownError
+from comotion_sources.cameras.opening import open_frames
 
+from . import screens
 from .evaluate import evaluate_inputs
 from .inputs import find_inputs
 from .segment import SegmentOptions, segment
@@ -22,6 +31,9 @@ from .segment import SegmentOptions, segment
 WORKCELL = "workcell:truck-tower/a?rate=10&size=480x360&duration=7"
 STILL = 62
 """Frame of the workcell that is the still picture: all bodies have moved."""
+SCENES = {"truck": 3.0, "truck-tower": 3.0, "shelf": 9.0, "arm": 3.0}
+"""Scenes of the overview, each with the time of its picture, s."""
+GALLERY = Path("docs/gallery.md")
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
@@ -46,7 +58,47 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         if only in {None, name}:
             evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name, progress=False)
             made.append(folder / name)
-    return made
+    if only in {None, "workcell.jpg"}:
+        made.append(_scenes(folder / "workcell.jpg"))
+    if only in {None, "affinity.png"}:
+        made.append(_affinity(folder / "affinity.png"))
+    return made + _screens(folder, only)
+
+
+def _screens(folder: Path, only: str | None) -> list[Path]:
+    wanted = [name for name in screens.SCREENS if only in {None, name}]
+    if wanted and not os.environ.get(screens.CHROMIUM):
+        _log.warning("no browser in %s: %s stay as they are", screens.CHROMIUM, ", ".join(wanted))
+        return []
+    return [screens.take(folder, name) for name in wanted]
+
+
+def _scenes(path: Path) -> Path:
+    """Every scene, seen by camera a above and by camera b below."""
+    rows = []
+    for camera in "ab":
+        seen = []
+        for scene, seconds in SCENES.items():
+            frames = open_frames(
+                f"workcell:{scene}/{camera}?size=320x240&rate=1&duration={seconds + 1}", None
+            )
+            *_, last = frames
+            frames.close()
+            seen.append(last.image)
+        rows.append(np.hstack(seen))
+    cv2.imwrite(str(path), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    return path
+
+
+def _affinity(path: Path) -> Path:
+    """Run the code of the gallery, which draws the picture."""
+    found = re.search(r"```python\n(.*?affinity\.png.*?)```", GALLERY.read_text(encoding="utf-8"), re.DOTALL)
+    if found is None:
+        raise KnownError(f"{GALLERY}: no code draws affinity.png")
+    with tempfile.TemporaryDirectory() as temporary:
+        subprocess.run([sys.executable, "-c", found[1]], cwd=temporary, check=True)  # noqa: S603
+        path.write_bytes((Path(temporary) / "affinity.png").read_bytes())
+    return path
 
 
 def _workcell(folder: Path) -> list[Path]:

@@ -39,6 +39,7 @@ def usable_rows(
     *,
     unseen: bool = False,
     drop: bool = False,
+    instants: bool = False,
 ) -> Rows:
     """Check ids and positions, and convert them.
 
@@ -55,6 +56,8 @@ def usable_rows(
     drop
         Leave out and count rows with a negative id (``range``) or a position that is not finite
         (``non-finite``).
+    instants
+        The rows are of several instants, so that an id may occur again.
 
     Raises
     ------
@@ -78,7 +81,7 @@ def usable_rows(
         _refuse(numbers, bad)
     kept = np.flatnonzero(usable & ~negative)
     found = numbers[kept].astype(np.uint64)
-    if len(np.unique(found)) != len(found):
+    if not instants and len(np.unique(found)) != len(found):
         raise KnownError("an id is used twice in one instant")
     return Rows(
         found,

@@ -186,10 +186,13 @@ class SourcePublisher:
         ValueError
             If the arrays are malformed; nothing is published then.
         """
-        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
         for reason, count in rows.dropped.items():
             self._rejected[reason] = self._rejected.get(reason, 0) + count
         stamp = time.time_ns() if stamp_ns is None else stamp_ns
+        stamps = None if stamps_ns is None else np.asarray(stamps_ns)[rows.kept]
+        if stamps is not None and rows.dropped and len(stamps):
+            stamp = int(stamps.max())
         self.put(
             self.builder.observation(
                 stamp_ns=stamp,
@@ -198,7 +201,7 @@ class SourcePublisher:
                 sigma=rows.sigma,
                 quaternions=None if quaternions is None else np.asarray(quaternions)[rows.kept],
                 ended=ended,
-                stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns)[rows.kept],
+                stamps_ns=stamps,
             )
         )
 

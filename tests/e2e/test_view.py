@@ -1,6 +1,5 @@
 """`comotion view` on a live scene: into a file, and as a page in a browser. Needs the extra `view`."""
 
-import base64
 import json
 import os
 import subprocess
@@ -10,13 +9,12 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import zenoh
 
+from comotion_experiments.browser import Browser
 from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.colours import COLOURS
 from comotion_schemas.transport import declare_publisher
@@ -26,23 +24,6 @@ pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
 SESSION = "0123456789abcdef"
 CHROMIUM = os.environ.get("COMOTION_CHROMIUM", "")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--remote-debugging-pipe",
-    "--window-size=640,480",
-]
-# The protocol of --remote-debugging-pipe: commands on descriptor 3, answers on 4.
-MOVED = """import os, sys
-commands, answers, *command = sys.argv[1:]
-os.dup2(int(commands), 3)
-os.dup2(int(answers), 4)
-os.execv(command[0], command)"""
 
 
 def update(seq: int) -> HypothesisUpdate:
@@ -104,63 +85,6 @@ def test_a_live_scene_into_a_file(
     assert "/spaces/wall/features/camera" in printed.stdout
 
 
-class Browser:
-    """A headless Chromium that is told what to do through a pair of pipes."""
-
-    def __init__(self, profile: Path) -> None:
-        receive, send = os.pipe(), os.pipe()
-        ends = (str(send[0]), str(receive[1]))
-        self.popen = subprocess.Popen(
-            [sys.executable, "-c", MOVED, *ends, CHROMIUM, *FLAGS, f"--user-data-dir={profile}"],
-            pass_fds=(send[0], receive[1]),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        os.close(send[0])
-        os.close(receive[1])
-        self._out, self._in = os.fdopen(send[1], "wb"), os.fdopen(receive[0], "rb")
-        self._rest, self._number = b"", 0
-        self._page: dict[str, str] = {}
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._page["sessionId"] = self.call("Target.attachToTarget", targetId=target, flatten=True)[
-            "sessionId"
-        ]
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters, **self._page}
-        self._out.write(json.dumps(message).encode() + b"\0")
-        self._out.flush()
-        while True:
-            answer = json.loads(self._line())
-            if answer.get("id") == self._number:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']}")
-                return answer["result"]
-
-    def _line(self) -> bytes:
-        while b"\0" not in self._rest:
-            block = self._in.read1(65536)
-            assert block, "the browser has ended"
-            self._rest += block
-        line, _, self._rest = self._rest.partition(b"\0")
-        return line
-
-    def image(self) -> np.ndarray:
-        """What the page looks like; black while there is none to look at."""
-        try:
-            data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
-        except RuntimeError:  # between two pages
-            return np.zeros((1, 1, 3), np.uint8)
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
-
-    def close(self) -> None:
-        self.popen.kill()
-        self.popen.wait(30)
-        self._out.close()
-        self._in.close()
-
-
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(not CHROMIUM, reason="needs the browser named by COMOTION_CHROMIUM")
 def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
@@ -172,15 +96,12 @@ def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
     process = start("view", "--web", "--no-browser", "--connect", endpoint, *ports)
     url = process.wait_line(lambda line: line.startswith("look at ")).removeprefix("look at ")
     assert urllib.request.urlopen(url).status == 200
-    browser = Browser(tmp_path)
-    try:
-        browser.call("Page.navigate", url=f"{url}&renderer=webgl")
+    with Browser(CHROMIUM, tmp_path) as browser:
+        browser.go(f"{url}&renderer=webgl")
         end, found = time.monotonic() + 200, 0
         while time.monotonic() < end and found < 100:
-            image = browser.image().astype(int)
+            image = browser.image()[:, :, ::-1].astype(int)
             found = max(int((np.abs(image - rgb).max(axis=2) < 16).sum()) for rgb in COLOURS)
         assert found >= 100
-    finally:
-        browser.close()
     process.interrupt()
     assert process.wait() == 0

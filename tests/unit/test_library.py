@@ -184,3 +184,14 @@ def test_a_source_takes_ordinary_data():
         strict.observe(ids=[5, 6], positions=[[0, 0, 0], [np.nan, 0, 0]])
     with pytest.raises(ValueError, match="connect or settings"):
         SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
+
+
+def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
+    source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
+    source._obs = Sent()
+    points = [[0, 0, 0], [0, 0, 1], [0, np.nan, 2]]
+    source.observe(ids=[5, 5, 5], positions=points, stamp_ns=30, stamps_ns=[10, 20, 30])
+    (batch,) = map(decode, source._obs)
+    assert (batch.stamp_ns, batch.ids.tolist(), batch.stamps_ns.tolist()) == (20, [5, 5], [10, 20])
+    with pytest.raises(ValueError, match="id is used twice"):
+        source.observe(ids=[5, 5], positions=points[:2], stamp_ns=30)

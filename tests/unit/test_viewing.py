@@ -249,6 +249,16 @@ def test_pixels_that_are_seen_in_images_need_no_view_of_their_own() -> None:
     assert [view.name for view in picture.layout.cameras] == ["a"]
 
 
+def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not() -> None:
+    picture, drawn, images = ScenePicture("lab", rate=5.0), 0, 0
+    for k in range(20):
+        moments = picture.on_update(update([1, 1], S + k * S // 10), k / 10)
+        drawn += any(s.path.startswith("spaces/") for m in moments for s in m.shapes)
+        picture.on_preview(preview(S + k * S // 10, [10]), k / 10)
+        images += sum(s.path.endswith("/image") for s in flat(picture.tick(k / 10)))
+    assert (drawn, images) == (10, 10)
+
+
 def test_nmi_is_shown_where_there_is_truth() -> None:
     picture = ScenePicture("lab")
     picture.on_batch(batch(), 0.0, S)

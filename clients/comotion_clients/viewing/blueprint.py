@@ -98,7 +98,7 @@ def _trails(path: str) -> dict[str, Any]:
 def _side(layout: Layout) -> Any:
     views = [_legend(), _curve("sizes", "Features per hypothesis", legend=False)]
     if layout.scored:
-        views.append(_curve("scores", "ScoreCurves with the truth", range_=(0.0, 1.02)))
+        views.append(_curve("scores", "Agreement with the truth", range_=(0.0, 1.02)))
     views += [_curve("rates", "Rates, Hz"), _curve("lags", "Lags, ms")]
     return rrb.Vertical(*views)
 

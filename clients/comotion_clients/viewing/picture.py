@@ -24,10 +24,14 @@ class ScenePicture:
     ----------
     scene
         Name of the scene.
+    rate
+        Most updates, and images of a camera, that are drawn per second; the others are left out. None: all.
     """
 
-    def __init__(self, scene: str) -> None:
+    def __init__(self, scene: str, rate: float | None = None) -> None:
         self.model = SceneModel(scene)
+        self._gap = 0.0 if rate is None else 1 / rate
+        self._drawn_at: dict[str, float] = {}
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
         self._observed = Observed()
@@ -69,7 +73,8 @@ class ScenePicture:
 
     def on_preview(self, preview: Preview, arrived: float) -> None:
         """Add a camera image; it is drawn when the service has fused its instant."""
-        self._cameras.add(preview, arrived)
+        if self._wanted(f"image {preview.source}", arrived):
+            self._cameras.add(preview, arrived)
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
         """Draw an update and its new events; an update that repeats a stamp is not drawn again."""
@@ -81,6 +86,8 @@ class ScenePicture:
             return moments
         self._drawn_ns = update.stamp_ns
         self._unscored = [*self._unscored[-_MAX_UNSCORED:], (arrived, update)]
+        if not self._wanted("update", arrived):
+            return moments
         shapes = self._features.draw(update, self._observed.spaces)
         return [*moments, Moment(update.stamp_ns, shapes)]
 
@@ -94,6 +101,14 @@ class ScenePicture:
             self._health_at = now
             moments.append(Moment(stamp_ns, self._health.draw(self.model.snapshot(now), self.view_age)))
         return moments
+
+    def _wanted(self, what: str, arrived: float) -> bool:
+        """Whether the last one that is drawn was long enough ago; of steady ones, every k-th is."""
+        since = arrived - self._drawn_at.get(what, -float("inf"))
+        if since < 0.9 * self._gap:
+            return False
+        self._drawn_at[what] = arrived
+        return True
 
     def _newest_ns(self) -> int | None:
         """Stamp for shapes without an acquisition time."""

@@ -56,9 +56,20 @@ class Sink(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions:
-    """Duration in s (None: until stopped), and the file to write once the viewer is subscribed."""
+    """How long to show a scene, and how often.
+
+    Attributes
+    ----------
+    duration
+        s; None: until stopped.
+    rate
+        Most updates, and images of a camera, drawn per second; None: all.
+    ready_file
+        File to write once the viewer is subscribed.
+    """
 
     duration: float | None = None
+    rate: float | None = None
     ready_file: Path | None = None
 
 
@@ -108,8 +119,8 @@ class Viewed:
 class _Feed:
     """Fills a scene picture from the subscriptions of one scene."""
 
-    def __init__(self, session: zenoh.Session, scene: str) -> None:
-        self.picture = ScenePicture(scene)
+    def __init__(self, session: zenoh.Session, scene: str, rate: float | None) -> None:
+        self.picture = ScenePicture(scene, rate)
         self._presence = Presence(session, scene)
         self._truths = Subscription(session, TruthBatch, scene)
         self._statuses = Subscription(session, Status, scene)
@@ -183,7 +194,7 @@ def view(
         ready_file=options.ready_file,
         status=lambda: _status(feeds, ages),
     )
-    with presence as component, closing(_Feed(component.session, scene)) as feed:
+    with presence as component, closing(_Feed(component.session, scene, options.rate)) as feed:
         feeds.append(feed)
         component.ready()
         end = None if options.duration is None else time.monotonic() + options.duration

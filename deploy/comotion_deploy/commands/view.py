@@ -12,6 +12,7 @@ from .. import options
 from ..errors import UserError, missing_extra
 
 if TYPE_CHECKING:
+    from comotion_clients.viewing.process import ViewOptions
     from comotion_clients.viewing.sink import Destination, RerunSink
     from comotion_schemas.transport import SessionSettings
 
@@ -21,6 +22,8 @@ Examples:
   comotion view   # a window
 
   comotion view --web --scene workcell   # a page for the browser
+
+  comotion view --web --rate 2   # for a browser without a graphics card
 
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
 
@@ -68,6 +71,17 @@ def view(
             help="Memory for the history, e.g. 500MB, 2GB or 25%; the oldest data is dropped first.",
         ),
     ] = "1GB",
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate",
+            envvar="COMOTION_VIEW_RATE",
+            min=0.1,
+            max=1000,
+            metavar="HZ",
+            help="Most updates, and images of each camera, per second. Fewer for a slow browser.",
+        ),
+    ] = None,
     duration: Annotated[
         float | None,
         typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
@@ -107,24 +121,23 @@ def view(
     if recording is not None:
         _show_recording(recording, where, duration)
     else:
-        _show_scene(
-            where, scene, options.session_settings(connect, tls=tls), duration, ready_file, json_=json_
-        )
+        from comotion_clients.viewing.process import ViewOptions
+
+        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file)
+        _show_scene(where, scene, options.session_settings(connect, tls=tls), how, json_=json_)
 
 
 def _show_scene(
     where: "Destination",
     scene: str,
     settings: "SessionSettings",
-    duration: float | None,
-    ready_file: Path | None,
+    how: "ViewOptions",
     *,
     json_: bool,
 ) -> None:
     import json
     from dataclasses import asdict
 
-    from comotion_clients.viewing.process import ViewOptions
     from comotion_clients.viewing.process import view as run
     from comotion_clients.viewing.sink import RerunSink
     from comotion_schemas import Keys
@@ -132,7 +145,6 @@ def _show_scene(
     Keys(scene)  # checks the name before a window opens
     with RerunSink(where) as sink:
         _print_address(sink)
-        how = ViewOptions(duration=duration, ready_file=ready_file)
         result = run(sink, scene, settings, how)
     if json_:
         print(json.dumps(asdict(result), indent=2))

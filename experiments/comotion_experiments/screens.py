@@ -1,0 +1,224 @@
+"""Pictures of viewer, terminal and pages: real processes on a free port, looked at by a headless browser."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.terminal_theme import TerminalTheme
+from rich.text import Text
+
+from .browser import Browser
+
+CHROMIUM = "COMOTION_CHROMIUM"
+"""Names the browser; without one there are no such pictures."""
+SCREENS = ("view.jpg", "view-web.jpg", "watch.png", "reproduce.jpg")
+_READY_S, _END_S = 120.0, 60.0
+_SETTLED_S = 60.0  # a page drawn in software takes some seconds, and loads its data after that
+_WORKCELL = (
+    "source workcell truck",
+    "source klt workcell:truck/a?size=480x360&rate=10 --name klt-a --max-features 150",
+    "source external-camera workcell:truck/b?size=480x360&rate=5 --name klt-b --max-features 120",
+    "source proprioception workcell:truck --name gripper",
+)
+_BLACK, _WHITE = (30, 30, 30), (212, 212, 212)
+_DIM = [
+    _BLACK,
+    (205, 49, 49),
+    (13, 188, 121),
+    (229, 229, 16),
+    (36, 114, 200),
+    (188, 63, 188),
+    (17, 168, 205),
+    _WHITE,
+]
+_THEME = TerminalTheme(_BLACK, _WHITE, _DIM)
+
+
+def take(folder: Path, name: str) -> Path:
+    """Take one of :data:`SCREENS` with the browser that the environment names; returns its path."""
+    program = os.environ[CHROMIUM]
+    path = folder / name
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
+        work = Path(temporary)
+        match name:
+            case "view.jpg":
+                recording = _record(work, _WORKCELL, seconds=9.0)
+                image = _viewed(program, work, recording)
+            case "view-web.jpg":
+                recording = _record(work, ("source simulator 3d_4 --seed 1",), seconds=5.0)
+                image = _viewed(program, work, recording)
+            case "watch.png":
+                image = _watched(program, work)
+            case _:
+                _run(work, "reproduce", "--quick", "--out", work / "figures")
+                image = _page(program, work, (work / "figures" / "index.html").as_uri(), (1000, 1400))
+    cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    return path
+
+
+def _command(*words: object) -> list[str]:
+    return [sys.executable, "-m", "comotion_deploy", *map(str, words)]
+
+
+def _run(folder: Path, *words: object) -> str:
+    """Run a command to its end; returns what it printed."""
+    done = subprocess.run(_command(*words), cwd=folder, check=True, capture_output=True, text=True)  # noqa: S603
+    return done.stdout
+
+
+class _Scene:
+    """A router and other processes, which end with it."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self._stack, self._folder, self._count = stack, folder, 0
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.start("router", "--listen", self.endpoint)
+
+    def start(self, *words: object) -> subprocess.Popen[bytes]:
+        """Start a command and wait until it is ready."""
+        self._count += 1
+        ready = self._folder / f"ready-{self._count}"
+        where = () if words[0] == "router" else ("--connect", self.endpoint)
+        process = subprocess.Popen(  # noqa: S603
+            _command(*words, *where, "--ready-file", ready),
+            cwd=self._folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self._stack.callback(stop, process)
+        _until(ready.exists, f"comotion {' '.join(map(str, words))}")
+        return process
+
+
+@contextmanager
+def _scene(folder: Path) -> Iterator[_Scene]:
+    with ExitStack() as stack:
+        yield _Scene(stack, folder)
+
+
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """End a process as Ctrl-C does."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait(_END_S)
+
+
+def free_port() -> int:
+    """Return an unused TCP port of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _until(done: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + _READY_S
+    while not done():
+        if time.monotonic() > end:
+            raise TimeoutError(f"{what}: not ready after {_READY_S:g} s")
+        time.sleep(0.05)
+
+
+def _record(folder: Path, sources: tuple[str, ...], seconds: float) -> Path:
+    """Record a scene from the start of its first source."""
+    path = folder / "scene.mcap"
+    with _scene(folder) as scene:
+        scene.start("serve", "--no-state")
+        recorder = scene.start("record", path)
+        for source in sources:
+            scene.start(*source.split())
+        time.sleep(seconds)
+        stop(recorder)
+    return path
+
+
+def _viewed(program: str, folder: Path, recording: Path) -> NDArray[np.uint8]:
+    """What ``comotion view RECORDING --web`` shows."""
+    ports = ("--port", free_port(), "--data-port", free_port())
+    viewer = subprocess.Popen(  # noqa: S603
+        _command("view", recording, "--web", "--no-browser", *ports),
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert viewer.stderr is not None  # noqa: S101 - a pipe was asked for
+        url = next(line for line in viewer.stderr if line.startswith("look at ")).removeprefix("look at ")
+        return _page(program, folder, f"{url.strip()}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
+    finally:
+        viewer.send_signal(signal.SIGINT)
+        viewer.wait(_END_S)
+
+
+def _page(
+    program: str, folder: Path, url: str, size: tuple[int, int], wait: float = 2.0
+) -> NDArray[np.uint8]:
+    with Browser(program, folder / "profile", size) as browser:
+        browser.go(url)
+        time.sleep(wait)
+        while (image := browser.image()).shape[0] < 2:
+            time.sleep(0.5)
+        return image
+
+
+def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
+    """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
+    with _scene(folder) as scene:
+        scene.start("serve", "--no-state")
+        begin = time.time() + 10.0  # all parts must agree on when the scene starts
+        parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}")
+        sources = [
+            scene.start(*parts, "--rate", rate, "--part", f"{k}/3", "--name", name)
+            for k, (rate, name) in enumerate(((15, "camera"), (30, "depth"), (100, "mocap")), 1)
+        ]
+        time.sleep(begin - time.time() + 5.0)
+        stop(sources[0])
+        time.sleep(2.0)
+        shown = _terminal(folder, "watch", "--once", "--connect", scene.endpoint)
+    console = Console(record=True, width=80, file=(folder / "out").open("w"), force_terminal=True)
+    console.print(Text.from_ansi(shown.rstrip()), end="")
+    page = folder / "watch.html"
+    style = "body{margin:0;background:#1e1e1e;color:#d4d4d4;padding:8px}"
+    style += "pre{margin:0;font:15px/1.3 'DejaVu Sans Mono'}"
+    body = console.export_html(theme=_THEME, inline_styles=True, code_format="<pre>{code}</pre>")
+    page.write_text(f"<meta charset=utf-8><style>{style}</style>{body}", encoding="utf-8")
+    lines = shown.rstrip().count("\n") + 1
+    return _page(program, folder, page.as_uri(), (740, 20 * lines + 24))
+
+
+def _terminal(folder: Path, *words: object) -> str:
+    """Run a command in a terminal of 80 columns; returns what it wrote, with its colours."""
+    import pty
+
+    master, end = pty.openpty()
+    env = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor", "COLUMNS": "80", "LINES": "24"}
+    process = subprocess.Popen(_command(*words), cwd=folder, stdout=end, stderr=end, env=env)  # noqa: S603
+    os.close(end)
+    written = b""
+    while block := _read(master):
+        written += block
+    os.close(master)
+    process.wait(_END_S)
+    return re.sub(r"\r", "", written.decode())
+
+
+def _read(descriptor: int) -> bytes:
+    try:
+        return os.read(descriptor, 65536)
+    except OSError:  # the other end is closed
+        return b""
