@@ -110,11 +110,6 @@ def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
     return [Header(len(values), size, following, _digest([values, *arrays])).pack(), values, *arrays]
 
 
-def dump(state: dict[str, Any], following: int = 0) -> bytes:
-    """Return the bytes of :func:`pieces`."""
-    return b"".join(pieces(state, following))
-
-
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
     """Return what `build` makes of the state in `data`; its arrays are writeable.
 
