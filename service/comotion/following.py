@@ -5,7 +5,7 @@ find bodies. So the standby compares its own updates with the published ones: hy
 trajectories are the same body. When it takes over, it publishes under the ids that clients know.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
 
-from .arrays import Labels
+from .arrays import Ints, Labels
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
@@ -144,27 +144,41 @@ def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, in
 
     The assignment with most shared trajectories in all (Kuhn 1955), among hypotheses of the same space.
     """
-    mine, theirs = _labels_by_track(own), _labels_by_track(leader)
-    common = [(label, theirs[track]) for track, label in mine.items() if track in theirs]
-    before = np.array([label for label, _ in common], np.int64)
-    bodies = [h.id for h in leader.hypotheses]
-    index = {one: k for k, one in enumerate(bodies)}
-    groups = np.array([index.get(label, -1) for _, label in common], np.intp)
-    known, shared = shared_counts(before, groups, len(bodies))
+    before, now = _labels_of_shared(own, leader)
+    theirs = sorted(leader.hypotheses, key=lambda h: h.id)
+    known, shared = shared_counts(before, _positions(now, [h.id for h in theirs]), len(theirs))
     space = {h.id: h.space for h in own.hypotheses}
-    other = np.array([h.space for h in leader.hypotheses], object)
+    other = np.array([h.space for h in theirs], object)
     for row, one in enumerate(known.tolist()):
         shared[row, other != space[one]] = 0
-    return {int(known[row]): bodies[column] for row, column in largest_total(shared)}
+    return {int(known[row]): theirs[column].id for row, column in largest_total(shared)}
 
 
-def _labels_by_track(update: HypothesisUpdate) -> dict[tuple[str, str, int], int]:
-    """Hypothesis by (source, session, id), negative for none."""
-    owners = [(source.name, source.session) for source in update.sources]
-    labels: Labels = update.track_hypothesis.astype(np.int64)
-    labels[update.track_hypothesis == UNDETERMINED] = -1
-    rows = zip(update.track_source.tolist(), update.track_id.tolist(), labels.tolist(), strict=True)
-    return {(*owners[source], track): label for source, track, label in rows}
+def _labels_of_shared(own: HypothesisUpdate, leader: HypothesisUpdate) -> tuple[Labels, Labels]:
+    """Hypotheses in both updates of the trajectories that are in both, int64 [N] each, negative for none."""
+    at = {(source.name, source.session): k for k, source in enumerate(leader.sources)}
+    mine, theirs = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
+    for k, source in enumerate(own.sources):
+        here = np.flatnonzero(own.track_source == k)
+        there = np.flatnonzero(leader.track_source == at.get((source.name, source.session), -1))
+        _, i, j = np.intersect1d(own.track_id[here], leader.track_id[there], return_indices=True)
+        mine.append(here[i])
+        theirs.append(there[j])
+    return _labels(own, np.concatenate(mine)), _labels(leader, np.concatenate(theirs))
+
+
+def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
+    labels: Labels = update.track_hypothesis[rows].astype(np.int64)
+    labels[labels == UNDETERMINED] = -1
+    return labels
+
+
+def _positions(labels: Labels, ids: Sequence[int]) -> Ints:
+    """Where each label is in ascending ids, intp [N], -1 where it is not."""
+    known = np.array(ids, np.int64)
+    found = np.searchsorted(known, labels)
+    # A label beyond the last id is compared with one that it cannot be equal to.
+    return np.where(np.append(known, -2)[found] == labels, found, -1)
 
 
 def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:
