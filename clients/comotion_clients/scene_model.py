@@ -147,8 +147,8 @@ class SceneModel:
         return new
 
     def on_status(self, status: Status) -> None:
-        """Add a Status; that of the service also names sources that were silent since the start."""
-        if status.role == "service":
+        """Add a Status; the one of the service that speaks also names sources that sent nothing yet."""
+        if status.role == "service" and status.replica != "standby":
             self._service = status
             for name in status.ages:
                 self._sources.setdefault(name, _Source())

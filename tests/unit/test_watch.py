@@ -187,6 +187,13 @@ def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
     assert model.snapshot(3.0).service.state == "absent"
 
 
+def test_a_standby_does_not_hide_what_the_active_service_says() -> None:
+    model = SceneModel("lab")
+    model.on_status(status(replica="active", epoch=3, message="2 late"))
+    model.on_status(status(component="other", replica="standby", message="all is well"))
+    assert model.snapshot(0.0).service.message == "2 late"
+
+
 def test_tracks_and_hypotheses_of_the_newest_update() -> None:
     model = SceneModel("lab")
     model.on_batch(batch("b", 0), 0.0, 0)
