@@ -57,6 +57,16 @@ class EtcdCluster:
                 return
         raise TimeoutError("etcd does not answer")
 
+    def leader(self) -> int:
+        """The number of the member that leads."""
+        from etcd3gw import client  # the extra `cluster`
+
+        for k, port in enumerate(self._clients):
+            status = client(host="127.0.0.1", port=port).status()
+            if status["leader"] == status["header"]["member_id"]:
+                return k
+        raise AssertionError("no member leads")
+
     def kill(self, member: int) -> None:
         self.processes[member].kill()
         self.processes[member].wait()

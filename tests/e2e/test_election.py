@@ -76,6 +76,23 @@ def test_a_suspected_owner_loses_the_scene_at_once_and_learns_it(etcd):
             owner.until(silent)
 
 
+def test_who_has_just_lost_the_scene_does_not_take_it_back(etcd):
+    """A network has split: each side has lost the tokens of the other."""
+    with Candidate(etcd, "s1") as first:
+        first.until(speaks)
+        with Candidate(etcd, "s2") as second:
+            first.election.suspect("s2")
+            second.election.suspect("s1")
+            epoch = second.until(speaks)
+            first.until(silent)
+            first.election.suspect("s2")
+            with Candidate(etcd, "s3") as third:
+                while third.election.leader is None:
+                    threading.Event().wait(0.02)
+                assert third.election.leader == "s2"
+            assert second.election.epoch == epoch
+
+
 def test_a_service_that_hears_a_higher_epoch_falls_silent_and_may_be_elected_again(etcd):
     with Candidate(etcd, "s1") as only:
         before = only.until(speaks)

@@ -7,12 +7,16 @@ The rules:
   higher epoch. Clients drop updates of a lower one, and a service that hears a higher one falls silent.
 - A standby that sees the owner's liveliness token vanish ends the owner's lease and creates the key anew.
   Without a token to watch (the host is gone with its router) the lease ends by itself.
+- Where a network splits, each side sees the tokens of the other vanish. So who has the scene, or has just
+  lost it, ends no lease; nor does a standby that etcd did not answer at that time.
 - While etcd does not answer, nobody is elected: the active service goes on, a standby stays silent.
 """
 
 import json
 import logging
 import threading
+import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
@@ -77,7 +81,8 @@ class Election:
         self._ttl = lease
         self._changed = changed
         self._lease: int | None = None
-        self._suspect: str | None = None
+        self._suspects: deque[str] = deque()
+        self._spoke_s = -float("inf")
         self._fenced = False
         self._wake = threading.Event()
         self._stop = False
@@ -95,9 +100,10 @@ class Election:
         self._thread.join()
 
     def suspect(self, name: str) -> None:
-        """Say that a service has gone: if it is the owner, its lease is ended."""
-        self._suspect = name
-        self._wake.set()
+        """Say that a service has gone: if it is the owner and this one a standby, its lease is ended."""
+        if self.epoch is None and time.monotonic() - self._spoke_s > self._ttl:
+            self._suspects.append(name)
+            self._wake.set()
 
     def fence(self, epoch: int) -> None:
         """Say that an epoch has been heard: below it this service must not speak."""
@@ -130,28 +136,22 @@ class Election:
         )
 
     def _step(self, etcd: Etcd) -> None:
+        gone = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._me.name}
         if self._fenced:
             self._resign(etcd)
             self._fenced = False
         if self._lease is not None and not etcd.renew(self._lease):
             self._lease = None
         owner = etcd.read(self._key)
-        if owner is not None and self._suspect is not None:
-            owner = self._end(etcd, owner)
-        self._suspect = None
+        if owner is not None and _owner(owner).name in gone:
+            etcd.revoke(owner.lease)
+            owner = etcd.read(self._key)
         if owner is None:
             self._claim(etcd)
         else:
             named = _owner(owner)
             self.leader = named.name
             self._set(owner.created if named == self._me and owner.lease == self._lease else None)
-
-    def _end(self, etcd: Etcd, owner: Entry) -> Entry | None:
-        """End the lease of an owner that has gone."""
-        if _owner(owner).name != self._suspect or self._suspect == self._me.name:
-            return owner
-        etcd.revoke(owner.lease)
-        return etcd.read(self._key)
 
     def _claim(self, etcd: Etcd) -> None:
         if self._lease is None:
@@ -175,6 +175,8 @@ class Election:
 
     def _set(self, epoch: int | None) -> None:
         if epoch != self.epoch:
+            if epoch is None:
+                self._spoke_s = time.monotonic()
             self.epoch = epoch
             self._changed()
 

@@ -133,6 +133,10 @@ class Intake:
         """Names whose liveliness token is there, and since when in monotonic ns."""
         return self.tokens.present
 
+    def silent_ns(self, monotonic_ns: int) -> float:
+        """Time since a payload of any source arrived; infinite if none has."""
+        return min((monotonic_ns - ring.used_ns for ring in self._rings.values()), default=float("inf"))
+
     def receive(self, monotonic_ns: int, budget_ns: int = 2**62) -> Iterator[ObservationBatch]:
         """Yield valid batches that have arrived: of each source in the order of arrival, in turns.
 

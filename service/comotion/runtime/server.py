@@ -16,12 +16,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from comotion_schemas import (
-    DEFAULT_SCENE,
-    HypothesisUpdate,
-    Keys,
-    metrics,
-)
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
 from comotion_schemas.tls import TlsFiles
 from comotion_schemas.transport import SessionSettings
@@ -199,7 +194,9 @@ class _Loop:
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
-        self._follower = Follower(component, leadership, fusion) if isinstance(leadership, Election) else None
+        self._follower = None
+        if isinstance(leadership, Election):
+            self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
         self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
         self._last = self._publish(self._last)
