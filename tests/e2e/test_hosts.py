@@ -1,8 +1,9 @@
 """Three hosts as network namespaces, with a bad network between them: routers meshed with certificates.
 
-Sources on A; the service of one scene on B, of another on C; clients on all. Between hosts everything goes
-through a relay that delays by 50 ms, jitters and loses datagrams. A link is cut for 5 s and routers are
-killed: output resumes by itself, counters tell what was lost, ids survive.
+Sources on A; two replicas of their scene on B and C; clients on all; etcd on a fourth host. Routers reach
+each other through a relay that delays by 50 ms, jitters and loses datagrams. The host of the sources and that
+of the active replica are cut off for 5 s, and routers are killed: output resumes by itself, counters tell
+what was lost, ids survive.
 """
 
 import json
@@ -11,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,11 +21,14 @@ import pytest
 from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import Grant
 
-from .conftest import Process
+from .conftest import DEADLINE, Process
+from .etcd_cluster import NEEDS_ETCD
 
-pytestmark = [pytest.mark.e2e, pytest.mark.long]
+pytestmark = [pytest.mark.e2e, pytest.mark.long, NEEDS_ETCD]
 HOSTS = ("a", "b", "c")
-SCENES = {"one": "b", "two": "c"}
+REPLICAS = ("b", "c")
+SCENE = "cell"
+SOURCES = ("left", "right")
 QUIC = 7447
 CUT_S = 5.0
 RATE = 20.0
@@ -37,10 +41,9 @@ from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings, stream_publisher
 
-scene, folder = sys.argv[1:]
-rng = np.random.default_rng(7)
+scene, name, folder = sys.argv[1:]
+rng = np.random.default_rng(len(name))
 rest = rng.random((12, 3)) * 0.4
-name = f"tracker-{scene}"
 settings = client_settings(["tls/127.0.0.1:7447"], folder)
 with Component(role="source", name=name, scene=scene, settings=settings) as source:
     publisher = stream_publisher(source.session, source.keys, "obs", name)
@@ -122,32 +125,42 @@ def port(near: str, far: str) -> int:
 
 
 class Site:
-    """The network with its certificates, routers, services, sources and clients."""
+    """The network with its certificates, routers, etcd, replicas, sources and clients."""
 
     def __init__(self, network: Network, folder: Path, run: Callable[..., Process]) -> None:
         self.network, self._run = network, run
         self.pki = folder / "pki"
+        self._issue()
+        self._relay()
+        self._etcd(folder / "etcd")
+        self.routers = {host: self.router(host) for host in HOSTS}
+        replicas = [self._replica(host) for host in REPLICAS]
+        for process in (*self.routers.values(), *replicas):
+            process.wait_ready()
+        script = folder / "source.py"
+        script.write_text(SOURCE)
+        self.sources = [
+            self._run("a", sys.executable, script, SCENE, name, self.pki / name) for name in SOURCES
+        ]
+        self.clients = {host: self._client(host) for host in HOSTS}
+
+    def _issue(self) -> None:
         authority = Authority.create(self.pki)
         names = ["localhost", "127.0.0.1", *(address(host, of_relay=True) for host in HOSTS)]
         for host in HOSTS:
             authority.issue(grant("router", f"router-{host}"), hosts=names)
-            authority.issue(grant("viewer", f"viewer-{host}", scene="*"))
-        for scene in SCENES:
-            authority.issue(grant("service", f"fusion-{scene}", scene=scene))
-            authority.issue(grant("source", f"tracker-{scene}", scene=scene))
-        self._relay()
-        self.routers = {host: self.router(host) for host in HOSTS}
-        services = [self._service(scene, host) for scene, host in SCENES.items()]
-        for process in services:
-            process.wait_ready()
-        script = folder / "source.py"
-        script.write_text(SOURCE)
-        self.sources = {
-            scene: self._run("a", sys.executable, script, scene, self.pki / f"tracker-{scene}")
-            for scene in SCENES
-        }
-        # On every host a client of a scene that is served elsewhere.
-        self.clients = {(h, s): self.client(h, s) for h, s in [("a", "one"), ("b", "two"), ("c", "one")]}
+            authority.issue(grant("viewer", f"viewer-{host}"))
+        for host in REPLICAS:
+            authority.issue(grant("service", f"fusion-{host}"))
+        for name in SOURCES:
+            authority.issue(grant("source", name))
+        authority.issue(grant("viewer", "operator"))
+
+    def _etcd(self, folder: Path) -> None:
+        """On the host of the relay: whoever is cut off does not reach it."""
+        urls = [f"http://{address(host, of_relay=True)}:2379" for host in HOSTS]
+        listen = ("--listen-client-urls", ",".join(urls), "--advertise-client-urls", urls[0])
+        self._run("relay", "etcd", "--data-dir", folder, "--log-level", "error", *listen)
 
     def _relay(self) -> None:
         pairs = [("b", "a"), ("c", "a"), ("c", "b")]
@@ -168,25 +181,43 @@ class Site:
         ]
         listen = ("--listen", "tls/127.0.0.1:7447", "--listen", f"quic/{address(host)}:{QUIC}")
         own = ("--secure", self.pki, "--tls", self.pki / f"router-{host}")
-        process = self.comotion(host, "router", *own, *listen, *connect)
-        process.wait_ready()
-        return process
+        return self.comotion(host, "router", *own, *listen, *connect)
 
     def comotion(self, host: str, *words: object) -> Process:
         return self._run(host, sys.executable, "-m", "comotion_deploy", *words)
 
-    def _service(self, scene: str, host: str) -> Process:
-        tls = self.pki / f"fusion-{scene}"
-        return self.comotion(host, "serve", "--no-state", "--scene", scene, "--tls", tls)
+    def _replica(self, host: str) -> Process:
+        own = ("--name", f"fusion-{host}", "--tls", self.pki / f"fusion-{host}")
+        standby = ("--standby", "--etcd", f"http://{address(host, of_relay=True)}:2379")
+        return self.comotion(host, "serve", "--no-state", "--scene", SCENE, *own, *standby)
 
-    def client(self, host: str, scene: str) -> Process:
+    def _client(self, host: str) -> Process:
         tls = self.pki / f"viewer-{host}"
-        return self.comotion(host, "watch", "--json", "--scene", scene, "--tls", tls)
+        return self.comotion(host, "watch", "--json", "--scene", SCENE, "--tls", tls)
+
+    def replicas(self) -> dict[str, tuple[str, int]]:
+        """Role and epoch of each replica, by host, as `comotion status` says on A."""
+        words = ("--json", "--scene", SCENE, "--tls", self.pki / "operator")
+        status = self.comotion("a", "status", *words)
+        status.wait()
+        rows = json.loads(status.output)["components"]
+        found = {row["name"]: (row["replica"], row["epoch"]) for row in rows if row["role"] == "service"}
+        return {name.removeprefix("fusion-"): replica for name, replica in found.items()}
+
+    def until_active(self, host: str) -> int:
+        """Wait until this replica alone is active; its epoch."""
+        end = time.monotonic() + DEADLINE
+        while time.monotonic() < end:
+            found = self.replicas()
+            active = [name for name, (role, _) in found.items() if role == "active"]
+            if active == [host] and len(found) == len(REPLICAS):
+                return found[host][1]
+        raise AssertionError(f"not {host} alone is active: {found}")
 
 
-def grant(role: str, name: str, scene: str = "*") -> Grant:
+def grant(role: str, name: str) -> Grant:
     sources = (name,) if role == "source" else ()
-    return Grant(role=role, name=name, common_name="new", scene=scene, sources=sources)
+    return Grant(role=role, name=name, common_name="new", scene=SCENE, sources=sources)
 
 
 @pytest.fixture
@@ -211,28 +242,33 @@ def bodies(line: str) -> set[int]:
     shown = json.loads(line) if line.startswith("{") else {}
     well = bool(shown) and shown["service"]["state"] != "silent" and shown["service"]["age"] < 1.0
     rows = shown.get("hypotheses", [])
-    present = {row["id"] for row in rows if row["size"] == 6 and row["confirmed"] and not row["absent"]}
-    live = any(source["state"] == "ok" for source in shown.get("sources", []))
-    return present if well and live and len(present) == 2 else set()
+    whole = 6 * len(SOURCES)
+    present = {row["id"] for row in rows if row["size"] == whole and row["confirmed"] and not row["absent"]}
+    live = [source for source in shown.get("sources", []) if source["state"] == "ok"]
+    return present if well and len(live) == len(SOURCES) and len(present) == 2 else set()
 
 
-def seen(site: Site) -> dict[tuple[str, str], set[int]]:
-    """Ids that each client shows from now on, once it shows both bodies."""
-    found = {}
-    for key, client in site.clients.items():
+def seen(site: Site, hosts: Iterable[str] = HOSTS) -> set[int]:
+    """The ids that the clients on these hosts show from now on, once they show both bodies."""
+    found = []
+    for host in hosts:
+        client = site.clients[host]
         line = client.wait_line(lambda text: bool(bodies(text)), start=len(client.lines))
-        found[key] = bodies(line)
-    return found
+        found.append(bodies(line))
+    assert all(ids == found[0] for ids in found)
+    return found[0]
 
 
-def until_counted(site: Site, scene: str, condition: Callable[[dict[str, int]], object]) -> dict[str, int]:
-    """The first counters of a service from now on, as a client shows them, that fulfil a condition."""
-    client = next(client for (_, served), client in site.clients.items() if served == scene)
+def until_counted(site: Site, condition: Callable[[dict[str, int]], object]) -> dict[str, int]:
+    """The first counters of the active service from now on, as a client shows them, with a condition."""
 
     def counters(line: str) -> dict[str, int]:
         return json.loads(line)["service"]["counters"] if line.startswith("{") else {}
 
-    found = client.wait_line(lambda line: condition(counters(line)) if counters(line) else False)
+    client = site.clients["a"]
+    found = client.wait_line(
+        lambda line: condition(counters(line)) if counters(line) else False, start=len(client.lines)
+    )
     return counters(found)
 
 
@@ -242,29 +278,39 @@ def accounts_for(sent: int, now: dict[str, int]) -> bool:
     The service counts from the first batch that it sees. When routes change, a batch that others overtake
     counts as lost before it comes, and one may come twice.
     """
-    few = FIRST + now["duplicates"] + now["reordered"] + now["late"]
+    few = FIRST * len(SOURCES) + now["duplicates"] + now["reordered"] + now["late"]
     return abs(sent - now["batches"] - now["lost"]) <= few
 
 
 def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
     before = seen(site)
-    assert before["a", "one"] == before["c", "one"]
 
+    # The host of the sources: what they publish meanwhile does not arrive, and is counted.
     site.network.set_link("a", "down")
     time.sleep(CUT_S)
     site.network.set_link("a", "up")
-    assert seen(site) == before, "after the link was cut"
-    # What was published meanwhile did not arrive, and is counted.
-    for scene in SCENES:
-        until_counted(site, scene, lambda now: now.get("lost", 0) > 0)
+    assert seen(site) == before, "after the sources were cut off"
+    until_counted(site, lambda now: now.get("lost", 0) > 0)
 
     for host in ("a", "b"):
         site.routers[host].kill()
         site.routers[host] = site.router(host)
+        site.routers[host].wait_ready()
         assert seen(site) == before, f"after the router of host {host} was killed"
 
-    for scene, source in site.sources.items():
+    # The host of the active replica, which goes on: the others hear the standby.
+    active, epoch = next((host, epoch) for host, (role, epoch) in site.replicas().items() if role == "active")
+    standby = next(host for host in REPLICAS if host != active)
+    site.network.set_link(active, "down")
+    time.sleep(CUT_S)
+    assert seen(site, ("a", standby)) == before, "while the active replica was cut off"
+    site.network.set_link(active, "up")
+    assert seen(site) == before, "after the active replica was cut off"
+    assert site.until_active(standby) > epoch
+
+    for source in site.sources:
         source.popen.terminate()
-        sent = int(source.wait_line(lambda line: line.startswith("sent ")).split()[1])
-        now = until_counted(site, scene, lambda now, sent=sent: accounts_for(sent, now))
-        assert now["lost"] > 0.9 * CUT_S * RATE
+    said = [source.wait_line(lambda line: line.startswith("sent ")) for source in site.sources]
+    sent = sum(int(line.split()[1]) for line in said)
+    now = until_counted(site, lambda now: accounts_for(sent, now))
+    assert now["lost"] > 0.9 * CUT_S * RATE * len(SOURCES)
