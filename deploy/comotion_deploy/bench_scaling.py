@@ -1,5 +1,6 @@
 """``comotion bench --scaling``: many scenes on one machine, with and without standbys."""
 
+import os
 import shutil
 import subprocess
 import threading
@@ -14,8 +15,8 @@ import numpy as np
 
 from comotion_clients.subscribe import subscribe
 from comotion_clients.subscription import Subscription
-from comotion_experiments.bench.scaling import Load, Share, seconds_of
-from comotion_schemas import Status
+from comotion_experiments.bench.scaling import RATE, Load, Share, busy_seconds, seconds_of
+from comotion_schemas import ObservationBatch, Status, encode
 
 from .child import Child
 from .demo import free_endpoint
@@ -51,7 +52,7 @@ def run_scaling(
     """
     found = []
     for load in loads:
-        progress(f"{load.scenes} x {load.features}{' with standby' if load.standby else ''}")
+        progress(f"{load}{' with standby' if load.standby else ''}")
         with ExitStack() as stack:
             found.append(_run(load, seconds, fusion, stack))
         progress(f"  {found[-1].total:.2f} cores, {found[-1].overruns} overruns")
@@ -60,7 +61,7 @@ def run_scaling(
 
 def _run(load: Load, seconds: float, fusion: Sequence[str], stack: ExitStack) -> Share:
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="comotion-scaling-")))
-    etcd = stack.enter_context(_etcd(folder)) if load.standby else None
+    url, etcd = stack.enter_context(_etcd(folder)) if load.standby else ("", [])
     endpoint = free_endpoint()
     children: dict[str, list[Child]] = {}
 
@@ -74,12 +75,14 @@ def _run(load: Load, seconds: float, fusion: Sequence[str], stack: ExitStack) ->
 
     scenes = [f"bench-{k}" for k in range(load.scenes)]
     start("router", [comotion("router", "router", "--listen", endpoint)])
-    for kind in ("service", *(["standby"] if etcd else [])):
-        replica = ["--standby", "--etcd", etcd] if etcd else []
+    for kind in ("service", *(["standby"] if url else [])):
+        replica = ["--standby", "--etcd", url] if url else []
         start(kind, [_serve(scene, kind, endpoint, replica, fusion) for scene in scenes])
     common = (*PYTHON, _MODULE, endpoint)
-    start("source", [_source(scene, (*common, scene, str(load.features))) for scene in scenes])
-    return _measure(load, endpoint, scenes, children, seconds)
+    size = str(load.features), str(load.bodies)
+    start("source", [_source(scene, (*common, scene, *size)) for scene in scenes])
+    pids = {kind: [child.pid for child in some if child.pid] for kind, some in children.items()}
+    return _measure(load, endpoint, scenes, pids | {"etcd": etcd, "client": [os.getpid()]}, seconds)
 
 
 def _serve(
@@ -95,25 +98,36 @@ def _source(scene: str, command: tuple[str, ...]) -> ProcessSpec:
 
 
 def _measure(
-    load: Load, endpoint: str, scenes: Sequence[str], children: dict[str, list[Child]], seconds: float
+    load: Load, endpoint: str, scenes: Sequence[str], pids: dict[str, list[int]], seconds: float
 ) -> Share:
-    pids = {kind: [child.pid for child in some if child.pid] for kind, some in children.items()}
     with ExitStack() as stack:
         streams = [stack.enter_context(subscribe(scene, endpoint)) for scene in scenes]
         statuses = [stack.enter_context(subscribe(scene, endpoint, message=Status)) for scene in scenes]
         _drain_for(_SETTLE_S, [*streams, *statuses])
-        before, overruns, began = seconds_of(pids), _overruns(statuses), time.monotonic()
+        overruns = _overruns(statuses)
+        for stream in streams:
+            stream.drain()
+        before, busy, began = seconds_of(pids), busy_seconds(), time.monotonic()
         offset = time.time() - began
         ages: list[float] = []
+        size = 0
         while time.monotonic() < began + seconds:
             threading.Event().wait(0.2)
             for stream in streams:
-                ages += [(at + offset) * 1e3 - update.stamp_ns * 1e-6 for at, update in stream.drain()]
-        took, after = time.monotonic() - began, seconds_of(pids)
+                for at, update in stream.drain():
+                    ages.append((at + offset) * 1e3 - update.stamp_ns * 1e-6)
+                    size = len(encode(update))
+        took, after, busy = time.monotonic() - began, seconds_of(pids), busy_seconds() - busy
         grown = _overruns(statuses) - overruns
+        batch = next(iter(stack.enter_context(subscribe(scenes[0], endpoint, message=ObservationBatch))))
     cores = {kind: (after[kind] - before[kind]) / took for kind in after}
     spread = (float(np.median(ages)), float(np.percentile(ages, 99))) if ages else (np.nan, np.nan)
-    return Share(load, took, cores, len(ages), grown, spread)
+    others = max(0.0, busy / took - sum(cores.values()))
+    rates = {
+        "observations": len(encode(batch)) * RATE,
+        "updates": size * len(ages) / took / len(scenes),
+    }
+    return Share(load, took, cores, others, rates, len(ages), grown, spread)
 
 
 def _drain_for(seconds: float, streams: Sequence[Subscription[Any]]) -> None:
@@ -151,8 +165,8 @@ def _stop(child: Child) -> None:
 
 
 @contextmanager
-def _etcd(folder: Path) -> Iterator[str]:
-    """An etcd server of one member; its url."""
+def _etcd(folder: Path) -> Iterator[tuple[str, list[int]]]:
+    """An etcd server of one member; its url and process."""
     if shutil.which("etcd") is None:
         raise UserError("standbys need etcd, which is not installed")
     client, peer = (free_endpoint().replace("tcp/", "http://") for _ in range(2))
@@ -162,7 +176,7 @@ def _etcd(folder: Path) -> Iterator[str]:
     words += ["--initial-cluster", f"default={peer}"]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        yield client
+        yield client, [process.pid]
     finally:
         process.terminate()
         process.wait()

@@ -30,7 +30,7 @@ Examples:
 
   comotion bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
 
-  comotion bench --scaling --scenes 1,2,4 --features 250 --out docs   # many scenes, and standbys
+  comotion bench --scaling --scenes 1,2,4 --features 42,100 --out docs   # many scenes, and standbys
 """
 
 
@@ -166,15 +166,15 @@ def _scaling(
     assignments: list[str],
     out: Path | None,
 ) -> None:
-    """The same features in one scene and in many, each with and without standbys."""
+    """The same features in one scene and in many, with and without standbys."""
     from comotion_experiments.bench import report, scaling
+    from comotion_experiments.bench.machine import describe_machine
 
     from ..bench_scaling import run_scaling
 
     counts = _numbers("--scenes", scenes, 1, 256)
-    (size,) = _numbers("--features", features or "100", 2, 50_000)[:1]
-    loads = [scaling.Load(1, size * counts[-1])]
-    loads += [scaling.Load(count, size, standby) for standby in (False, True) for count in counts]
+    sizes = _numbers("--features", features or "100", 2, 50_000)
+    loads = [load for size in sizes for load in scaling.loads(counts, size)]
     fusion = [word for name in method or () for word in ("--method", name)]
     fusion += [word for text in assignments for word in ("--set", text)]
     found = run_scaling(loads, seconds, fusion, lambda line: print(line, file=sys.stderr, flush=True))
@@ -182,7 +182,10 @@ def _scaling(
     if out is not None:
         (out / "images").mkdir(parents=True, exist_ok=True)
         scaling.save_picture(out / "images" / "scaling.png", found)
-        text = f"`{_command()}`\n\n{scaling.markdown(found)}\n\n![Cores by kind](images/scaling.png)\n"
+        machine = describe_machine()
+        where = f"{machine.processor}, {machine.cores} cores"
+        text = f"`{_command()}`, {where}, comotion {machine.versions['comotion']}.\n\n"
+        text += f"{scaling.markdown(found)}\n\n![Cores by kind](images/scaling.png)\n"
         report.write_page(out / "scaling.md", "scaling", text)
 
 

@@ -1,8 +1,8 @@
-"""Processor time of many scenes side by side: what services, standbys, router and sources take.
+"""Processor time of many scenes side by side: what services, standbys, router, sources and etcd take.
 
 One source process a scene, see :mod:`comotion_deploy.bench_scaling`::
 
-    python -m comotion_experiments.bench.scaling ENDPOINT SCENE FEATURES
+    python -m comotion_experiments.bench.scaling ENDPOINT SCENE FEATURES BODIES
 """
 
 import os
@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import cycle
 from pathlib import Path
 
 from comotion_schemas.transport import SessionSettings
@@ -20,16 +19,24 @@ from .live import processor_seconds
 from .scene import Scene, SceneSpec
 
 RATE = 30.0
-KINDS = ("service", "standby", "router", "source")
+BODIES = 6
+KINDS = ("service", "standby", "router", "etcd", "source", "client")
+_COLOURS = ("#0072b2", "#56b4e9", "#e69f00", "#cc79a7", "#999999", "#dddddd")
+_TICKS = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
 class Load:
-    """A configuration: scenes, features of each, and whether each scene has a standby."""
+    """A configuration: scenes, features and bodies of each, and whether each scene has a standby."""
 
     scenes: int
     features: int
+    bodies: int = BODIES
     standby: bool = False
+
+    def __str__(self) -> str:
+        size = f"{self.scenes} x {self.features}"
+        return size if self.bodies == BODIES else f"{size}, {self.bodies} bodies"
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,10 @@ class Share:
     ----------
     cores
         Processor time by kind of process, in cores.
+    others
+        Processor time of everything else on the machine, in cores.
+    bytes_per_s
+        Payloads of one scene, by what they are.
     updates, overruns
         Of all active services together, over `seconds`.
     latency_ms
@@ -49,6 +60,8 @@ class Share:
     load: Load
     seconds: float
     cores: dict[str, float]
+    others: float
+    bytes_per_s: dict[str, float]
     updates: int
     overruns: int
     latency_ms: tuple[float, float]
@@ -59,9 +72,17 @@ class Share:
         return sum(self.cores.values())
 
 
-def run_source(endpoint: str, scene: str, features: int) -> None:
+def loads(counts: Sequence[int], features: int) -> list[Load]:
+    """All features and bodies in one scene, then in more and more scenes, without and with standbys."""
+    most = counts[-1]
+    together = [Load(1, features * most), Load(1, features * most, BODIES * most)]
+    apart = [Load(count, features, standby=standby) for standby in (False, True) for count in counts]
+    return [*(together if most > 1 else []), *apart]
+
+
+def run_source(endpoint: str, scene: str, features: int, bodies: int) -> None:
     """Publish one scene in real time until stopped."""
-    spec = SceneSpec(features=features, sources=1, rate=RATE)
+    spec = SceneSpec(features=features, bodies=bodies, sources=1, rate=RATE)
     publisher = SourcePublisher(
         "s0", space="world", unit="m", dim=3, scene=scene, settings=SessionSettings(connect=(endpoint,)),
         ready_file=Path(os.environ["COMOTION_READY_FILE"]), rate=RATE,
@@ -81,22 +102,34 @@ def seconds_of(pids: dict[str, list[int]]) -> dict[str, float]:
     return {kind: sum(map(processor_seconds, pids.get(kind, ()))) for kind in KINDS}
 
 
+def busy_seconds() -> float:
+    """Processor seconds of the whole machine so far, all cores together; 0 where /proc does not tell."""
+    stat = Path("/proc/stat")
+    if not stat.exists():
+        return 0.0
+    user, nice, system, _idle, _wait, irq, softirq, *_ = map(int, stat.read_text().split("\n")[0].split()[1:])
+    return (user + nice + system + irq + softirq) / _TICKS
+
+
 def markdown(shares: Sequence[Share]) -> str:
     """A table with one row a configuration."""
-    lines = [
-        "| scenes x features | standby | services | standbys | router | sources | all | "
-        "overruns / updates | latency ms, median (p99) |",
-        "|---|---|---|---|---|---|---|---|---|",
+    titles = ["scenes x features", "standby", *KINDS, "all", "others", "overruns / updates"]
+    titles += ["latency ms, median (p99)", *(f"{what} kB/s" for what in shares[0].bytes_per_s)]
+    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
+    return "\n".join([*lines, *("| " + " | ".join(_cells(share)) + " |" for share in shares)])
+
+
+def _cells(share: Share) -> list[str]:
+    cores = [*(share.cores[kind] for kind in KINDS), share.total, share.others]
+    middle, p99 = share.latency_ms
+    return [
+        str(share.load),
+        "yes" if share.load.standby else "no",
+        *(f"{value:.2f}" for value in cores),
+        f"{share.overruns} / {share.updates}",
+        f"{middle:.0f} ({p99:.0f})",
+        *(f"{size / 1000:.1f}" for size in share.bytes_per_s.values()),
     ]
-    for share in shares:
-        cells = [f"{share.cores[kind]:.2f}" for kind in KINDS]
-        middle, p99 = share.latency_ms
-        lines.append(
-            f"| {share.load.scenes} x {share.load.features} | {'yes' if share.load.standby else 'no'} | "
-            + " | ".join(cells)
-            + f" | {share.total:.2f} | {share.overruns} / {share.updates} | {middle:.0f} ({p99:.0f}) |"
-        )
-    return "\n".join(lines)
 
 
 def save_picture(path: Path, shares: Sequence[Share]) -> None:
@@ -106,10 +139,10 @@ def save_picture(path: Path, shares: Sequence[Share]) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    names = [f"{s.load.scenes} x {s.load.features}{' + standby' if s.load.standby else ''}" for s in shares]
+    figure, axes = plt.subplots(figsize=(8, 1 + 0.3 * len(shares)), layout="constrained")
+    names = [f"{share.load}{' + standby' if share.load.standby else ''}" for share in shares]
     left = [0.0] * len(shares)
-    for kind, colour in zip(KINDS, cycle(("#0072b2", "#56b4e9", "#e69f00", "#999999")), strict=False):
+    for kind, colour in zip(KINDS, _COLOURS, strict=True):
         widths = [share.cores[kind] for share in shares]
         axes.barh(names, widths, left=left, label=kind, color=colour)
         left = [a + b for a, b in zip(left, widths, strict=True)]
@@ -122,4 +155,4 @@ def save_picture(path: Path, shares: Sequence[Share]) -> None:
 
 
 if __name__ == "__main__":
-    run_source(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    run_source(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
