@@ -31,7 +31,7 @@ from .segment import SegmentOptions, segment
 WORKCELL = "workcell:truck-tower/a?rate=10&size=480x360&duration=7"
 STILL = 62
 """Frame of the workcell that is the still picture: all bodies have moved."""
-SCENES = {"truck": 3.0, "truck-tower": 3.0, "shelf": 9.0, "arm": 3.0}
+SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
 GALLERY = Path("docs/gallery.md")
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}

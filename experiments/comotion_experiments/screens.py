@@ -64,7 +64,7 @@ def take(folder: Path, name: str) -> Path:
             case _:
                 _run(work, "reproduce", "--quick", "--out", work / "figures")
                 image = _page(program, work, (work / "figures" / "index.html").as_uri(), (1000, 1400))
-    cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else [])
     return path
 
 
