@@ -13,7 +13,7 @@ from .tum import TumFolder, is_tum_folder
 from .types import Camera, CameraError
 
 _ERRORS_ONLY = 2  # cv2.utils.logging.LOG_LEVEL_ERROR
-FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:CAMERA"
+FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:SCENE/CAMERA"
 
 
 def open_frames(what: str, rate: float | None = None) -> Camera:
@@ -23,7 +23,7 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
     ----------
     what
         ``0`` or ``/dev/video0``: webcam; ``rtsp://...``, ``http://...``: stream; ``realsense`` or
-        ``realsense:SERIAL``; ``workcell:CAMERA``: a camera of the simulated workcell; a folder with
+        ``realsense:SERIAL``; ``workcell:SCENE/CAMERA``: a camera of the simulated workcell; a folder with
         ``rgb.txt``: TUM RGB-D; another folder: its images; an image; any other file: video.
     rate
         Frames per second: requested from a device, assumed for a folder of images. None: the default
