@@ -23,7 +23,7 @@ from .presence import Presence
 from .scene_model import SceneModel
 from .scene_rows import EventRow
 from .subscription import Subscription
-from .watch_view import SORTS, Sort, as_json, describe, plain_line, render
+from .watch_view import SORTS, WHOLE, Sort, as_json, describe, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
 PLAIN_PERIOD_S = 1.0  # between two plain lines
@@ -134,8 +134,7 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
         return
     width = POSE_WIDTH if options.pose else PLAIN_WIDTH
     console = Console() if sys.stdout.isatty() else Console(width=width)
-    everything = 6 + len(snapshot.sources) + len(snapshot.hypotheses) + len(snapshot.events)
-    console.print(render(snapshot, console.width, everything, options.sort, keys=False, pose=options.pose))
+    console.print(render(snapshot, console.width, WHOLE, options.sort, keys=False, pose=options.pose))
 
 
 def _wait_for_message(feed: _Feed, settings: SessionSettings, timeout: float) -> None:

@@ -37,6 +37,8 @@ _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended":
 _JOINT_WORDS = {"fixed": "fixed to", "prismatic": "slides on", "revolute": "turns on"}
 _MAX_EVENT_ROWS = 4
 _MAX_PROBLEM_ROWS = 4
+WHOLE = 100_000
+"""Height of a screen on which nothing is left out."""
 _COUNTERS_SHOWN = ("late", "partly_late", "overflow", "reordered", "duplicates", "overruns")
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.scene_rows import Snapshot
 from comotion_clients.watch_columns import duration
-from comotion_clients.watch_view import SORTS, as_json, plain_line, render, share_rows
+from comotion_clients.watch_view import SORTS, WHOLE, as_json, plain_line, render, share_rows
 from comotion_schemas import (
     UNDETERMINED,
     Box,
@@ -336,9 +336,12 @@ def test_problems_are_shown_whole_where_there_is_no_screen() -> None:
         problems=[problem],
     )
     model.on_status(status)
+    model.on_update(update(hypotheses=30), 0.0)
     snapshot = model.snapshot(0.0)
     assert f"clock-ahead: {text}" in plain_line(snapshot)
     assert as_json(snapshot)["service"]["problems"][0]["text"] == text
     console = Console(width=100, file=io.StringIO())
-    console.print(render(snapshot, 100, 20, "size", keys=False))
+    console.print(render(snapshot, 100, WHOLE, "size", keys=False))
     assert text in " ".join(console.file.getvalue().split())
+    # A screen that is not there leaves nothing out.
+    assert " more " not in console.file.getvalue()
