@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
+from comotion.config import RigidConfig
 from comotion.matching import continued, largest_total
-from comotion.rigid.costs import Costs
+from comotion.rigid.costs import Costs, mean_squared_residuals
 from comotion.rigid.kernels.differences import difference_noise
 from comotion.rigid.kernels.records import Observations
 from comotion.rigid.noise import NOISE_OBSERVATIONS, Differences, noise_variance
@@ -121,6 +122,21 @@ def test_a_fit_finds_the_motion_with_missing_and_wrong_observations(dim):
     error = Rotation.from_matrix(step @ true.transpose(0, 2, 1)).magnitude()
     assert np.median(error) < 0.02
     assert error.max() < 0.1
+
+
+@pytest.mark.parametrize(("dim", "left"), [(2, 1), (3, 1), (3, 2)])
+def test_few_features_carry_a_body_over_the_loss_of_all_others(dim, left):
+    rng = np.random.default_rng(4)
+    n, count, lost = 6, 40, 25
+    turn = np.outer(np.linspace(0, 2, count), [0, 0, 1] if dim == 2 else [0.3, -0.5, 0.8])
+    b = rng.uniform(-0.2, 0.2, (2 * n + left, 3)) * ([1, 1, 0] if dim == 2 else 1)
+    y = np.einsum("fij,nj->nfi", Rotation.from_rotvec(turn).as_matrix(), b)
+    w = np.ones((2 * n + left, count))
+    w[:n, lost:], w[n : 2 * n, :lost] = 0, 0
+    frames, rows = frames_of(y, w, 1e-6, dim), np.arange(2 * n + left)
+    body = fit_body(frames, rows)
+    assert body.posed.all()
+    assert np.sqrt(mean_squared_residuals(frames, body, rows, RigidConfig())).max() < 1e-3
 
 
 @given(st.integers(0, 10_000))

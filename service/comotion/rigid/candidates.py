@@ -4,8 +4,9 @@ import numpy as np
 from scipy.cluster.hierarchy import linkage
 from scipy.spatial.distance import squareform
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Bools, Floats, Ints, Labels
 from ..partition import NO_HYPOTHESIS
+from .assignment import LEAST_ENDED_FRAMES
 from .kernels.distances import deviation_from, distance_deviation
 from .resampling import Frames
 from .subset import Scene
@@ -47,7 +48,26 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
         by = explained_by[rows]
         if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
             groups.append(rows)
+            groups += _with_past(frames, before, rows, known)
     return groups
+
+
+def _with_past(frames: Frames, before: Labels, rows: Ints, known: list[int]) -> list[Ints]:
+    """A cluster of mostly other rows, and the ended ones of the hypothesis that it continues: one or none.
+
+    Where most features of a body are lost at once, those that are left have too few poses without the
+    newborn, and the newborn none before.
+    """
+    found, counts = np.unique(before[frames.owner[rows]], return_counts=True)
+    shared = {h: n for h, n in zip(found.tolist(), counts.tolist(), strict=True) if h in known}
+    heir = max(shared, key=lambda h: shared[h], default=NO_HYPOTHESIS)
+    if heir == NO_HYPOTHESIS or 2 * shared[heir] > len(rows):
+        return []
+    mine = before == heir
+    ended = frames.rows_of(mine & ~frames.current & (frames.life >= LEAST_ENDED_FRAMES))
+    if not len(ended) or 2 * shared[heir] < len(frames.rows_of(mine & frames.current)):
+        return []
+    return [np.union1d(rows, ended)]
 
 
 def clusters(frames: Frames, rows: Ints) -> list[Ints]:

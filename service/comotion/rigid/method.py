@@ -272,7 +272,9 @@ def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: 
     those of separate hypotheses at rest: a body that is dropped later may displace them.
     """
     frames = scene.frames
-    telling = scene.judged & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
+    # Newborn members hold poses where few others are left.
+    known = scene.judged | (scene.before != NO_HYPOTHESIS)
+    telling = known & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
     found = []
     for k, body in enumerate(bodies[1:], 1):
         rows = frames.rows_of((labels == k) & telling)

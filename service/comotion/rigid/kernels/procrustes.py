@@ -61,6 +61,55 @@ def fit_poses(
                 neighbour = f
                 _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
         _update(sums, b, known)
+        if iteration < iterations - 1:
+            _bridge(y, w, inverse, need, b, known, poses, work)
+
+
+@compiled()
+def _bridge(
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    need: int,
+    b: Floats,
+    known: Floats,
+    poses: PoseArrays,
+    work: Floats,
+) -> None:
+    """Carry the template over a frame in which too few of its rows are seen, in place.
+
+    Where nearly all features of a body are lost at once, those that are left open a rotation. No row that it
+    would move is seen on both sides: the nearest to that of the neighbouring frame is as good as any.
+    """
+    R, t, posed = poses
+    count, m = w.shape
+    for f in range(count - 1, -1, -1):
+        beside = f - 1 if f > 0 and posed[f - 1] else f + 1
+        if posed[f] or beside == count or not posed[beside]:
+            continue
+        seen, held = 0, 0
+        for i in range(m):
+            seen += w[f, i] > 0
+            held += w[f, i] > 0 and known[i] > 0
+        if seen < need or held == 0 or held >= need:
+            continue
+        weights, H, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 3))
+        _weigh(y[f], w[f], inverse, b, known, R[f], t[f], 0.0, weights)
+        _moments(y[f], b, weights, centres, H)
+        if held == 1:
+            R[f] = R[beside]
+        else:
+            _pull(H, R[beside], _PULL)
+            spatial_rotation(H, R[beside], True, R[f], work)
+        _translation(R[f], centres, t[f])
+        for i in range(m):
+            if w[f, i] > 0 and known[i] == 0:
+                known[i] = 1.0
+                for c in range(3):
+                    b[c, i] = 0.0
+                    for d in range(3):
+                        b[c, i] += R[f, d, c] * (y[f, d, i] - t[f, d])
+        return
 
 
 @compiled()
