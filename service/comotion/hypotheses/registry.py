@@ -21,6 +21,7 @@ from ..arrays import Floats, Labels, Slots, Stamps
 from ..config import HypothesesConfig
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
+from .appearance import appearance
 from .description import absent, describe
 from .events import Count, Lifecycle
 from .extent import Extents, Members
@@ -39,9 +40,13 @@ _SURE = 0.5
 
 @dataclass(frozen=True)
 class _Current:
-    """The current trajectories by key, ascending: int64 [n] keys and labels, float64 [n, dim] positions."""
+    """The current trajectories by key, ascending.
+
+    int64 [n] keys and labels, intp [n] slots, float64 [n, dim] positions.
+    """
 
     keys: Stamps
+    slots: Slots
     labels: Labels
     positions: Floats
 
@@ -107,9 +112,9 @@ class Registry:
         """
         before = self.labels.labels[current]
         labels = self.labels.name(window, partition, current, matching)  # 1
-        found = _Current(window.key[current], labels, partition.position)
+        found = _Current(window.key[current], current, labels, partition.position)
         self.labels.refer(window, stamp_ns)
-        if self._recall(stamp_ns, partition, found):  # 2
+        if self._recall(stamp_ns, window, partition, found):  # 2
             found = replace(found, labels=self.labels.labels[current])
             self.labels.refer(window, stamp_ns)
         events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
@@ -158,7 +163,7 @@ class Registry:
         """Current members that confirm a hypothesis."""
         return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
 
-    def _recall(self, stamp_ns: int, partition: Partition, found: _Current) -> bool:
+    def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: _Current) -> bool:
         """Rename the new groups that are remembered hypotheses; returns whether there is any.
 
         Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
@@ -179,10 +184,14 @@ class Registry:
         names = {heir: one for one, heir in heirs.items() if heir in young and not groups[heir].static}
         lost = [one for one in missing if heirs[one] is None] + self._recalled
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
+        first = {
+            one: None if group.static else appearance(window, found.slots[found.labels == one])
+            for one, group in groups.items()
+        }
         for some, margin in ((young, _CLEAR), (due, _LIKELY)):
-            left = {new: group for new, group in groups.items() if new not in names}
+            left = {new: seen for new, seen in first.items() if new not in names}
             free = [one for one in lost if one not in names.values()]
-            wanted = self._memory.recognised(stamp_ns, free, left, margin)
+            wanted = self._memory.recognised(free, left, margin)
             wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
             names |= self._free(wanted, names)
         names = {new: old for new, old in names.items() if new != old}
