@@ -17,6 +17,8 @@ Bools = NDArray[np.bool_]
 Labels = NDArray[np.int64]
 """A hypothesis id per trajectory, or -1."""
 
+# Share of the largest entry that makes a singular matrix regular.
+_RIDGE = 1e-12
 # Of a cache line, the largest unit that processors load at once.
 _ALIGNMENT_BYTES = 64
 
@@ -36,3 +38,13 @@ def aligned_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     raw = np.zeros(count + _ALIGNMENT_BYTES, np.uint8)
     first = -raw.ctypes.data % _ALIGNMENT_BYTES
     return raw[first : first + count].view(element).reshape(shape)
+
+
+def inverses(matrices: Floats) -> Floats:
+    """Inverses of positive semidefinite matrices [n, k, k]; very large where there is no extent."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), np.float64)
+    except np.linalg.LinAlgError:
+        # Rounding has taken all but the largest directions, as with coordinates of 1e9 m.
+        size = np.abs(matrices).max(axis=(1, 2), keepdims=True) + np.finfo(np.float64).tiny
+        return np.asarray(np.linalg.inv(matrices + _RIDGE * size * np.eye(matrices.shape[1])), np.float64)

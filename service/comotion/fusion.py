@@ -34,6 +34,7 @@ from .joints.room import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
+from .shedding import FULL, Effort
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
@@ -101,6 +102,7 @@ class Fusion:
         self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
         self._published: PublishedIds | None = None
+        self._effort = FULL
         self._latest: HypothesisUpdate | None = None
         self._seq = 0
 
@@ -154,7 +156,7 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        updates = self._spaces.update(stamp, timeline.track_timeout_ns)
+        updates = self._spaces.update(stamp, timeline.track_timeout_ns, self._effort)
         joints, changes = self._jointed(stamp, updates)
         self._remember(stamp, [*(event for one in updates for event in one.events), *changes])
         in_use = self._spaces.sessions_in_use()
@@ -164,6 +166,7 @@ class Fusion:
         header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
         self._seq += 1
         self.stats.updates += 1
+        self.stats.shed += self._effort != FULL
         update = self._linked(self._assembled(header, updates, joints), updates)
         if not live and timeline.sources.has_heard():
             update = at_rest(update)
@@ -172,7 +175,7 @@ class Fusion:
 
     def _jointed(self, stamp_ns: int, updates: list[SpaceUpdate]) -> tuple[list[Joint], list[Event]]:
         try:
-            found = self._joints.update(stamp_ns, [one.view for one in updates])
+            found = self._joints.update(stamp_ns, [one.view for one in updates], judging=self._effort.joints)
             self._joints.keep(h.id for one in updates for h in one.hypotheses)
         except Exception as error:  # a defect costs the joints, not the service
             self._faults.note("finding joints", error)
@@ -202,11 +205,16 @@ class Fusion:
 
     def _linked(self, update: HypothesisUpdate, updates: Sequence[SpaceUpdate]) -> HypothesisUpdate:
         try:
-            return self._linker.linked(update, [one.view for one in updates])
+            views = [one.view for one in updates]
+            return self._linker.linked(update, views, deciding=self._effort.links)
         except Exception as error:  # a defect costs the links, not the service
             self._faults.note("linking spaces", error)
             self._linker = Linker(self.config.linking)
             return update
+
+    def shed(self, level: int) -> None:
+        """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""
+        self._effort = Effort.at(level)
 
     def follow(self, published: HypothesisUpdate) -> None:
         """Take over the ids and births of what another service of the scene publishes.

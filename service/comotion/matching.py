@@ -39,13 +39,17 @@ def shared_counts(before: Labels, groups: Ints, count: int) -> tuple[Labels, NDA
 def largest_first(shared: NDArray[np.int64]) -> Pairs:
     """Label propagation of the thesis: the largest entry is a match, and strikes its row and column.
 
-    It goes on until the largest entry is 0. Ties go to the older hypothesis, then to the first group.
+    It goes on until the largest entry is 0. Ties go to the older hypothesis, then to the first group. The
+    entries are sorted once, and what is struck is skipped.
     """
-    left, pairs = shared.copy(), []
-    while left.any():
-        k, m = np.unravel_index(int(left.argmax()), left.shape)
-        pairs.append((int(k), int(m)))
-        left[k], left[:, m] = 0, 0
+    rows, columns = np.nonzero(shared)
+    order = np.argsort(-shared[rows, columns], kind="stable")
+    free_row, free_column = np.ones(shared.shape[0], np.bool_), np.ones(shared.shape[1], np.bool_)
+    pairs = []
+    for k, m in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if free_row[k] and free_column[m]:
+            pairs.append((k, m))
+            free_row[k] = free_column[m] = False
     return pairs
 
 

@@ -16,11 +16,13 @@ from .event_time.instants import Instant
 from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
+from .last_grouping import LastGrouping
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
-from .partition import BodyMotion, Method, Rows, SpaceSpec
+from .partition import BodyMotion, Method, Partition, Rows, SpaceSpec
 from .rigid.method import RigidMethod
 from .rigid.poses import Poses
+from .shedding import FULL, Effort
 from .trajectories.track_index import Ids, TrackIndex
 from .trajectories.window import Window
 
@@ -96,6 +98,8 @@ class Space:
         self._current: Slots = np.zeros(0, np.intp)
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
+        self._last: LastGrouping | None = None
+        self._groupings = 0
         known = config.spaces.get(spec.name)
         if known is not None and known.moving:
             self._carry()
@@ -183,8 +187,8 @@ class Space:
 
     @property
     def size(self) -> int:
-        """Trajectories of the last update."""
-        return len(self._current)
+        """Trajectories of the last grouping."""
+        return 0 if self._last is None else len(self._last.current)
 
     def held(self) -> dict[int, int]:
         """Trajectories that count against the share of each session number."""
@@ -211,7 +215,9 @@ class Space:
         self._opened = [some[window.used[some]] for some in self._opened]
         return len(gone)
 
-    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> SpaceUpdate:
+    def update(
+        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, turn: int = 0
+    ) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
 
         Parameters
@@ -220,6 +226,10 @@ class Space:
             The watermark.
         timeout_ns
             Gives the time without observation after which a trajectory of a session number is outdated.
+        effort
+            What to do and what to leave out.
+        turn
+            Number of the update: which of the spaces is grouped in it, where not all are.
         """
         window = self._window
         self._evict(stamp_ns)
@@ -228,9 +238,9 @@ class Space:
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         self._opened = []
-        partition = self._method.partition(window, current, stamp_ns, self._hypotheses.previous(window))
+        partition = self._partition(stamp_ns, effort, turn)
         labels, hypotheses, events = self._hypotheses.update(
-            window, partition, current, stamp_ns, self._method.matching
+            window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
         # Links and joints follow from motion in the frame; what is published is relative to the world.
         present = [one for one in hypotheses if not one.absent]
@@ -249,6 +259,18 @@ class Space:
             view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
             frame=frame,
         )
+
+    def _partition(self, stamp_ns: int, effort: Effort, turn: int) -> Partition:
+        """Group the current trajectories, or carry the last groups on where it is not their turn."""
+        window, current = self._window, self._current
+        if self._last is not None and len(self._last.current) and turn % effort.group_every:
+            return self._last.carried(window, current)
+        if isinstance(self._method, RigidMethod):
+            self._method.searching = self._groupings % effort.search_every == 0
+        self._groupings += 1
+        found = self._method.partition(window, current, stamp_ns, self._hypotheses.previous(window))
+        self._last = LastGrouping.of(window, found, current, self._index.ids[current])
+        return found
 
     def _evict(self, stamp_ns: int) -> None:
         slots, counts = self._window.evictable(stamp_ns - self._window.span_ns)
@@ -298,9 +320,11 @@ class Space:
         return self._hypotheses.forget(hypothesis)
 
     def affinity(self) -> tuple[Slots, Ids, NDArray[np.float32]]:
-        """Session numbers intp [n], ids uint64 [n] and affinities float32 [n, n] of the last update."""
-        window, current = self._window, self._current
-        return window.source[current], self._index.ids[current], self._method.affinity()
+        """Session numbers intp [n], ids uint64 [n] and affinities float32 [n, n] of the last grouping."""
+        last = self._last
+        if last is None:
+            return np.zeros(0, np.intp), np.zeros(0, np.uint64), np.zeros((0, 0), np.float32)
+        return last.sessions, last.ids, self._method.affinity()
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory here."""

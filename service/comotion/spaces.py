@@ -18,6 +18,7 @@ from .event_time.instants import Instant
 from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
+from .shedding import FULL, Effort
 from .space import Space, SpaceUpdate
 
 MakeMethod = Callable[[SpaceSpec], Method]
@@ -83,13 +84,15 @@ class Spaces:
             space.end_session(session)
         self._homes.pop(session, None)
 
-    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> list[SpaceUpdate]:
+    def update(
+        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL
+    ) -> list[SpaceUpdate]:
         """Update every space; one that fails is built anew, at best with its trajectories. Raises nothing."""
         updates = []
-        for name in self.names():
+        for turn, name in enumerate(self.names(), self.stats.updates):
             for keep in (True, False, False):
                 try:
-                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns))
+                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort, turn))
                     break
                 except Exception as error:
                     self.faults.note(f"updating space {name!r}", error)

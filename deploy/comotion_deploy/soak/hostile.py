@@ -23,7 +23,7 @@ NAME = "hostile"
 _RATE = 50.0
 
 
-def _batch(session: str, seq: int, count: int = 50, **changes: Any) -> ObservationBatch:
+def _batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
     fields: dict[str, Any] = {
         "source": NAME,
         "session": session,

@@ -37,6 +37,9 @@ class LimitsConfig(BaseModel):
     processing: Annotated[float, Field(gt=0, le=1)] = Field(
         0.5, description="share of a period for taking in batches; each source has its share of that"
     )
+    shedding: bool = Field(
+        default=True, description="leave out searches when updates take longer than a period"
+    )
     queries: Annotated[float, Field(gt=0, le=1)] = Field(
         0.1, description="share of a period for answering queries; one a period is always answered"
     )

@@ -77,6 +77,8 @@ class Stats(Account):
         Trajectories opened, and updates computed.
     overruns
         Deadlines missed by the service.
+    shed
+        Updates that left out work, because updates took too long.
     faults
         Errors of the service itself that cost a batch or the state of a space.
     """
@@ -88,6 +90,7 @@ class Stats(Account):
     tracks: int = 0
     updates: int = 0
     overruns: int = 0
+    shed: int = 0
     faults: int = 0
 
     def counters(self) -> dict[str, int]:

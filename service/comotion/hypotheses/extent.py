@@ -81,6 +81,8 @@ class Extents:
         listed: list[Hypothesis],
         members: Members,
         references: Mapping[int, PoseReference],
+        *,
+        seek: bool = True,
     ) -> list[Hypothesis]:
         """Hypotheses with current members, each with its box.
 
@@ -94,6 +96,8 @@ class Extents:
             The current trajectories.
         references
             The poses, by hypothesis.
+        seek
+            Whether the axes of the boxes may be sought, which takes most of the time.
         """
         found = []
         for one in listed:
@@ -103,7 +107,7 @@ class Extents:
                 R, t = references[one.id].R[:dim, :dim], references[one.id].t[:dim]
             else:
                 self._known.pop(one.id, None)
-            extent = self._seen(stamp_ns, one.id, members, (members.positions - t) @ R)
+            extent = self._seen(stamp_ns, one.id, members, (members.positions - t) @ R, seek)
             found.append(replace(one, box=_box(extent, R, t)))
         return found
 
@@ -123,13 +127,13 @@ class Extents:
         """Take up :meth:`state`."""
         self._known = {int(one): _Extent(*values) for one, *values in state}
 
-    def _seen(self, stamp_ns: int, one: int, members: Members, points: Floats) -> _Extent:
+    def _seen(self, stamp_ns: int, one: int, members: Members, points: Floats, seek: bool) -> _Extent:
         """Take in the current members; `points` float64 [n, dim] of all trajectories, in its axes."""
         mine = members.labels == one
         if (mine & members.sure).any():
             mine &= members.sure
         keys, now, since = members.keys[mine], points[mine], np.full(int(mine.sum()), stamp_ns)
-        axes, sought_ns = np.eye(points.shape[1]), None
+        axes, sought_ns = np.eye(points.shape[1]), stamp_ns - _SEEK_NS
         before = self._known.get(one)
         if before is not None:
             axes, sought_ns = before.axes, before.sought_ns
@@ -141,7 +145,7 @@ class Extents:
             since = np.concatenate([since, before.since[lost]])
             order = np.argsort(keys)
             keys, now, since = keys[order], now[order], since[order]
-        if sought_ns is None or stamp_ns >= sought_ns + _SEEK_NS:
+        if seek and stamp_ns >= sought_ns + _SEEK_NS:
             axes, sought_ns = best_axes(now, axes), stamp_ns
         found = self._known[one] = _Extent(keys, now, since, axes, sought_ns)
         return found

@@ -7,11 +7,17 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Ints, Labels, Slots
+from ..arrays import Bools, Ints, Labels, Slots, Stamps
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
 
+# ns. Members of a hypothesis that are younger have no say in which group continues it while there are others:
+# a crowd of newcomers must not take the name of a body with them when they turn out not to belong to it.
+_TENURE_NS = 2_000_000_000
+# So many others: as many as confirm a hypothesis by default.
+_ELDERS = 3
+_LONG_AGO_NS = -(2**62)
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
 ID_GAP = 1000
 
@@ -57,6 +63,8 @@ class LabelMemory:
     def __init__(self, ids: IdAllocator) -> None:
         self._allocator = ids
         self.labels: Labels = np.zeros(0, np.int64)
+        # When each slot got its label, ns.
+        self._since: Stamps = np.zeros(0, np.int64)
         self.ids: Labels = np.zeros(0, np.int64)
         self.references: dict[int, PoseReference] = {}
 
@@ -70,17 +78,29 @@ class LabelMemory:
         self._fit(window)
         self.labels[slots] = NO_HYPOTHESIS
 
-    def name(self, window: Window, partition: Partition, current: Slots, matching: Matching) -> Labels:
+    def name(
+        self, window: Window, partition: Partition, current: Slots, matching: Matching, stamp_ns: int
+    ) -> Labels:
         """Hypotheses of the current trajectories, int64 [n]; a group that continues none gets a new id."""
         self._fit(window)
         slots, groups, count = partition.slots, partition.groups, len(partition.described)
-        vote = partition.deciding
-        self.ids = name_groups(self.labels[slots[vote]], groups[vote], count, matching, self._allocator.next)
+        vote, known = partition.deciding, self.labels[slots].copy()
+        votes = np.where(self._overruled(partition, current, stamp_ns), NO_HYPOTHESIS, known)
+        self.ids = name_groups(votes[vote], groups[vote], count, matching, self._allocator.next)
         before = self.labels[current]
         self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
+        self._since[slots[self.labels[slots] != known]] = stamp_ns
         now = self.labels[current]
         self._lead_outdated(window, slots, before, now)
         return now
+
+    def _overruled(self, partition: Partition, current: Slots, stamp_ns: int) -> Bools:
+        """Trajectories that have no say: enough others have been of their hypothesis for long."""
+        slots = partition.slots
+        known, old = self.labels[slots], self._since[slots] <= stamp_ns - _TENURE_NS
+        elders = known[old & partition.deciding & (partition.groups >= 0) & np.isin(slots, current)]
+        ruled, counts = np.unique(elders, return_counts=True)
+        return np.asarray(~old & np.isin(known, ruled[counts >= _ELDERS]))
 
     def rename(self, names: dict[int, int]) -> None:
         """Give the members of some hypotheses other ids, {present: other}, all at once.
@@ -135,6 +155,7 @@ class LabelMemory:
         extra = window.capacity - len(self.labels)
         if extra:
             self.labels = np.pad(self.labels, (0, extra), constant_values=NO_HYPOTHESIS)
+            self._since = np.pad(self._since, (0, extra), constant_values=_LONG_AGO_NS)
 
     def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Let outdated trajectories follow the current ones, which went from `before` to `now`."""

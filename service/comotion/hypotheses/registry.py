@@ -89,7 +89,14 @@ class Registry:
         return self.labels.previous(window)
 
     def update(
-        self, window: Window, partition: Partition, current: Slots, stamp_ns: int, matching: Matching
+        self,
+        window: Window,
+        partition: Partition,
+        current: Slots,
+        stamp_ns: int,
+        matching: Matching,
+        *,
+        boxes: bool = True,
     ) -> tuple[Labels, list[Hypothesis], list[Event]]:
         """Follow the hypotheses into a new partition.
 
@@ -103,6 +110,8 @@ class Registry:
             The watermark.
         matching
             Which old hypothesis continues in which group.
+        boxes
+            Whether the axes of boxes may be sought.
 
         Returns
         -------
@@ -111,7 +120,7 @@ class Registry:
             the events of this update.
         """
         before = self.labels.labels[current]
-        labels = self.labels.name(window, partition, current, matching)  # 1
+        labels = self.labels.name(window, partition, current, matching, stamp_ns)  # 1
         found = _Current(window.key[current], current, labels, partition.position)
         self.labels.refer(window, stamp_ns)
         if self._recall(stamp_ns, window, partition, found):  # 2
@@ -127,7 +136,7 @@ class Registry:
             self._lifecycle.confirmed,
         )  # 4
         members = Members(found.keys, found.labels, found.positions, partition.confidence >= _SURE)
-        listed = self._extents.measured(stamp_ns, listed, members, self.labels.references)
+        listed = self._extents.measured(stamp_ns, listed, members, self.labels.references, seek=boxes)
         self._remember(stamp_ns, partition, found, listed)  # 5
         return found.labels, self._with_absent(listed, found), events
 

@@ -22,6 +22,7 @@ from .pair import JOINTS, Pair
 from .states import States
 
 Key = tuple[int, int]
+MotionsOf = Callable[[Collection[int]], dict[int, BodyMotion]]
 # Between judgements: motion that tells joints takes longer than this, and updates must not.
 _REST_NS = 150_000_000
 
@@ -65,13 +66,15 @@ class Joints:
         self._pairs: dict[Key, Pair] = {}
         self._judged_ns: int | None = None
 
-    def update(self, stamp_ns: int, views: Sequence[SpaceView]) -> tuple[list[Joint], list[Event]]:
-        """Judge some pairs, and describe all that may touch."""
+    def update(
+        self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
+    ) -> tuple[list[Joint], list[Event]]:
+        """Judge some pairs, unless `judging` is False, and describe all that may touch."""
         found: list[Joint] = []
         events: list[Event] = []
         for view in views:
             if view.spec.unit == "m" and view.motions is not None and self._config.pairs:
-                joints, changes = self._of_space(stamp_ns, view, view.motions)
+                joints, changes = self._of_space(stamp_ns, view, view.motions if judging else None)
                 found += joints
                 events += changes
         return found, events
@@ -91,15 +94,15 @@ class Joints:
         self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
 
     def _of_space(
-        self, stamp_ns: int, view: SpaceView, motions_of: Callable[[Collection[int]], dict[int, BodyMotion]]
+        self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
     ) -> tuple[list[Joint], list[Event]]:
         listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
         near = _touching(view, list(listed), self._config.reach)
         rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
-        due = self._due(near, stamp_ns) if rested else []
+        due = self._due(near, stamp_ns) if rested and motions_of is not None else []
         if due:
             self._judged_ns = stamp_ns
-        motions = motions_of({one for key in due for one in key}) if due else {}
+        motions = motions_of({one for key in due for one in key}) if due and motions_of is not None else {}
         events: list[Event] = []
         for key in due:
             if motions.keys() >= set(key):

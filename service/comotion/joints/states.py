@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Bools, Floats, Stamps
+from ..arrays import Bools, Floats, Stamps, inverses
 from ..partition import BodyMotion
 
 # Errors of poses that last: patches drift, bodies bend. A second of frames has one such error, of this share
@@ -100,7 +100,7 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
     place = parent.place_variance[both] + child.place_variance[both]
     covariance[:, 3:, 3:] += place[:, None, None] * np.eye(3)
     covariance += _slow(parent, child, both)
-    return States(parent.stamps[both], R, p, np.asarray(np.linalg.inv(covariance), np.float64))
+    return States(parent.stamps[both], R, p, inverses(covariance))
 
 
 def _slow(parent: BodyMotion, child: BodyMotion, both: Bools) -> Floats:

@@ -59,13 +59,18 @@ class Linker:
         self._links: dict[int, int] = {}
         self._due_ns: int | None = None
 
-    def linked(self, update: HypothesisUpdate, views: Sequence[SpaceView]) -> HypothesisUpdate:
-        """Return the update with `linked` filled in, where there is something to say."""
+    def linked(
+        self, update: HypothesisUpdate, views: Sequence[SpaceView], *, deciding: bool = True
+    ) -> HypothesisUpdate:
+        """Return the update with `linked` filled in, where there is something to say.
+
+        Unless `deciding`, the links stay what they are.
+        """
         if not self._cameras:
             return update
         space = {h.id: h.space for h in update.hypotheses}
         self._prune(space)
-        if self._due_ns is None or update.stamp_ns >= self._due_ns:
+        if deciding and (self._due_ns is None or update.stamp_ns >= self._due_ns):
             self._due_ns = update.stamp_ns + _PERIOD_NS
             self._look(views)
             # A body that the update does not list, such as a static one without members, can be found too.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..arrays import Floats, Stamps
+from ..arrays import Floats, Stamps, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
 from .motions import row_names
@@ -91,4 +91,4 @@ def _covariances(frames: Frames, body: Body) -> tuple[Floats, Floats]:
     r = body.template - body.template.mean(0)
     moment = (r**2).sum(1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
     information = (weight.T @ moment.reshape(len(rows), 9)).reshape(-1, 3, 3) + _FREE_TURN * np.eye(3)
-    return np.linalg.inv(information), 1 / np.maximum(weight.sum(0), 1e-12)
+    return inverses(information), 1 / np.maximum(weight.sum(0), 1e-12)

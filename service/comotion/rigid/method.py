@@ -79,6 +79,12 @@ class RigidMethod:
         `rigid` and `window` matter here.
     spec
         The space.
+
+    Attributes
+    ----------
+    searching
+        Whether to search for new bodies and for the offsets of sources. Without, the known bodies are fitted
+        and the trajectories assigned to them.
     """
 
     matching = staticmethod(largest_total)
@@ -94,6 +100,7 @@ class RigidMethod:
         self._separation = Separation()
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
+        self.searching = True
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories."""
@@ -103,10 +110,11 @@ class RigidMethod:
         tracks = self._registration.correct(tracks)  # 2
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._differences, stamp_ns, *spans, self._config)  # 3, 4
-        result = search(self._scene(tracks, frames, previous), self._config)  # 5 to 9
+        result = search(self._scene(tracks, frames, previous), self._config, fully=self.searching)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
-        self._registration.learn(tracks, frames, groups)  # 2, for the next update
+        if self.searching:
+            self._registration.learn(tracks, frames, groups)  # 2, for the next update
         self._keys, self._excess = tracks.key, result.excess
         self._last = (tracks, frames, result)
         chosen = np.searchsorted(tracks.key, window.key[current])
@@ -183,15 +191,15 @@ class RigidMethod:
         return Scene(frames, tracks.newest, judged, before, static, excess, *past)
 
 
-def search(scene: Scene, config: RigidConfig) -> SearchResult:
+def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchResult:
     """Find the bodies of a scene: steps 5 to 9.
 
     The first round finds bodies in the subset, on few frames. The second one fits them to all frames and
     compares all trajectories with them. Where the subset is the whole scene, a third one fits the bodies to
-    the trajectories that were assigned to them.
+    the trajectories that were assigned to them. Unless `fully`, only bodies that are known take part.
     """
     subset = choose_subset(scene, config)
-    bodies, labels = _first_bodies(scene, subset, config)
+    bodies, labels = _first_bodies(scene, subset, config, fully=fully)
     if subset.complete:
         rows = _assigned_rows(scene, bodies, labels, keep_own=True)
     else:
@@ -203,12 +211,14 @@ def search(scene: Scene, config: RigidConfig) -> SearchResult:
     return result
 
 
-def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
+def _first_bodies(
+    scene: Scene, subset: Subset, config: RigidConfig, *, fully: bool
+) -> tuple[list[Body], Ints]:
     """Bodies of least cost in the subset, on few frames, and the cheapest of them for each trajectory [n]."""
     part = scene if subset.complete else scene.of(subset.tracks)
     count = len(part.frames.stamps)
     few = part.frames.thinned(max(count // _KEY_FRAMES, 1))
-    candidates = candidate_rows(part, few, subset.unexplained)  # 5
+    candidates = candidate_rows(part, few, subset.unexplained, clustering=fully)  # 5
     bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
     found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
     chosen = select(_weighted(part, bodies, found, config))  # 8

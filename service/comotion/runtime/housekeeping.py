@@ -11,6 +11,7 @@ from ..fusion import Fusion
 from . import problems
 from .health import Arrivals, Health, Watchdog
 from .intake import Intake
+from .overload import Overload
 from .source_clocks import SourceClocks
 from .state_keeper import StateKeeper
 
@@ -23,8 +24,16 @@ _DROP_IDLE_NS = 10_000_000_000
 class Housekeeping:
     """Does what may take a moment right after an update, when the next one is farthest away."""
 
-    def __init__(self, fusion: Fusion, watchdog: Watchdog, keeper: StateKeeper, clocks: SourceClocks) -> None:
+    def __init__(
+        self,
+        fusion: Fusion,
+        watchdog: Watchdog,
+        keeper: StateKeeper,
+        clocks: SourceClocks,
+        overload: Overload,
+    ) -> None:
         self._clocks = clocks
+        self._overload = overload
         self._fusion = fusion
         self._watchdog = watchdog
         self._keeper = keeper
@@ -66,11 +75,15 @@ class Housekeeping:
             arrivals=Arrivals(intake.received, intake.present, intake.rejection),
             sources=self._fusion.sources(now_ns, monotonic_ns),
             stats=self._fusion.stats,
-            notes=[*([self._keeper.error] if self._keeper.error else []), *self._clocks.notes()],
+            notes=self._notes(),
             found=problems.of_fusion(self._fusion),
         )
         counters = {**fields.counters, "clock_steps": self._clocks.steps}
         self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))
+
+    def _notes(self) -> list[str]:
+        kept = [self._keeper.error] if self._keeper.error else []
+        return [*kept, *self._overload.notes(), *self._clocks.notes()]
 
 
 def _return_memory() -> None:

@@ -31,6 +31,7 @@ from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
 from .output import Follower, Output
+from .overload import Overload
 from .presence import Presence
 from .queries import handlers
 from .source_clocks import SourceClocks
@@ -111,8 +112,9 @@ def serve(options: ServeOptions) -> None:
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
-        housekeeping = Housekeeping(fusion, watchdog, keeper, clocks)
-        _Loop(options, fusion, component, housekeeping, leadership, clocks).run()
+        overload = Overload()
+        housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
+        _Loop(options, fusion, component, housekeeping, leadership, clocks, overload).run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
@@ -170,8 +172,10 @@ class _Loop:
         housekeeping: Housekeeping,
         leadership: Leadership,
         clocks: SourceClocks,
+        overload: Overload,
     ) -> None:
         self._fusion = fusion
+        self._overload = overload
         self._source_clocks = clocks
         self._component = component
         self._leadership = leadership
@@ -213,7 +217,7 @@ class _Loop:
                     self._fuse_ahead(spare_ns)
                     continue
                 self._update(ticker)
-                self._fusion.stats.overruns += ticker.advance(time.monotonic_ns())
+                self._judge(ticker.advance(time.monotonic_ns()))
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
@@ -225,6 +229,12 @@ class _Loop:
             for fault in self._fusion.faults():
                 self._guard.tell(fault.what, fault.error, fault.trace)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
+
+    def _judge(self, skipped: int) -> None:
+        """Count deadlines that were skipped, and leave out work where they are again and again."""
+        self._fusion.stats.overruns += skipped
+        if self._fusion.config.limits.shedding:
+            self._fusion.shed(self._overload.note(missed=skipped > 0, at_ns=time.monotonic_ns()))
 
     def _count_fault(self) -> None:
         self._fusion.stats.faults += 1
