@@ -14,6 +14,7 @@ from .arrays import Bools, Floats, Labels, Slots
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instant
 from .event_time.stats import Stats
+from .extent_check import ExtentCheck
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping
@@ -99,6 +100,7 @@ class Space:
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
+        self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self._groupings = 0
         known = config.spaces.get(spec.name)
         if known is not None and known.moving:
@@ -108,8 +110,10 @@ class Space:
         """Take the frame for one that moves."""
         self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
-    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> None:
+    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> bool:
         """Put one instant into the window, and the method's sums where it keeps any.
+
+        Returns False if no row can be of this scene, so far out are they.
 
         Parameters
         ----------
@@ -121,11 +125,15 @@ class Space:
             bool [n], rows whose id stands for a feature elsewhere: they are refused.
         """
         rows = instant.rows if taken is None else instant.rows[~taken]
+        near = self.extent.fits(instant.session, _take(instant.batch.positions, rows)) if len(rows) else None
+        if near is not None and not near.any():
+            return False
+        rows = rows if near is None else rows[near]
         self._stats.refused_rows += len(instant.rows) - len(rows)
         slots = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
         known = slots >= 0
         if not known.any():
-            return
+            return True
         # An id that its source has declared lost for good must not come back.
         keep = known & ~self._window.ended[slots]
         self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
@@ -133,6 +141,7 @@ class Space:
             slots, rows = slots[keep], rows[keep]
         if len(slots):
             self._insert(instant, slots, rows)
+        return True
 
     def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
         batch = instant.batch
@@ -238,6 +247,7 @@ class Space:
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         self._opened = []
+        self.extent.look(window, current)
         partition = self._partition(stamp_ns, effort, turn)
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes

@@ -71,7 +71,8 @@ class Spaces:
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            self._store(self._spaces[name], instant)
+            if not self._store(self._spaces[name], instant):
+                return "range"
         except Exception as error:  # a defect costs a batch and a space, not the service
             self.faults.note("storing a batch", error, instant.batch)
             self._rebuild(name, keep=True)
@@ -172,15 +173,17 @@ class Spaces:
         self.drop(name)
         return True
 
-    def _store(self, space: Space, instant: Instant) -> None:
+    def _store(self, space: Space, instant: Instant) -> bool:
+        """Returns False if all its rows are too far out."""
         number, name = instant.session, space.spec.name
         homes = self._homes.setdefault(number, set())
         elsewhere = self._elsewhere(instant, homes - {name}) if len(instant.rows) else None
         homes.add(name)
-        space.store(instant, lambda wanted: self._room(number, wanted), elsewhere)
+        stored = space.store(instant, lambda wanted: self._room(number, wanted), elsewhere)
         if instant.last and instant.batch.ended is not None:
             for home in homes:
                 self._spaces[home].end(instant.batch.ended, number)
+        return stored
 
     def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""

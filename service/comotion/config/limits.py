@@ -28,6 +28,11 @@ class LimitsConfig(BaseModel):
     waiting_batches: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         4096, description="batches of one source that wait for the watermark"
     )
+    extent: Annotated[float, Field(ge=0, le=1e9)] = Field(
+        200.0,
+        description="rows so many times farther out than the other sources of the space see (at least 1 m or "
+        "1000 px) are refused; 0: none",
+    )
     expiry: Annotated[float, Field(gt=0, le=86_400)] = Field(
         60.0, description="s without data after which a source, and an empty space, is forgotten"
     )

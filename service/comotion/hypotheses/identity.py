@@ -95,12 +95,18 @@ class LabelMemory:
         return now
 
     def _overruled(self, partition: Partition, current: Slots, stamp_ns: int) -> Bools:
-        """Trajectories that have no say: enough others have been of their hypothesis for long."""
-        slots = partition.slots
+        """Trajectories that have no say in which hypothesis a group continues, bool [N].
+
+        These are young ones where enough others have been of their hypothesis for long, and those out of sight
+        where enough of the others are in their group.
+        """
+        slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._since[slots] <= stamp_ns - _TENURE_NS
-        elders = known[old & partition.deciding & (partition.groups >= 0) & np.isin(slots, current)]
-        ruled, counts = np.unique(elders, return_counts=True)
-        return np.asarray(~old & np.isin(known, ruled[counts >= _ELDERS]))
+        seen = np.isin(slots, current)
+        elders = old & seen & partition.deciding & (groups >= 0) & (known != NO_HYPOTHESIS)
+        ruled, counts = np.unique(known[elders], return_counts=True)
+        led = np.append(np.bincount(groups[elders], minlength=len(partition.described)), 0) >= _ELDERS
+        return np.asarray((~old & np.isin(known, ruled[counts >= _ELDERS])) | (~seen & led[groups]))
 
     def rename(self, names: dict[int, int]) -> None:
         """Give the members of some hypotheses other ids, {present: other}, all at once.

@@ -1,0 +1,89 @@
+"""Newest positions of all sources of a space in; which further rows are no places of this scene, out.
+
+One source that measures in another unit, or whose numbers are wild, must not spoil what the others see: a
+body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other
+sources see is refused. What they see is told by medians over sources, so that one cannot move it; of two,
+the one that came first is believed.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .arrays import Bools, Floats, Slots
+from .config import Unit
+from .trajectories.window import Window
+
+# Scenes smaller than this, in the unit of the space, count as so large.
+_LEAST = {"m": 1.0, "px": 1000.0}
+
+
+@dataclass(frozen=True)
+class _View:
+    """What one session sees: float64 [dim] the median of its newest positions, and all of them [n, dim]."""
+
+    centre: Floats
+    positions: Floats
+
+    def reach(self, centre: Floats) -> float:
+        """How far from a place most of it is."""
+        return float(np.quantile(np.linalg.norm(self.positions - centre, axis=1), 0.9))
+
+
+@dataclass
+class ExtentCheck:
+    """Follows what the sources of a space see.
+
+    Attributes
+    ----------
+    unit
+        Of the space.
+    most
+        How many times as far as the others see a position may be; 0: any.
+    refused
+        By session number: how many times as far its last refused row was.
+    """
+
+    unit: Unit
+    most: float
+    refused: dict[int, float] = field(default_factory=dict)
+    _views: dict[int, _View] = field(default_factory=dict)
+    _known: dict[int, tuple[Floats, float]] = field(default_factory=dict)
+
+    def look(self, window: Window, current: Slots) -> None:
+        """Take note of where the current trajectories are."""
+        self._known.clear()
+        if not self.most:
+            return
+        positions = window.positions[current, window.stop[current] - 1]
+        owners = window.source[current]
+        self._views = {
+            number: _View(np.median(mine, axis=0), mine)
+            for number in np.unique(owners).tolist()
+            for mine in (positions[owners == number],)
+        }
+
+    def fits(self, session: int, positions: Floats) -> Bools | None:
+        """Which rows float64 [n, dim] of a session may be places of the scene, bool [n]; None: all."""
+        if not self._views or not self.most:
+            return None
+        if session not in self._known:
+            self._known[session] = self._seen_by_others(session)
+        centre, reach = self._known[session]
+        distance = np.linalg.norm(positions - centre, axis=1)
+        farthest = float(distance.max(initial=0.0))
+        if farthest <= self.most * reach:
+            self.refused.pop(session, None)
+            return None
+        self.refused[session] = farthest / reach
+        return np.asarray(distance <= self.most * reach)
+
+    def _seen_by_others(self, session: int) -> tuple[Floats, float]:
+        """Where the scene is and how far it reaches, as others than a session see it, if there are any."""
+        others = {number: view for number, view in self._views.items() if number != session}
+        mine = self._views.get(session)
+        if mine is not None and (not others or (len(others) == 1 and session < min(others))):
+            others = {session: mine}
+        centre = np.asarray(np.median([view.centre for view in others.values()], axis=0), np.float64)
+        reach = float(np.median([view.reach(centre) for view in others.values()]))
+        return centre, max(reach, _LEAST[self.unit])
