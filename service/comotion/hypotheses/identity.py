@@ -12,10 +12,10 @@ from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
 
-# ns. Members of a hypothesis that are younger have no say in which group continues it while there are others:
-# a crowd of newcomers must not take the name of a body with them when they turn out not to belong to it.
+# ns. Members of a hypothesis that are younger, of a source that has no older ones, have no say in which group
+# continues it: a crowd of a new source must not take the id of a body along when it turns out not to belong.
 _TENURE_NS = 2_000_000_000
-# So many others: as many as confirm a hypothesis by default.
+# So many older ones must there be, as many as confirm a hypothesis by default.
 _ELDERS = 3
 _LONG_AGO_NS = -(2**62)
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
@@ -85,7 +85,8 @@ class LabelMemory:
         self._fit(window)
         slots, groups, count = partition.slots, partition.groups, len(partition.described)
         vote, known = partition.deciding, self.labels[slots].copy()
-        votes = np.where(self._overruled(partition, current, stamp_ns), NO_HYPOTHESIS, known)
+        overruled = self._overruled(window, partition, current, stamp_ns)
+        votes = np.where(overruled, NO_HYPOTHESIS, known)
         self.ids = name_groups(votes[vote], groups[vote], count, matching, self._allocator.next)
         before = self.labels[current]
         self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
@@ -94,19 +95,18 @@ class LabelMemory:
         self._lead_outdated(window, slots, before, now)
         return now
 
-    def _overruled(self, partition: Partition, current: Slots, stamp_ns: int) -> Bools:
+    def _overruled(self, window: Window, partition: Partition, current: Slots, stamp_ns: int) -> Bools:
         """Trajectories that have no say in which hypothesis a group continues, bool [N].
 
-        These are young ones where enough others have been of their hypothesis for long, and those out of sight
-        where enough of the others are in their group.
+        These are late members of a hypothesis, and trajectories out of sight, of a source that has no
+        elder, where those of others have enough: in the hypothesis, or in the group.
         """
         slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._since[slots] <= stamp_ns - _TENURE_NS
-        seen = np.isin(slots, current)
+        seen, sources = np.isin(slots, current), window.source[slots]
         elders = old & seen & partition.deciding & (groups >= 0) & (known != NO_HYPOTHESIS)
-        ruled, counts = np.unique(known[elders], return_counts=True)
-        led = np.append(np.bincount(groups[elders], minlength=len(partition.described)), 0) >= _ELDERS
-        return np.asarray((~old & np.isin(known, ruled[counts >= _ELDERS])) | (~seen & led[groups]))
+        young = ~old & _left_to_others(known, sources, elders)
+        return np.asarray(young | (~seen & (groups >= 0) & _left_to_others(groups, sources, elders)))
 
     def rename(self, names: dict[int, int]) -> None:
         """Give the members of some hypotheses other ids, {present: other}, all at once.
@@ -194,6 +194,19 @@ def name_groups(
     for k in np.unique(groups[groups >= 0]).tolist():
         ids[k] = matched[k] if k in matched else allocate()
     return ids
+
+
+def _left_to_others(sets: Labels, sources: Slots, elders: Bools) -> Bools:
+    """Whose set has enough elders, none of them of its own source; bool [N], as are all arguments."""
+    found, counts = np.unique(sets[elders], return_counts=True)
+    pairs = np.stack([sets, sources])
+    own = np.isin(_codes(pairs), _codes(pairs)[elders])
+    return np.asarray(np.isin(sets, found[counts >= _ELDERS]) & ~own)
+
+
+def _codes(pairs: Labels) -> Labels:
+    """A number for each different column of int64 [2, N]."""
+    return np.asarray(np.unique(pairs, axis=1, return_inverse=True)[1].reshape(-1), np.int64)
 
 
 def follow(before: Labels, now: Labels, outdated: Labels) -> Labels:
