@@ -35,6 +35,7 @@ from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
+from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
@@ -294,6 +295,12 @@ class Fusion:
     def rivalled(self) -> list[str]:
         """Sources of which a second process sends too, as of the last :meth:`advance`."""
         return self._timeline.sources.rivalled(self._timeline.at_ns)
+
+    def wrong_data(self) -> dict[str, dict[TroubleKind, float]]:
+        """Sources whose ids or unit cannot be right, as :meth:`SourceChecks.troubles` says."""
+        found = self._spaces.checks.troubles(self._timeline.at_ns)
+        sessions = self._timeline.sessions
+        return {sessions[number][0]: kinds for number, kinds in found.items() if number in sessions}
 
     @property
     def newest_ns(self) -> int | None:

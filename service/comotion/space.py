@@ -24,6 +24,7 @@ from .partition import BodyMotion, Method, Partition, Rows, SpaceSpec
 from .rigid.method import RigidMethod
 from .rigid.poses import Poses
 from .shedding import FULL, Effort
+from .source_checks import Stored
 from .trajectories.track_index import Ids, TrackIndex
 from .trajectories.window import Window
 
@@ -110,10 +111,8 @@ class Space:
         """Take the frame for one that moves."""
         self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
-    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> bool:
+    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
         """Put one instant into the window, and the method's sums where it keeps any.
-
-        Returns False if no row can be of this scene, so far out are they.
 
         Parameters
         ----------
@@ -123,25 +122,30 @@ class Space:
             Tells how many of so many new trajectories may be opened; the rows of others are refused.
         taken
             bool [n], rows whose id stands for a feature elsewhere: they are refused.
+
+        Returns
+        -------
+        Stored
+            What became of it.
         """
         rows = instant.rows if taken is None else instant.rows[~taken]
         near = self.extent.fits(instant.session, _take(instant.batch.positions, rows)) if len(rows) else None
         if near is not None and not near.any():
-            return False
+            return Stored(fits=False, factor=self.extent.refused[instant.session])
         rows = rows if near is None else rows[near]
         self._stats.refused_rows += len(instant.rows) - len(rows)
-        slots = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
+        slots, fresh, ended = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
         known = slots >= 0
-        if not known.any():
-            return True
         # An id that its source has declared lost for good must not come back.
-        keep = known & ~self._window.ended[slots]
+        keep = known.copy()
+        keep[known] = ~self._window.ended[slots[known]]
+        ended += int(np.count_nonzero(known & ~keep))
         self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
         if not keep.all():
             slots, rows = slots[keep], rows[keep]
         if len(slots):
             self._insert(instant, slots, rows)
-        return True
+        return Stored(True, fresh, ended, self.extent.refused.get(instant.session, 0.0))
 
     def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
         batch = instant.batch
@@ -162,11 +166,13 @@ class Space:
         if stored.any():
             self._method.observed(self._window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
 
-    def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> Slots:
+    def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> tuple[Slots, int, int]:
+        """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self._index.find(ids, session)
-        fresh = np.flatnonzero(slots < 0)
+        fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
-            fresh = fresh[~self._index.has_ended(ids[fresh], session)]
+            gone = self._index.has_ended(ids[fresh], session)
+            fresh, ended = fresh[~gone], int(gone.sum())
             allowed = room(len(fresh)) if len(fresh) else 0
             fresh = fresh[:allowed]
             self._stats.refused_rows += int(np.count_nonzero(slots < 0)) - len(fresh)
@@ -175,7 +181,7 @@ class Space:
             self._stats.tracks += len(fresh)
             self._opened.append(slots[fresh])
         self._index.expect(ids, session, slots)
-        return slots
+        return slots, len(fresh), ended
 
     def end(self, ids: Ids, session: int) -> None:
         """Mark trajectories of a session as ended for good."""

@@ -19,6 +19,7 @@ from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
+from .source_checks import SourceChecks
 from .space import Space, SpaceUpdate
 
 MakeMethod = Callable[[SpaceSpec], Method]
@@ -34,6 +35,8 @@ class Spaces:
         Of the fusion.
     at_ns
         The clock of arrivals; the caller keeps it up to date.
+    checks
+        What is wrong with the ids and units of sources.
     """
 
     config: FusionConfig
@@ -42,6 +45,7 @@ class Spaces:
     faults: Faults
     make_method: MakeMethod
     at_ns: int = 0
+    checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
     _fed_ns: dict[str, int] = field(default_factory=dict)
     # Spaces of each session number that has published in any.
@@ -112,6 +116,7 @@ class Spaces:
             if not space.sessions_in_use() and self.at_ns - self._fed_ns.get(name, 0) > expiry_ns:
                 self.drop(name)
         self._homes = {number: homes for number, homes in self._homes.items() if number in in_use}
+        self.checks.keep(in_use)
 
     def drop(self, name: str) -> None:
         """Forget a space."""
@@ -183,7 +188,13 @@ class Spaces:
         if instant.last and instant.batch.ended is not None:
             for home in homes:
                 self._spaces[home].end(instant.batch.ended, number)
-        return stored
+        self.checks.note(number, stored, self.at_ns)
+        ids, positions = (
+            instant.batch.ids[instant.rows],
+            instant.batch.positions[instant.rows].astype(np.float64),
+        )
+        self.checks.look(number, ids, positions, stored.fresh, (instant.stamp_ns, self.at_ns))
+        return stored.fits
 
     def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""

@@ -14,6 +14,7 @@ from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from ..event_time.steps import ClockTrouble
 from ..fusion import Fusion
+from ..source_checks import TroubleKind
 from .guard import LogLimit
 
 # A problem ends when it has not been seen for so long: what comes and goes is said once.
@@ -64,7 +65,11 @@ class Problems:
 
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
-    return {**clocks(fusion.wrong_clocks()), **doubles(fusion.rivalled())}
+    return {
+        **clocks(fusion.wrong_clocks()),
+        **data(fusion.wrong_data()),
+        **doubles(fusion.rivalled()),
+    }
 
 
 def clocks(troubles: Mapping[str, ClockTrouble]) -> Found:
@@ -85,6 +90,36 @@ def _clock_text(trouble: ClockTrouble) -> str:
         f"its stamps are {seconds:.1f} s old when they arrive; synchronise the clocks (NTP or PTP), or send "
         "sooner; for a recording with its own stamps, start the service with --clock event"
     )
+
+
+def data(troubles: Mapping[str, Mapping[TroubleKind, float]]) -> Found:
+    """Sources whose ids or unit cannot be right."""
+    return _summed(
+        {
+            (name, kind): f"{name}: {_data_text(kind, value)}"
+            for name, kinds in troubles.items()
+            for kind, value in kinds.items()
+        }
+    )
+
+
+def _data_text(kind: TroubleKind, value: float) -> str:
+    if kind == "ids-short-lived":
+        return (
+            f"an id lasts {value:.1f} batches in the mean, too short for motion; track features from frame "
+            "to frame, and give each the same id in every batch"
+        )
+    if kind == "scale":
+        return (
+            f"positions {value:.0f} times as far out as other sources see are refused; publish metres in the "
+            "frame of the others, or use a space of its own"
+        )
+    if value:
+        return (
+            f"{100 * value:.0f} % of its features trade places from batch to batch; an id must stay with its "
+            "feature, and is no index of a list"
+        )
+    return "ids come back after they have ended; give every new feature an id that was never used"
 
 
 def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int) -> Found:

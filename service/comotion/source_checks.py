@@ -1,0 +1,140 @@
+"""Stored instants in; sources whose ids or unit cannot be right out, for as long as their data shows it.
+
+Three mistakes make data useless though each batch is well formed:
+
+- `ids-short-lived`: a detector without a tracker numbers what it sees anew; nothing is seen twice.
+- `ids-reused`: an id comes back after its end, or ids are places in a list, so that features trade them.
+- `scale`: positions are hundreds of times farther out than those of others (:mod:`.extent_check`).
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Floats
+
+Ids = NDArray[np.uint64]
+TroubleKind = Literal["ids-reused", "ids-short-lived", "scale"]
+
+# Counts fade by this share with every instant, and say something after so many instants.
+_FADE = 0.02
+_LEAST_INSTANTS = 20
+# Mean number of instants in which an id is seen, below which motion can hardly be told.
+_LEAST_LIFE = 4.0
+# Times that an id came back after its end; a batch that was overtaken may bring one back.
+_LEAST_RETURNS = 3
+# Two instants are compared so often, if they are not farther apart than the last: ns.
+_COMPARE_NS, _APART_NS = 100_000_000, 500_000_000
+_LEAST_SHARED = 5
+# Share of the features that move by more than the size of the scene between two instants.
+_JUMPING = 0.3
+# What was seen is told for so long.
+_LASTS_NS = 3_000_000_000
+
+
+class Stored(NamedTuple):
+    """What became of an instant: whether it `fits` into the scene, rows with new ids, and with ended ones.
+
+    `factor` tells how many times as far out it was as others see; 0: not far out.
+    """
+
+    fits: bool = True
+    fresh: int = 0
+    ended: int = 0
+    factor: float = 0.0
+
+
+@dataclass
+class _Record:
+    """What one session has sent: counts that fade, and the last instant that another is compared with."""
+
+    instants: int = 0
+    rows: float = 0.0
+    fresh: float = 0.0
+    returns: int = 0
+    compared: float = 0.0
+    jumped: float = 0.0
+    compared_ns: int = -(2**62)
+    last: tuple[int, Ids, Floats] | None = None
+    found: dict[TroubleKind, tuple[float, int]] = field(default_factory=dict)
+
+
+class SourceChecks:
+    """Follows the data of every session number."""
+
+    def __init__(self) -> None:
+        self._records: dict[int, _Record] = {}
+
+    def note(self, session: int, stored: Stored, at_ns: int) -> None:
+        """Take note of what became of an instant, at a time on the clock of arrivals."""
+        record = self._records.setdefault(session, _Record())
+        if stored.factor:
+            record.found["scale"] = stored.factor, at_ns
+        if stored.ended:
+            record.returns += 1
+            if record.returns >= _LEAST_RETURNS:
+                record.found["ids-reused"] = 0.0, at_ns
+
+    def look(self, session: int, ids: Ids, positions: Floats, fresh: int, clocks: tuple[int, int]) -> None:
+        """Look at the ids of an instant.
+
+        Parameters
+        ----------
+        ids, positions
+            uint64 [n] and [n, dim].
+        fresh
+            How many of the ids are new.
+        clocks
+            Its stamp, and the clock of arrivals; ns.
+        """
+        if not len(ids):
+            return
+        stamp_ns, at_ns = clocks
+        record = self._records.setdefault(session, _Record())
+        record.instants += 1
+        record.rows = (1 - _FADE) * record.rows + len(ids)
+        record.fresh = (1 - _FADE) * record.fresh + fresh
+        if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
+            record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
+        if record.last is not None:
+            self._compare(record, ids, positions, stamp_ns, at_ns)
+        due = stamp_ns - record.compared_ns >= _COMPARE_NS
+        record.last = (stamp_ns, ids, positions) if due else None
+
+    def _compare(self, record: _Record, ids: Ids, positions: Floats, stamp_ns: int, at_ns: int) -> None:
+        assert record.last is not None  # noqa: S101 - the caller looks
+        before_ns, known, places = record.last
+        _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
+        if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
+            return
+        record.compared_ns = stamp_ns
+        record.compared = 0.9 * record.compared + 1
+        record.jumped = 0.9 * record.jumped + _jumping(positions[mine], places[theirs])
+        if record.compared > 5 and record.jumped > _JUMPING * record.compared:
+            record.found["ids-reused"] = record.jumped / record.compared, at_ns
+
+    def troubles(self, at_ns: int) -> dict[int, dict[TroubleKind, float]]:
+        """What is wrong, by session number, and a number that says how much.
+
+        These are the instants that an id lasts, the share of features that jump (0: ended ids come back), and
+        how many times as far out as others see positions are.
+        """
+        found = {
+            number: {kind: value for kind, (value, seen) in one.found.items() if at_ns - seen <= _LASTS_NS}
+            for number, one in self._records.items()
+        }
+        return {number: kinds for number, kinds in found.items() if kinds}
+
+    def keep(self, sessions: set[int]) -> None:
+        """Forget all sessions but some."""
+        self._records = {number: one for number, one in self._records.items() if number in sessions}
+
+
+def _jumping(now: Floats, before: Floats) -> float:
+    """Share of features that move, against the others, by more than half of all are from the middle."""
+    step = np.asarray(now, np.float64) - before
+    step -= np.median(step, axis=0)
+    spread = np.median(np.linalg.norm(now - np.median(now, axis=0), axis=1))
+    return float(np.mean(np.linalg.norm(step, axis=1) > max(float(spread), 1e-9)))

@@ -1,0 +1,136 @@
+"""Sources whose ids or unit cannot be right: what the service says of them, and that others do not suffer."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion.runtime import problems
+from comotion.runtime.problems import Problems
+from comotion_schemas import ObservationBatch
+
+S = 10**9
+T0 = 1_700_000_000 * S
+RATE = 15
+BODY = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
+
+
+def batch(k: int, ids: np.ndarray, points: np.ndarray, **fields) -> ObservationBatch:
+    names = {"source": "odd", "session": "a" * 16, "space": "world", "unit": "m", "dim": 3}
+    return ObservationBatch(
+        **(names | fields), seq=k, stamp_ns=T0 + k * S // RATE, ids=ids.astype(np.uint64), positions=points
+    )
+
+
+def good(k: int) -> np.ndarray:
+    noise = np.random.default_rng([k, 1]).normal(0, 0.001, BODY.shape)
+    return BODY + noise + [0.0, 0.4 * np.sin(0.2 * k), 0.5]
+
+
+IDS = np.arange(12)
+MISTAKES = {
+    "ids-short-lived": lambda k: batch(k, IDS + 12 * k, good(k)),
+    "ids-reused": lambda k: batch(k, np.random.default_rng(k).permutation(12), good(k)),
+    "scale": lambda k: batch(k, IDS, 1000 * good(k)),
+}
+
+
+def run(fusion: Fusion, make, frames: range) -> dict[tuple[str | None, str], str]:
+    """Feed a good source and another one; returns the problems of the last moment."""
+    for k in frames:
+        fusion.ingest(batch(k, IDS, good(k), source="good", session="b" * 16))
+        if (other := make(k)) is not None:
+            fusion.ingest(other)
+        now = T0 + k * S // RATE
+        fusion.update(now, now)
+    return problems.of_fusion(fusion)
+
+
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_a_mistake_is_told_with_what_to_do_until_it_ends(kind) -> None:
+    fusion = Fusion()
+    found = run(fusion, MISTAKES[kind], range(60))
+    assert set(found) == {("odd", kind)}
+    assert found["odd", kind].startswith("odd: ")
+    assert "; " in found["odd", kind]
+    assert run(fusion, lambda k: batch(k, 10_000 + IDS, good(k)), range(60, 180)) == {}
+
+
+@pytest.mark.parametrize("rate_share", [1, 8])
+def test_what_is_right_is_not_complained_about(rate_share) -> None:
+    """Also a source that swings its features about, and renews a quarter of them each second."""
+
+    def right(k: int) -> ObservationBatch | None:
+        turn = 0.5 * k
+        c, s = np.cos(turn), np.sin(turn)
+        points = BODY @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) + [np.sin(0.4 * k), 0, 0]
+        return batch(k, IDS + 100 * ((k + 15 * IDS) // 60), points) if k % rate_share == 0 else None
+
+    assert run(Fusion(), right, range(150)) == {}
+
+
+def test_ids_that_come_back_after_their_end_are_reused() -> None:
+    def back(k: int) -> ObservationBatch:
+        return batch(k, IDS, good(k), ended=IDS[:2].astype(np.uint64) if k == 20 else None)
+
+    found = run(Fusion(), back, range(60))
+    assert set(found) == {("odd", "ids-reused")}
+    assert "ended" in found["odd", "ids-reused"]
+
+
+def test_the_one_that_came_first_is_believed_and_the_other_is_refused_and_counted() -> None:
+    fusion = Fusion()
+    run(fusion, MISTAKES["scale"], range(60))
+    accounts = fusion.ledger.accounts()
+    assert accounts["good", "b" * 16].rejected == {}
+    refused = accounts["odd", "a" * 16].rejected.get("range", 0)
+    assert refused >= 55
+    assert fusion.stats.batches == fusion.stats.settled()
+
+
+def test_a_majority_is_believed_whoever_came_first() -> None:
+    fusion = Fusion()
+    run(fusion, lambda k: None, range(0))
+    for k in range(60):
+        fusion.ingest(batch(k, IDS, 1000 * good(k)))
+        for name in ("left", "right", "arm") if k > 10 else ():
+            fusion.ingest(batch(k, IDS, good(k), source=name, session="c" * 16))
+        fusion.update(T0 + k * S // RATE)
+    assert set(problems.of_fusion(fusion)) == {("odd", "scale")}
+    assert all(fusion.ledger.accounts()[name, "c" * 16].rejected == {} for name in ("left", "right", "arm"))
+
+
+def test_the_bound_can_be_lifted() -> None:
+    fusion = Fusion(FusionConfig.model_validate({"limits": {"extent": 0}}))
+    assert run(fusion, MISTAKES["scale"], range(60)) == {}
+    assert fusion.stats.rejected == {}
+
+
+def test_a_crowd_of_newcomers_does_not_take_the_id_of_a_body() -> None:
+    fusion = Fusion()
+    crowd = np.random.default_rng(4).uniform(-0.2, 0.2, (100, 3)) + good(44).mean(0)
+    floor = np.random.default_rng(5).uniform(-1, 1, (20, 3))
+    ids: list[set[int]] = []
+    for k in range(90):
+        now = T0 + k * S // RATE
+        points = np.concatenate([good(k), floor])
+        fusion.ingest(batch(k, np.arange(32), points, source="good", session="b" * 16))
+        if k >= 45:
+            fusion.ingest(batch(k, np.arange(100), crowd))
+        update = fusion.update(now)
+        mine = update.track_source == [s.name for s in update.sources].index("good")
+        ids.append(set(update.track_hypothesis[mine & (update.track_id < 12)].tolist()))
+    assert len(ids[44]) == 1
+    assert ids[-1] == ids[44]
+
+
+def test_a_problem_is_logged_once_when_it_begins_and_once_when_it_ends(caplog) -> None:
+    told = Problems()
+    found = problems.data({"odd": {"ids-short-lived": 1.0}})
+    with caplog.at_level("INFO"):
+        for k in range(30):
+            lasting = told.update(found if k < 10 else {}, k * S)
+            assert [one.kind for one in lasting] == (["ids-short-lived"] if k < 20 else [])
+    assert [message.split(":")[0] for message in caplog.messages] == [
+        "ids-short-lived",
+        "ids-short-lived is over",
+    ]
