@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from .arrays import Floats
 
 Ids = NDArray[np.uint64]
+Where = tuple[int, str]
+"""Session number and space."""
 TroubleKind = Literal["ids-reused", "ids-short-lived", "scale"]
 
 # Counts fade by this share with every instant, and say something after so many instants.
@@ -62,14 +64,14 @@ class _Record:
 
 
 class SourceChecks:
-    """Follows the data of every session number."""
+    """Follows the data of every session number, in each space that it publishes in."""
 
     def __init__(self) -> None:
-        self._records: dict[int, _Record] = {}
+        self._records: dict[Where, _Record] = {}
 
-    def note(self, session: int, stored: Stored, at_ns: int) -> None:
+    def note(self, where: Where, stored: Stored, at_ns: int) -> None:
         """Take note of what became of an instant, at a time on the clock of arrivals."""
-        record = self._records.setdefault(session, _Record())
+        record = self._records.setdefault(where, _Record())
         if stored.factor:
             record.found["scale"] = stored.factor, at_ns
         if stored.ended:
@@ -77,7 +79,7 @@ class SourceChecks:
             if record.returns >= _LEAST_RETURNS:
                 record.found["ids-reused"] = 0.0, at_ns
 
-    def look(self, session: int, ids: Ids, positions: Floats, fresh: int, clocks: tuple[int, int]) -> None:
+    def look(self, where: Where, ids: Ids, positions: Floats, fresh: int, clocks: tuple[int, int]) -> None:
         """Look at the ids of an instant.
 
         Parameters
@@ -92,7 +94,7 @@ class SourceChecks:
         if not len(ids):
             return
         stamp_ns, at_ns = clocks
-        record = self._records.setdefault(session, _Record())
+        record = self._records.setdefault(where, _Record())
         record.instants += 1
         record.rows = (1 - _FADE) * record.rows + len(ids)
         record.fresh = (1 - _FADE) * record.fresh + fresh
@@ -121,15 +123,16 @@ class SourceChecks:
         These are the instants that an id lasts, the share of features that jump (0: ended ids come back), and
         how many times as far out as others see positions are.
         """
-        found = {
-            number: {kind: value for kind, (value, seen) in one.found.items() if at_ns - seen <= _LASTS_NS}
-            for number, one in self._records.items()
-        }
-        return {number: kinds for number, kinds in found.items() if kinds}
+        found: dict[int, dict[TroubleKind, float]] = {}
+        for (number, _), record in self._records.items():
+            for kind, (value, seen_ns) in record.found.items():
+                if at_ns - seen_ns <= _LASTS_NS:
+                    found.setdefault(number, {})[kind] = value
+        return found
 
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
-        self._records = {number: one for number, one in self._records.items() if number in sessions}
+        self._records = {where: one for where, one in self._records.items() if where[0] in sessions}
 
 
 def _jumping(now: Floats, before: Floats) -> float:

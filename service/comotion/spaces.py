@@ -188,12 +188,13 @@ class Spaces:
         if instant.last and instant.batch.ended is not None:
             for home in homes:
                 self._spaces[home].end(instant.batch.ended, number)
-        self.checks.note(number, stored, self.at_ns)
+        where = number, name
+        self.checks.note(where, stored, self.at_ns)
         ids, positions = (
             instant.batch.ids[instant.rows],
             instant.batch.positions[instant.rows].astype(np.float64),
         )
-        self.checks.look(number, ids, positions, stored.fresh, (instant.stamp_ns, self.at_ns))
+        self.checks.look(where, ids, positions, stored.fresh, (instant.stamp_ns, self.at_ns))
         return stored.fits
 
     def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:

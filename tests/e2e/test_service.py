@@ -305,6 +305,43 @@ def test_recordings_from_the_past_are_fused_under_the_event_clock(serve) -> None
     assert after.counters["late"] == before.counters["late"]
 
 
+def test_a_recording_loses_nothing_in_a_running_service_nor_after_a_restart(
+    serve, start, connect, tmp_path: Path
+) -> None:
+    options = ("--clock", "event", "--state", tmp_path / "s")
+    service = serve(*options)
+
+    def replay(rounds: int, session: zenoh.Session) -> None:
+        publisher = stream_publisher(session, KEYS, "obs", "old")
+        for seq in range(30):
+            publisher.put(encode(batch("old", seq=seq, stamp_ns=10**18 + seq * 10**8)))
+        # Released, or held back by the watermark: never late, lost or repeated.
+        status = service.statuses.until(
+            lambda s: s.counters.get("fused", 0) + s.counters.get("waiting", 0) == 30 * rounds
+        )
+        assert {status.counters[name] for name in ("late", "partly_late", "lost", "duplicates")} == {0}
+        assert status.rejected == {}
+
+    replay(1, service.session)
+    replay(2, service.session)
+    service.process.interrupt()
+    assert service.process.wait() == 0
+    service.statuses.drain()
+    start("serve", "--listen", service.endpoint, *options)
+    replay(3, connect(service.endpoint))
+
+
+def test_an_overloaded_service_leaves_out_work_and_no_observation(serve, connect, track) -> None:
+    # No update of some features takes less than 5 ms.
+    service = serve("--set", "period=0.005")
+    track(service.endpoint, "left")
+    status = service.statuses.until(lambda s: "left out are joints" in s.message)
+    assert status.state == "degraded"
+    later = service.statuses.until(lambda s: s.counters["shed"] > status.counters["shed"])
+    assert later.counters["fused"] > status.counters["fused"]
+    assert later.counters["late"] == later.counters["lost"] == later.counters["overflow"] == 0
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stop_is_clean_and_withdraws_the_service(start, endpoint, session, number) -> None:
     presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)

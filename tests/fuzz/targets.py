@@ -257,6 +257,8 @@ TARGETS: dict[str, Target] = {
     "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
     "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
     "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
+    # Its valid inputs are files of the corpus, one for each processor.
+    "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
     "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, _RECORDINGS, "mcap"),
     "yaml": _of_file(
         "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"

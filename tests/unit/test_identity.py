@@ -55,6 +55,22 @@ def test_no_match_without_a_shared_trajectory():
     assert match([5, 5, -1, -1], [0, 0, 1, 1]) == [5, 5, 100, 100]
 
 
+def struck(shared: np.ndarray) -> list[tuple[int, int]]:
+    """The rule of the thesis word by word."""
+    left, pairs = shared.copy(), []
+    while left.any():
+        k, m = np.unravel_index(int(left.argmax()), left.shape)
+        pairs.append((int(k), int(m)))
+        left[k], left[:, m] = 0, 0
+    return pairs
+
+
+@given(st.integers(0, 7), st.integers(0, 7), st.integers(1, 5), st.integers(0, 2**32 - 1))
+def test_sorting_the_overlaps_gives_the_pairs_of_the_rule(rows, columns, most, seed):
+    shared = np.random.default_rng(seed).integers(0, most, (rows, columns))
+    assert largest_first(shared) == struck(shared)
+
+
 labels = st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30)
 
 

@@ -1,4 +1,4 @@
-"""Overload in, work that is left out: in a stated order, never an observation, and full work again after it."""
+"""Overload in, work that is left out: in a stated order, never an observation, and all again after it."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def batch(k: int, positions: np.ndarray, *, first: int = 0, source: str = "a") -
 def scene(k: int) -> np.ndarray:
     """Two bodies of eight features: one rests, the other swings beside it, from the first second on."""
     swing = 0.3 * np.sin(0.1 * max(k - 20, 0))
-    return np.concatenate([body(8, 1), body(8, 2) + [0.5, swing, 0.0]])
+    return np.concatenate([body(8, 1), body(8, 2) + np.array([0.5, swing, 0.0])])
 
 
 def run(fusion: Fusion, frames: range) -> list[HypothesisUpdate]:
@@ -65,9 +65,7 @@ class TestOrder:
         assert [e.search_every for e in efforts] == 4 * [1] + 5 * [5]
         assert [e.group_every for e in efforts] == 5 * [1] + [2, 4, 8, 16]
 
-    @pytest.mark.parametrize(
-        ("level", "left_out"), [(0, 0), (1, 1), (2, 2), (4, 3), (5, 4)], ids=lambda value: str(value)
-    )
+    @pytest.mark.parametrize(("level", "left_out"), [(0, 0), (1, 1), (2, 2), (4, 3), (5, 4)], ids=str)
     def test_less_is_done_level_by_level(self, level, left_out, monkeypatch) -> None:
         done = dict.fromkeys(("joints", "boxes", "searches", "groupings"), 0)
 
@@ -116,7 +114,7 @@ class TestObservations:
         skipped = 0
         for k in range(60, 80):
             fusion.ingest(batch(k, scene(k)))
-            fusion.ingest(batch(k, body(4, 3) + [0.0, 0.0, 3.0], first=100, source="b"))
+            fusion.ingest(batch(k, body(4, 3) + np.array([0.0, 0.0, 3.0]), first=100, source="b"))
             if not k % 2:
                 continue
             update = fusion.update(10**18 + k * PERIOD // 2)

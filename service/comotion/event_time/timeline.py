@@ -99,6 +99,8 @@ class Timeline:
         self._inbox: list[Entry] = []
         self._load = Load(config)
         self._release = Release(self.sources, self._settle)
+        # Sessions of which a batch waits because of its clock.
+        self._held: set[Key] = set()
         self.at_ns = 0
         self.watermark_ns: int | None = None
         self.ledger = Ledger(stats)
@@ -182,7 +184,9 @@ class Timeline:
     def _admit(self, entry: Entry, now_ns: int) -> None:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.get(entry.batch.source)
-        if not steps.is_off(entry, self._reference(now_ns), self._floor()):
+        off = steps.is_off(entry, self._reference(now_ns), self._floor())
+        # The end of a recording that is played again fast is near the end of the last one.
+        if not off and not (steps.follow_all and entry.key in self._held):
             if entry.repeated:
                 self._settle(entry, "duplicates")
             else:
@@ -191,6 +195,7 @@ class Timeline:
         agreed = source is not None and source.session == entry.batch.session and source.agreed_ns is not None
         if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
             steps.held.append(entry)
+            self._held.add(entry.key)
             if source is not None and agreed:
                 source.hear(entry.at_ns)
         elif entry.repeated:
@@ -217,6 +222,7 @@ class Timeline:
         if decision == "follow":
             steps.follow(self._reference(now_ns))
         held, steps.held = steps.held, []
+        self._held.clear()
         again: set[Key] = set()
         for entry in held:
             if decision == "judge":
