@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup demo test test-long check format schemas docs pictures wheel clean
+.PHONY: help setup demo test test-long soak check format schemas docs pictures wheel clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -30,6 +30,9 @@ test: setup  ## the whole test suite, on two cores
 
 test-long: setup  ## the tests that take a minute or more each
 	$(BIN)/python -m pytest -m long
+
+soak: setup  ## three minutes of a scene under faults: kills, stops, clock steps, hostile input
+	$(BIN)/comotion soak --duration 180 --gap 10 --seed 0 --out out/soak
 
 check: setup  ## lint, format, types, import rules
 	$(BIN)/ruff check .
