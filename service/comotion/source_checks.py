@@ -25,6 +25,8 @@ _FADE = 0.02
 _LEAST_INSTANTS = 20
 # Mean number of instants in which an id is seen, below which motion can hardly be told.
 _LEAST_LIFE = 4.0
+# Rows of an instant that are looked at.
+MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
 # Two instants are compared so often, if they are not farther apart than the last: ns.
@@ -79,15 +81,15 @@ class SourceChecks:
             if record.returns >= _LEAST_RETURNS:
                 record.found["ids-reused"] = 0.0, at_ns
 
-    def look(self, where: Where, ids: Ids, positions: Floats, fresh: int, clocks: tuple[int, int]) -> None:
+    def look(self, where: Where, ids: Ids, positions: Floats, fresh: float, clocks: tuple[int, int]) -> None:
         """Look at the ids of an instant.
 
         Parameters
         ----------
         ids, positions
-            uint64 [n] and [n, dim].
+            uint64 [n] and [n, dim], of some rows.
         fresh
-            How many of the ids are new.
+            Share of the ids that are new.
         clocks
             Its stamp, and the clock of arrivals; ns.
         """
@@ -97,7 +99,7 @@ class SourceChecks:
         record = self._records.setdefault(where, _Record())
         record.instants += 1
         record.rows = (1 - _FADE) * record.rows + len(ids)
-        record.fresh = (1 - _FADE) * record.fresh + fresh
+        record.fresh = (1 - _FADE) * record.fresh + fresh * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
             record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
         if record.last is not None:

@@ -19,7 +19,7 @@ from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
-from .source_checks import SourceChecks
+from .source_checks import MOST_ROWS, SourceChecks
 from .space import Space, SpaceUpdate
 
 MakeMethod = Callable[[SpaceSpec], Method]
@@ -190,11 +190,10 @@ class Spaces:
                 self._spaces[home].end(instant.batch.ended, number)
         where = number, name
         self.checks.note(where, stored, self.at_ns)
-        ids, positions = (
-            instant.batch.ids[instant.rows],
-            instant.batch.positions[instant.rows].astype(np.float64),
-        )
-        self.checks.look(where, ids, positions, stored.fresh, (instant.stamp_ns, self.at_ns))
+        some = instant.rows[:MOST_ROWS]
+        ids, positions = instant.batch.ids[some], instant.batch.positions[some].astype(np.float64)
+        share = stored.fresh / max(len(instant.rows), 1)
+        self.checks.look(where, ids, positions, share, (instant.stamp_ns, self.at_ns))
         return stored.fits
 
     def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:

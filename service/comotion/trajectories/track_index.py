@@ -84,7 +84,9 @@ class TrackIndex:
 
     def expect(self, ids: Ids, session: int, slots: Slots) -> None:
         """Note what a session sent: most sources send the same ids again."""
-        self._last_sent[session] = ids.copy(), slots
+        # Those refused are not kept: a batch may have any number of them.
+        known = slots >= 0
+        self._last_sent[session] = (ids.copy(), slots) if known.all() else (ids[known], slots[known])
 
     def close(self, slots: Slots) -> None:
         """Forget trajectories and free their slots."""
