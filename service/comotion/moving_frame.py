@@ -1,8 +1,9 @@
 """Hypotheses in a frame that is carried in; the same relative to the world, and where the frame is, out.
 
 The frame of a carried camera moves, so what is at rest moves in it. The world is the body that most of the
-scene agrees on: the one with the most features, weighted with how widely they are spread. It stays the world
-while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the axes of the
+scene agrees on: the one with the most features, weighted with how widely they are spread. The first one must
+have half of all features: before the motion tells bodies apart, a few features may be one by chance. It stays
+the world while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the axes of the
 frame, the frame is at A W^-1 in the world, where A is where the frame was at the birth of that hypothesis.
 """
 
@@ -20,13 +21,15 @@ from .arrays import Floats, Labels
 
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
+# The first world has so large a share of the current features, or is confirmed.
+_FIRST_SHARE = 0.5
 # s for which frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
 
 @dataclass(frozen=True)
 class Relative:
-    """Hypotheses relative to the world, and x(world) = R x(frame) + t; None before there is a world."""
+    """Hypotheses relative to the world, and x(world) = R x(frame) + t; None while the world has no pose."""
 
     hypotheses: list[Hypothesis]
     frame: Pose | None
@@ -79,7 +82,7 @@ class MovingFrame:
         listed = {h.id for h in hypotheses}
         self._births = {one: born for one, born in self._births.items() if one in listed}
         found = [h if h.absent else self._described(h, world) for h in hypotheses]
-        known = self._metric and self._world is not None
+        known = self._metric and world is not None and world.pose is not None
         return Relative(found, _pose(self._frame, self._dim) if known else None)
 
     def state(self) -> dict[str, Any]:
@@ -108,6 +111,9 @@ class MovingFrame:
         if not sizes:
             return
         largest = max(sizes, key=lambda one: (sizes[one], -one))
+        share = np.count_nonzero(labels == largest) / len(labels)
+        if self._world is None and share < _FIRST_SHARE and not present[largest].confirmed:
+            return
         if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
             return
         if largest == self._world:

@@ -72,11 +72,11 @@ class Alignment:
     ----------
     pixels
         float32 [N, 2], aligned positions.
-        e
+    shape
         float32 [N, 2, 2], as in :class:`Templates`.
-        elation
+    correlation
         float32 [N], of the template with the warped image, -1 to 1.
-        e
+    noise
         float32 [N], one-sigma noise of `pixels` estimated from the residual, px.
     """
 

@@ -202,7 +202,7 @@ class Tracker:
 
         def usable(pixels: Pixels) -> NDArray[np.bool_]:
             noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
-            chosen = np.asarray(noise < self._config.birth_sigma)
+            chosen = np.asarray(noise < self._config.corner_sigma)
             if self._intrinsics is not None and depth is not None:
                 chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
             return chosen
