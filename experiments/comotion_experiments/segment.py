@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, Pose
 from comotion_sources.calibration import Calibration
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.types import Camera, CameraError, Frame
@@ -48,6 +48,8 @@ class SegmentOptions:
         Table with a row per feature and frame; None: none.
     rate
         Frames per second of a folder of images.
+    tracker
+        Of which `moving` says that the camera is carried.
     calibration
         Intrinsics and extrinsics of a camera with depth, if its recording has none.
     use_depth
@@ -98,6 +100,8 @@ class Segmented:
         Frames in which each hypothesis has a feature, by id.
     last
         The hypotheses of the last update.
+    path
+        Stamp and pose of a carried camera in the world, where it is known: once per update.
     """
 
     frames: int = 0
@@ -108,6 +112,7 @@ class Segmented:
     digest: str = ""
     hypotheses: Counter[int] = field(default_factory=Counter)
     last: Sequence[Hypothesis] = ()
+    path: Sequence[tuple[int, Pose]] = ()
 
     def as_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -157,7 +162,7 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
             progress(found.frames, total)
     if not found.frames:
         raise CameraError(f"{what}: no frame")
-    found.digest, found.codec = digest.hexdigest(), outputs.codec
+    found.digest, found.codec, found.path = digest.hexdigest(), outputs.codec, run.path
     found.seconds = time.perf_counter() - begun
     return found
 
@@ -176,8 +181,9 @@ class _Run:
             _SOURCE,
             has_depth=has_depth,
             intrinsics=intrinsics,
-            extrinsics=given.extrinsics or camera.extrinsics,
+            extrinsics=None if options.tracker.moving else given.extrinsics or camera.extrinsics,
         )
+        self.path: list[tuple[int, Pose]] = []
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
         builder = MessageBuilder(
             source=_SOURCE,
@@ -185,6 +191,7 @@ class _Run:
             space=self.space.name,
             unit=self.space.unit,
             dim=self.space.dim,
+            moving=options.tracker.moving,
         )
         self._observer = Observer(self.space, builder)
         self._fusion = Fusion(options.fusion, scene="segment")
@@ -218,6 +225,7 @@ class _Run:
         self._held.append((number, frame, tracks))
 
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
+        self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         labels = dict(
             zip(
                 update.track_id.tolist(),

@@ -3,8 +3,9 @@
 The frame of a carried camera moves, so what is at rest moves in it. The world is the body that most of the
 scene agrees on: the one with the most features, weighted with how widely they are spread. The first one must
 have half of all features: before the motion tells bodies apart, a few features may be one by chance. It stays
-the world while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the axes of the
-frame, the frame is at A W^-1 in the world, where A is where the frame was at the birth of that hypothesis.
+the world while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the
+axes of the frame, the frame is at A W^-1 in the world, where A is where the frame was at the birth of that
+hypothesis.
 """
 
 from collections import deque
@@ -21,8 +22,11 @@ from .arrays import Floats, Labels
 
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
-# The first world has so large a share of the current features, or is confirmed.
-_FIRST_SHARE = 0.5
+# The first world has so large a share of the current features and has existed for so long, or is confirmed:
+# in the first frames a camera that moves cannot be told from one that rests.
+_FIRST_SHARE, _FIRST_NS = 0.5, 400_000_000
+# Updates before the first world that are remembered.
+_MOST_BEFORE = 150
 # s for which frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
@@ -53,6 +57,8 @@ class MovingFrame:
         self._frame = RigidTransform.identity()
         self._past: deque[tuple[int, RigidTransform]] = deque()
         self._births: dict[int, RigidTransform] = {}
+        # Before the first world: stamp, poses by hypothesis.
+        self._before: list[tuple[int, dict[int, RigidTransform]]] = []
 
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
@@ -69,8 +75,11 @@ class MovingFrame:
             int64 [n] and float64 [n, dim], of the current trajectories.
         """
         present = {h.id: h for h in hypotheses if not h.absent}
-        self._choose(present, labels, positions)
+        self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
+        if self._world is None:
+            poses = {one: _transform(h.pose) for one, h in present.items() if h.pose is not None}
+            self._before = [*self._before[-_MOST_BEFORE:], (stamp_ns, poses)]
         if world is not None and world.pose is not None:
             self._frame = self._anchor * _transform(world.pose).inv()
         self._past.append((stamp_ns, self._frame))
@@ -101,7 +110,9 @@ class MovingFrame:
         self._frame = RigidTransform.from_matrix(state["frame"])
         self._births = {int(one): RigidTransform.from_matrix(born) for one, born in state["births"]}
 
-    def _choose(self, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats) -> None:
+    def _choose(
+        self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats
+    ) -> None:
         """Keep the world, or take the largest body for it."""
         sizes = {
             one: _size(positions[labels == one])
@@ -111,8 +122,7 @@ class MovingFrame:
         if not sizes:
             return
         largest = max(sizes, key=lambda one: (sizes[one], -one))
-        share = np.count_nonzero(labels == largest) / len(labels)
-        if self._world is None and share < _FIRST_SHARE and not present[largest].confirmed:
+        if self._world is None and not _is_first(stamp_ns, present[largest], labels):
             return
         if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
             return
@@ -121,7 +131,15 @@ class MovingFrame:
         pose = present[largest].pose
         # Where the frame is does not change with what is taken for the world.
         self._anchor = self._frame if pose is None else self._frame * _transform(pose)
+        if self._world is None:
+            self._look_back(largest)
         self._world = largest
+
+    def _look_back(self, world: int) -> None:
+        """Find where the frame was before the first world was chosen."""
+        known = [(stamp, poses[world]) for stamp, poses in self._before if world in poses]
+        self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in known)
+        self._births, self._before = {}, []
 
     def _frame_at(self, stamp_ns: int) -> RigidTransform:
         return min(self._past, key=lambda known: abs(known[0] - stamp_ns))[1]
@@ -139,6 +157,12 @@ class MovingFrame:
         return replace(
             one, state=state, pose=_pose(moved, self._dim), twist=_relative_twist(one, world, self._dim)
         )
+
+
+def _is_first(stamp_ns: int, one: Hypothesis, labels: Labels) -> bool:
+    """Whether enough is known of a body to take it for the first world."""
+    share = np.count_nonzero(labels == one.id) / len(labels)
+    return one.confirmed or (share >= _FIRST_SHARE and stamp_ns - one.born_ns >= _FIRST_NS)
 
 
 def _size(points: Floats) -> float:

@@ -6,8 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from comotion_experiments.segment import SegmentOptions, segment
 from comotion_schemas import JointStates
+from comotion_sources.cameras.tum import TumFolder
 from comotion_sources.cameras.types import CameraError
 from comotion_sources.errors import SceneError
 
@@ -15,6 +18,7 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.frames import AMBIGUOUS  # noqa: E402
 from comotion_sources.klt import Tracker, TrackerConfig  # noqa: E402
+from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint, open_camera, scene_names  # noqa: E402
 from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse  # noqa: E402
@@ -327,6 +331,27 @@ def test_tum_folder_reads_back(tmp_path: Path) -> None:
     assert np.array_equal(objects, frames[1].objects)
     with pytest.raises(SceneError, match="exists already"):
         write_tum(camera, folder)
+
+
+def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path: Path) -> None:
+    camera = WorkcellCamera(parse("eye-in-hand/hand?size=240x180&rate=10&duration=2"))
+    folder = tmp_path / "tum"
+    write_tum(camera, folder)
+    true = read_trajectory(folder / "groundtruth.txt")
+    assert TumFolder(folder).extrinsics is None, "the camera moves"
+    options = SegmentOptions(tracker=TrackerConfig(max_features=150, moving=True))
+    path = segment(str(folder), options).path
+    assert path[-1][0] == 1_900_000_000
+    begun = true.at(path[0][0])
+    assert begun is not None
+    for stamp_ns, pose in path:
+        moved = true.at(stamp_ns)
+        assert moved is not None
+        moved = begun.inverse().after(moved)
+        assert isinstance(pose.rotation, list)
+        turn = Rotation.from_quat(pose.rotation).inv() * Rotation.from_matrix(moved.rotation)
+        assert np.linalg.norm(moved.translation - pose.translation) < 0.01
+        assert np.degrees(turn.magnitude()) < 1.0
 
 
 def test_a_scene_that_breaks_the_conventions_is_refused(tmp_path: Path) -> None:

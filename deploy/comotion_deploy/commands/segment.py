@@ -25,6 +25,8 @@ Examples:
 
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
 
+  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
+
   comotion segment "workcell:truck/a?duration=5" --json
 """
 
@@ -65,6 +67,16 @@ def segment(
     calibration: camera.CalibrationFile = None,
     extrinsics: camera.ExtrinsicsFile = None,
     depth: camera.Depth = True,
+    moving: camera.Moving = False,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            "--trajectory",
+            envvar="COMOTION_TRAJECTORY",
+            metavar="FILE",
+            help="With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.",
+        ),
+    ] = None,
     overwrite: camera.Overwrite = False,
     method: options.Method = None,
     assignments: options.Assignments = None,
@@ -83,14 +95,16 @@ def segment(
     from comotion_sources.klt.picture_file import NO_ENCODER
 
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-    if out is None and csv is None and not json_:
+    if trajectory is not None and not moving:
+        raise UserError("--trajectory needs --moving")
+    if out is None and csv is None and trajectory is None and not json_:
         out = Path(f"{_stem(what)}-segmented.mp4")
-    _check_outputs(what, out, csv)
+    _check_outputs(what, out, csv, trajectory)
     camera.clear_frames(out, overwrite=overwrite)
     how = SegmentOptions(
         out=out,
         csv=csv,
-        tracker=camera.tracker_config(max_features, respawn_every, tracker),
+        tracker=camera.tracker_config(max_features, respawn_every, tracker, moving=moving),
         fusion=fusion_config(ctx, method, assignments),
         rate=rate,
         calibration=camera.read_calibration(calibration, extrinsics),
@@ -98,17 +112,32 @@ def segment(
     )
     with _progress(what) as progress:
         found = run(what, how, progress)
+    if trajectory is not None:
+        _write_trajectory(trajectory, found)
     if json_:
         import json
 
         print(json.dumps(found.as_json(), indent=2))
         return
     _print_summary(found)
-    for path in (out, csv):
+    for path in (out, csv, trajectory):
         if path is not None:
             print(f"wrote {path}")
     if found.codec == "mpeg4":
         print(f"the video is {NO_ENCODER}")
+
+
+def _write_trajectory(path: Path, found: "Segmented") -> None:
+    """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
+    lines = ["# stamp tx ty tz qx qy qz qw"]
+    for stamp_ns, pose in found.path:
+        if isinstance(pose.rotation, list):
+            values = " ".join(f"{value:.6f}" for value in (*pose.translation, *pose.rotation))
+            lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d} {values}")
+    try:
+        path.write_text("\n".join(lines) + "\n")
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}") from None
 
 
 def _stem(what: str) -> str:
@@ -116,9 +145,9 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _check_outputs(what: str, out: Path | None, csv: Path | None) -> None:
+def _check_outputs(what: str, *paths: Path | None) -> None:
     """Refuse to write over the input."""
-    for path in (out, csv):
+    for path in paths:
         if path is not None and path.exists() and Path(what).exists() and path.samefile(what):
             raise UserError(f"{path}: is the input")
 

@@ -1,6 +1,7 @@
 """Joints from poses alone: made-up hinges and slides with the noise of the accuracy report."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +9,25 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comotion.config import JointsConfig
+from comotion.joints.evidence import first_guess
+from comotion.joints.models import FixedKind, fit
 from comotion.joints.pair import Pair
+from comotion.joints.states import States, relative_states
 from comotion.partition import BodyMotion
 
+from . import screw_fit
 from .features import angle_between
 
 # Of a coordinate: median errors of 0.98 degrees and 2.26 mm of docs/research/accuracy.md.
 TURN_SIGMA, PLACE_SIGMA = np.radians(0.98) / 1.54, 2.26e-3 / 1.54
 RATE_HZ, SECONDS = 15, 10.0
 _ARM_M = 0.3
+# m; a prior that says nothing.
+_FAR = 1e3
+# Fits by GTSAM with derivatives by differences take a second.
+_MOST_SCREWS = 50
 # Degrees and metres that a hinge and a slide have moved.
-CASES = (
+CASES: tuple[tuple[FixedKind, float], ...] = (
     ("revolute", 15.0),
     ("revolute", 20.0),
     ("revolute", 45.0),
@@ -29,36 +38,67 @@ CASES = (
     ("prismatic", 0.008),
 )
 Floats = NDArray[np.float64]
+# Of two normal errors of one sigma each, the length is below this in half of all cases.
+_MEDIAN_LENGTH = 1.1774
 
 
 @dataclass(frozen=True)
 class PoseCase:
-    """Results of one kind and motion over seeds; axis in degrees, point in mm, time in ms of a judgement."""
+    """Results of one kind and motion over seeds; axis in degrees, point in mm, time in ms of a judgement.
 
-    kind: str
+    `floor`: the median errors of axis and point that the Cramer-Rao bound allows. `screw`: errors of a fit by
+    GTSAM to the same poses, empty where it is not installed.
+    """
+
+    kind: FixedKind
     moved: float
     axis: list[float]
     point: list[float]
     kinds: list[str]
     milliseconds: list[float]
+    floor: list[tuple[float, float]]
+    screw: list[tuple[float, float]]
 
 
-def run_case(kind: str, moved: float, seeds: int) -> PoseCase:
+def run_case(kind: FixedKind, moved: float, seeds: Sequence[int]) -> PoseCase:
     """Judge one joint for each seed, twice, as the service does before it publishes."""
-    found = PoseCase(kind, moved, [], [], [], [])
-    for seed in range(seeds):
+    found = PoseCase(kind, moved, [], [], [], [], [], [])
+    for seed in seeds:
         child, axis, point = _child(kind, np.radians(moved) if kind == "revolute" else moved, seed)
         pair = Pair(1, 2, np.zeros(3), JointsConfig())
         for _ in range(2):
             begun = time.process_time()
             pair.judge(_world(child.stamps), child)
             found.milliseconds.append(1e3 * (time.process_time() - begun))
-        model = pair.models[kind]  # type: ignore[index]
+        model = pair.models[kind]
         found.kinds.append(pair.known.kind)
         found.axis.append(angle_between(model.u, axis))
-        off = model.c - point
-        found.point.append(float(1e3 * np.linalg.norm(off - axis * (axis @ off))))
+        found.point.append(_off_axis(model.c - point, axis))
+        states = _true_states(child)
+        found.floor.append(_floor(states, kind))
+        if screw_fit.available() and len(found.screw) < _MOST_SCREWS:
+            u, c = screw_fit.fit_screw(states, first_guess(states, kind), (TURN_SIGMA, PLACE_SIGMA))
+            found.screw.append((angle_between(u, axis), _off_axis(c - point, axis)))
     return found
+
+
+def _off_axis(off: Floats, axis: Floats) -> float:
+    """Length across the axis, mm."""
+    return float(1e3 * np.linalg.norm(off - axis * (axis @ off)))
+
+
+def _true_states(child: BodyMotion) -> States:
+    """All states, with the information of the noise that they have."""
+    states = relative_states(_world(child.stamps), child, np.zeros(3))
+    information = np.diag([1 / TURN_SIGMA**2] * 3 + [1 / PLACE_SIGMA**2] * 3)
+    return States(states.stamps, states.R, states.p, np.tile(information, (len(states), 1, 1)))
+
+
+def _floor(states: States, kind: FixedKind) -> tuple[float, float]:
+    """Median errors of axis and point at the Cramer-Rao bound, degrees and mm."""
+    variance = np.diag(fit(states, first_guess(states, kind), _FAR).covariance)
+    axis, point = np.sqrt(variance[8:].mean()), np.sqrt(variance[6:8].mean())
+    return float(np.degrees(_MEDIAN_LENGTH * axis)), float(1e3 * _MEDIAN_LENGTH * point)
 
 
 def _world(stamps: NDArray[np.int64]) -> BodyMotion:
@@ -107,17 +147,30 @@ def _child(kind: str, moved: float, seed: int) -> tuple[BodyMotion, Floats, Floa
 def table(cases: list[PoseCase]) -> str:
     """Markdown table, medians over seeds."""
     lines = [
-        "| joint | moved by | axis, degrees | point, mm | kind right, % | undetermined, % | CPU ms |",
-        "|---|---|---|---|---|---|---|",
+        "| joint | moved by | axis, degrees | GTSAM | bound | point, mm | GTSAM | bound | kind right, % "
+        "| undetermined, % | CPU ms |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for one in cases:
         hinge = one.kind == "revolute"
         moved = f"{one.moved:g}°" if hinge else f"{100 * one.moved:g} cm"
-        point = f"{np.median(one.point):.2f}" if hinge else "-"
+        axis = _medians([(value,) for value in one.axis], one.screw, one.floor, 0)
+        point = _medians([(value,) for value in one.point], one.screw, one.floor, 1) if hinge else "- | - | -"
         right = 100 * np.mean([kind == one.kind for kind in one.kinds])
         unknown = 100 * np.mean([kind == "undetermined" for kind in one.kinds])
         lines.append(
-            f"| {one.kind} | {moved} | {np.median(one.axis):.2f} | {point} | {right:.0f} | {unknown:.0f} "
+            f"| {one.kind} | {moved} | {axis} | {point} | {right:.0f} | {unknown:.0f} "
             f"| {np.median(one.milliseconds):.1f} |"
         )
     return "\n".join(lines)
+
+
+def _medians(
+    own: Sequence[tuple[float, ...]],
+    screw: Sequence[tuple[float, float]],
+    floor: Sequence[tuple[float, float]],
+    which: int,
+) -> str:
+    columns = [own, screw, floor]
+    found = [np.array(column)[:, min(which, len(column[0]) - 1)] if column else None for column in columns]
+    return " | ".join("-" if one is None else f"{np.median(one):.2f}" for one in found)

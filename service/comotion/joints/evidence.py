@@ -15,7 +15,7 @@ from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
 from .models import FREE_PARAMETERS, HEAVY, Fit, FixedKind, Model, fit
-from .states import States, turns_between
+from .states import States, quantiles, turns_between
 
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
 # Parameters of a free pair: the mean of six numbers and the spread of each.
@@ -147,5 +147,5 @@ def _extent(states: States, middle: Model) -> tuple[float, float]:
 
 def _span(vectors: Floats) -> float:
     along = vectors @ _principal(vectors - vectors.mean(0))
-    low, high = np.quantile(along, [0.02, 0.98])
-    return float(high - low)
+    low, high = quantiles(along, (0.02, 0.98))
+    return high - low

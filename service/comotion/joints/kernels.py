@@ -74,6 +74,15 @@ def normal_equations(
 
 
 @compiled()
+def rotation_matrices(v: Floats) -> Floats:
+    """Rotations by vectors [n, 3], float64 [n, 3, 3]."""
+    found = np.zeros((len(v), 3, 3))
+    for n in range(len(v)):
+        found[n] = rotation_matrix(v[n])
+    return found
+
+
+@compiled()
 def _turn_left(R: Floats, E: Floats, R0: Floats, wide: Floats, found: Floats) -> None:
     """R (E R0)^T, in place."""
     for i in range(3):

@@ -13,7 +13,7 @@ from ..partition import BodyMotion
 from .evidence import KINDS, Verdict, judge
 from .memory import KeyStates
 from .models import FixedKind, Model, joint_position
-from .states import States, averaged, relative_states
+from .states import States, averaged, quantiles, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
@@ -159,8 +159,9 @@ class Pair:
         if model is None or model.kind == "fixed":
             return
         fit = verdict.fits[model.kind]
-        low, high = np.quantile(fit.q, [0.01, 0.99]) - self._zero(model)
-        self.range = (min(self.range[0], float(low)), max(self.range[1], float(high)))
+        zero = self._zero(model)
+        low, high = quantiles(fit.q, (0.01, 0.99))
+        self.range = (min(self.range[0], low - zero), max(self.range[1], high - zero))
 
     def _broken(self, verdict: Verdict, keys: int, age_ns: Stamps) -> bool:
         kind = _joint_kind(self.known.kind)
@@ -171,7 +172,7 @@ class Pair:
         if recent.all() or not recent.any():
             return False
         per_freedom = fit.squared / _CONSTRAINTS[kind]
-        now, before = float(np.median(per_freedom[recent])), float(np.median(per_freedom[~recent]))
+        (now,), (before,) = quantiles(per_freedom[recent], (0.5,)), quantiles(per_freedom[~recent], (0.5,))
         return now > max(_BROKEN, _WORSE * before)
 
     def _begin_again(self, stamp_ns: int) -> None:
@@ -228,7 +229,7 @@ def _sigmas(verdict: Verdict, kind: JointKind) -> Sigmas | None:
     fit = verdict.fits[movable]
     variance = np.diag(fit.covariance)
     point = variance[6:8] if kind == "revolute" else variance[3:6]
-    frame = float(np.median(fit.q_sigma))
+    (frame,) = quantiles(fit.q_sigma, (0.5,))
     return Sigmas(
         float(np.sqrt(variance[8:].mean())), float(np.sqrt(point.mean())), _NOW * frame, _SLOPE * frame
     )

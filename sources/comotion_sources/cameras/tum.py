@@ -224,8 +224,8 @@ class TumWriter:
             names = "".join(f"{number} {name}\n" for number, name in objects.items())
             (folder / "objects.txt").write_text(names, encoding="utf-8")
 
-    def write(self, frame: Frame) -> None:
-        """Append a frame; its stamp is kept to the microsecond."""
+    def write(self, frame: Frame, pose: Extrinsics | None = None) -> None:
+        """Append a frame; its stamp is kept to the microsecond. `pose` is that of a camera that moves."""
         micros = frame.stamp_ns // 1000
         time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
         self._put("rgb", time, frame.image)
@@ -236,8 +236,9 @@ class TumWriter:
             self._put("depth", time, units.astype(np.uint16))
         if frame.objects is not None:
             self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
-        if self._pose:
-            self._append("groundtruth", f"{time} {self._pose}")
+        place = self._pose if pose is None else _pose_text(pose)
+        if place:
+            self._append("groundtruth", f"{time} {place}")
 
     def close(self) -> None:
         """Close the lists."""

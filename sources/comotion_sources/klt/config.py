@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-_BIRTH_SIGMA, _MOVING_BIRTH_SIGMA = 0.05, 0.03
+_BIRTH_SIGMA, _MOVING_BIRTH_SIGMA = 0.05, 0.025
 
 
 class TrackerConfig(BaseModel):
@@ -51,12 +51,12 @@ class TrackerConfig(BaseModel):
     """Longest distance between the aligned template and the result of Lucas-Kanade, px."""
     birth_sigma: Positive | None = None
     """Most position noise of a new feature in any direction, px, under noise of two grey levels. None: 0.05,
-    and 0.03 with `moving`.
+    and 0.025 with `moving`.
 
     A linear change of brightness does not count as texture. At 0.1 an edge that a shadow crosses is still
     accepted as a corner, and then moves with the shadow. Before a camera that moves, a feature on a seam of
-    the table may slide along it: at 0.05, 21 and 15 % of the features at rest slide by more than 5 mm, at 0.03
-    3 and 3 % (workcell ``eye-in-hand``, seeds 0 and 2).
+    the table may slide along it: at 0.05, 21 and 15 % of the features at rest slide by more than 5 mm, at
+    0.025 2 and 1 % (workcell ``eye-in-hand``, seeds 0 and 2).
     """
     min_distance: NotNegative = 4.0
     """Of two features closer than this, px, the younger one ends."""

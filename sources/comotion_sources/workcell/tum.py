@@ -22,7 +22,8 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
     try:
         with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
             for frame in camera:
-                writer.write(frame)
+                pose = camera.viewpoint.pose(camera.scene.configuration(frame.stamp_ns * 1e-9))
+                writer.write(frame, pose)
                 count += 1
     except CameraError as error:
         raise SceneError(str(error)) from None

@@ -1,0 +1,96 @@
+"""Runs the parts of the report on joints and on a camera that moves."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import cost, eye_in_hand, features, free_bodies, people, poses
+
+PARTS = ("poses", "features", "free", "people", "cost", "hand")
+WORKCELL = ("shelf", "arm")
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run; `pose_seeds` is the number of seeds of joints on poses alone."""
+
+    parts: Sequence[str]
+    seeds: Sequence[int]
+    pose_seeds: int = 50
+    data: Path | None = None
+    cache: Path | None = None
+
+
+@dataclass
+class Results:
+    """Results of the parts that were run, in the order of seeds."""
+
+    experiment: Experiment
+    poses: list[poses.PoseCase] = field(default_factory=list)
+    features: list[tuple[str, list[features.Found]]] = field(default_factory=list)
+    free: dict[str, list[float]] = field(default_factory=dict)
+    people: list[people.Person] = field(default_factory=list)
+    cost: list[cost.Cost] = field(default_factory=list)
+    hand: list[eye_in_hand.HandResult] = field(default_factory=list)
+
+
+def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
+    """Run the parts; `progress` is called with the name of the next run."""
+    results = Results(experiment)
+    for part in experiment.parts:
+        _RUNS[part](results, progress)
+    return results
+
+
+def _poses(results: Results, progress: Progress) -> None:
+    for kind, moved in poses.CASES:
+        progress(f"poses: {kind} {moved:g}")
+        results.poses.append(poses.run_case(kind, moved, range(results.experiment.pose_seeds)))
+
+
+def _features(results: Results, progress: Progress) -> None:
+    for scene in WORKCELL:
+        found: list[features.Found] = []
+        for seed in results.experiment.seeds:
+            progress(f"features: {scene}, seed {seed}")
+            found += features.joints_from_features(scene, seed, results.experiment.cache)
+        results.features.append((scene, found))
+
+
+def _free(results: Results, progress: Progress) -> None:
+    for scene in free_bodies.SCENES:
+        progress(f"free bodies: {scene}")
+        results.free[scene] = [
+            free_bodies.longest_false_joint(scene, seed) for seed in results.experiment.seeds
+        ]
+
+
+def _people(results: Results, progress: Progress) -> None:
+    if results.experiment.data is None:
+        return
+    for path in sorted(results.experiment.data.glob("*.npz")):
+        progress(f"people: {path.stem}")
+        results.people.append(people.run_person(path))
+
+
+def _cost(results: Results, progress: Progress) -> None:
+    for seed in results.experiment.seeds:
+        progress(f"cost: seed {seed}")
+        results.cost.append(cost.measure(seed))
+
+
+def _hand(results: Results, progress: Progress) -> None:
+    for seed in results.experiment.seeds:
+        progress(f"eye in hand: seed {seed}")
+        results.hand.append(eye_in_hand.run_seed(seed, results.experiment.cache))
+
+
+_RUNS: dict[str, Callable[[Results, Progress], None]] = {
+    "poses": _poses,
+    "features": _features,
+    "free": _free,
+    "people": _people,
+    "cost": _cost,
+    "hand": _hand,
+}

@@ -1,0 +1,40 @@
+"""False joints: how long bodies that move freely are said to be connected."""
+
+from collections.abc import Iterable
+
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth
+from comotion_schemas import HypothesisUpdate
+from comotion_sources import simulator
+
+from ..offline import Message, run_offline
+from .features import KINDS, main_objects
+
+SCENES = ("fig4_4", "3d_3", "3d_5", "3d_late", "3d_rotation")
+
+
+def longest_false_joint(scene: str, seed: int) -> float:
+    """Longest time in s for which one pair of hypotheses of different objects had a joint without a break."""
+    return longest_joint(simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=seed)))
+
+
+def longest_joint(messages: Iterable[Message]) -> float:
+    """Longest time in s of a joint between hypotheses of different objects."""
+    truth = Truth()
+    since: dict[tuple[int, int], int] = {}
+    longest = 0.0
+
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        nonlocal since, longest
+        del score
+        main = main_objects(update, truth)
+        pairs = [
+            (j.parent, j.child)
+            for j in update.joints
+            if j.kind in KINDS and main.get(j.parent, -1) != main.get(j.child, -1)
+        ]
+        since = {pair: since.get(pair, update.stamp_ns) for pair in pairs}
+        longest = max([longest, *((update.stamp_ns - begun) * 1e-9 for begun in since.values())])
+
+    run_offline(messages, FusionConfig(), truth=truth, on_update=on_update)
+    return longest
