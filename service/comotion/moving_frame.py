@@ -162,7 +162,7 @@ class MovingFrame:
 def _is_first(stamp_ns: int, one: Hypothesis, labels: Labels) -> bool:
     """Whether enough is known of a body to take it for the first world."""
     share = np.count_nonzero(labels == one.id) / len(labels)
-    return one.confirmed or (share >= _FIRST_SHARE and stamp_ns - one.born_ns >= _FIRST_NS)
+    return one.confirmed or bool(share >= _FIRST_SHARE and stamp_ns - one.born_ns >= _FIRST_NS)
 
 
 def _size(points: Floats) -> float:
