@@ -33,7 +33,7 @@ STILL = 62
 """Frame of the workcell that is the still picture: all bodies have moved."""
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
-GALLERY = Path("docs/gallery.md")
+GALLERY = Path(__file__).parents[2] / "docs" / "gallery.md"
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
@@ -91,14 +91,24 @@ def _scenes(path: Path) -> Path:
 
 
 def _affinity(path: Path) -> Path:
-    """Run the code of the gallery, which draws the picture."""
-    found = re.search(r"```python\n(.*?affinity\.png.*?)```", GALLERY.read_text(encoding="utf-8"), re.DOTALL)
-    if found is None:
-        raise KnownError(f"{GALLERY}: no code draws affinity.png")
     with tempfile.TemporaryDirectory() as temporary:
-        subprocess.run([sys.executable, "-c", found[1]], cwd=temporary, check=True)  # noqa: S603
+        subprocess.run([sys.executable, "-c", affinity_code()], cwd=temporary, check=True)  # noqa: S603
         path.write_bytes((Path(temporary) / "affinity.png").read_bytes())
     return path
+
+
+def affinity_code() -> str:
+    """Return the code in the gallery that draws the affinities.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    for code in re.findall(r"```python\n(.*?)```", GALLERY.read_text(encoding="utf-8"), re.DOTALL):
+        if "affinity.png" in code:
+            return str(code)
+    raise KnownError(f"{GALLERY}: no code draws affinity.png")
 
 
 def _workcell(folder: Path) -> list[Path]:

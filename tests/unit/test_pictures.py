@@ -1,9 +1,9 @@
-"""The animation of the README is small, and keeps the colours of hypotheses apart."""
+"""The animation of the README is small, and keeps colours apart; the gallery has the code of its picture."""
 
 import cv2
 import numpy as np
 
-from comotion_experiments.pictures import from_frames
+from comotion_experiments.pictures import affinity_code, from_frames
 from comotion_schemas.colours import COLOURS
 
 
@@ -23,3 +23,7 @@ def test_the_animation_is_small_and_its_colours_stay_apart(tmp_path):
         dots = picture[100, [10 + 18 * number for number in range(len(COLOURS))], 2::-1].astype(int)
         away = np.linalg.norm(dots[:, None] - np.array(COLOURS)[None], axis=2)
         assert away.argmin(axis=1).tolist() == list(range(len(COLOURS)))
+
+
+def test_the_gallery_has_the_code_that_draws_the_affinities():
+    assert compile(affinity_code(), "gallery.md", "exec")
