@@ -102,8 +102,9 @@ def prepare() -> None:
     from comotion import FusionConfig
     from comotion.runtime import warm_up
 
-    for _ in warm_up.prepare(FusionConfig()):
-        pass
+    from .commands.warm_up import show_progress
+
+    show_progress("compiling", warm_up.prepare(FusionConfig()))
 
 
 def sparkline(values: Sequence[float]) -> str:

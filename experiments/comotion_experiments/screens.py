@@ -180,13 +180,13 @@ def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
     """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
     with _scene(folder) as scene:
         scene.start("serve", "--no-state")
-        begin = time.time() + 10.0  # all parts must agree on when the scene starts
+        begin = time.time() + 15.0  # all parts must agree on when the scene starts
         parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.5)
         sources = [
             scene.start(*parts, "--rate", rate, "--part", f"{k}/3", "--name", name)
             for k, (rate, name) in enumerate(((15, "camera"), (30, "depth"), (100, "mocap")), 1)
         ]
-        time.sleep(begin - time.time() + 13.0)  # a problem is shown for 10 s after it has ended
+        time.sleep(max(0.0, begin - time.time() + 13.0))  # a problem is shown for 10 s after it has ended
         stop(sources[0])
         time.sleep(2.0)
         shown = _terminal(folder, "watch", "--once", "--connect", scene.endpoint)

@@ -64,7 +64,7 @@ def demo(
     for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
         (out / name).unlink(missing_ok=True)
     print(f"{simulated} for {duration:g} s; Ctrl-C ends it earlier; results go to {out}", flush=True)
-    print("preparing; the first time on a machine this compiles for about half a minute", flush=True)
+    print("preparing; the first time on a machine this compiles for a minute or two", flush=True)
     prepare()
     on_terminal = sys.stdout.isatty()
     processes = demo_processes(how, free_endpoint(), scale=scale, on_terminal=on_terminal)

@@ -1,6 +1,7 @@
 """``comotion warm-up``: compile everything now, so that no first start has to."""
 
 import sys
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
@@ -25,7 +26,7 @@ def warm_up(
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Compile all kernels: half a minute to two minutes once, some seconds when it has been done.
+    """Compile all kernels: some minutes once, some seconds when it has been done.
 
     The result is kept on disk, in NUMBA_CACHE_DIR if that is set. 'make setup' and the container image
     have done it.
@@ -41,9 +42,17 @@ def warm_up(
             config = FusionConfig.model_validate({"method": name})
         except ValueError:
             raise UserError(f"unknown method {name!r}; one of comotion, thesis") from None
-        for step, _ in enumerate(prepare(config), 1):
-            if sys.stderr.isatty():
-                print(f"\r{name}: step {step}", end="", file=sys.stderr, flush=True)
-        if sys.stderr.isatty():
-            print(file=sys.stderr)
+        show_progress(name, prepare(config))
         print(f"{name}: compiled, {time.monotonic() - begun:.0f} s", flush=True)
+
+
+def show_progress(name: str, steps: Iterable[None]) -> None:
+    """Take the steps of a warm-up; on a terminal, one line shows how far it is."""
+    from comotion.runtime.warm_up import STEPS
+
+    shown = sys.stderr.isatty()
+    for number, _ in enumerate(steps, 1):
+        if shown:
+            print(f"\r{name}: step {number} of at most {STEPS}", end="", file=sys.stderr, flush=True)
+    if shown:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)

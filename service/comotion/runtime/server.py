@@ -151,7 +151,7 @@ def _warm_up(component: Component, config: FusionConfig) -> bool:
     notice = threading.Timer(
         _LONG_WARM_UP_S,
         _log.info,
-        ("preparing the methods: half a minute on the first start, to compile them",),
+        ("preparing the methods: a minute or two on the first start, to compile them",),
     )
     notice.daemon = True
     notice.start()

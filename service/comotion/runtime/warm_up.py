@@ -28,6 +28,8 @@ _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _FEW_FRAMES = 12
+STEPS = len(_SCENES) * (_FRAMES // _FRAMES_PER_UPDATE)
+"""Steps of a complete warm-up."""
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
