@@ -102,7 +102,7 @@ def prepare() -> None:
     from comotion import FusionConfig
     from comotion.runtime import warm_up
 
-    from .commands.warm_up import show_progress
+    from .compiling import show_progress
 
     show_progress("compiling", warm_up.prepare(FusionConfig()))
 

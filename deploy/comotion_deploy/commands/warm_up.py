@@ -1,7 +1,5 @@
 """``comotion warm-up``: compile everything now, so that no first start has to."""
 
-import sys
-from collections.abc import Iterable
 from typing import Annotated
 
 import typer
@@ -36,6 +34,8 @@ def warm_up(
     from comotion import FusionConfig
     from comotion.runtime.warm_up import prepare
 
+    from ..compiling import show_progress
+
     begun = time.monotonic()
     for name in method or ("comotion", "thesis"):
         try:
@@ -44,15 +44,3 @@ def warm_up(
             raise UserError(f"unknown method {name!r}; one of comotion, thesis") from None
         show_progress(name, prepare(config))
         print(f"{name}: compiled, {time.monotonic() - begun:.0f} s", flush=True)
-
-
-def show_progress(name: str, steps: Iterable[None]) -> None:
-    """Take the steps of a warm-up; on a terminal, one line shows how far it is."""
-    from comotion.runtime.warm_up import STEPS
-
-    shown = sys.stderr.isatty()
-    for number, _ in enumerate(steps, 1):
-        if shown:
-            print(f"\r{name}: step {number} of at most {STEPS}", end="", file=sys.stderr, flush=True)
-    if shown:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
