@@ -107,11 +107,11 @@ def serve(options: ServeOptions) -> None:
         if presence is not None:
             presence.require()
         keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        if election is not None:
+        clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
+        if election is not None:  # the last one: a service that stops gives the scene back first
             stack.enter_context(election)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
-        clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
         overload = Overload()
         housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
         _Loop(options, fusion, component, housekeeping, leadership, clocks, overload).run()
