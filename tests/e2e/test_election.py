@@ -140,7 +140,12 @@ def test_keys_leases_and_transactions(etcd):
     lease = client.grant(5)
     client.put("leased", b"", lease)
     assert client.read("leased").lease == lease
+    before = client.revision
     assert client.renew(lease)
+    assert client.revision == before
+    Etcd(etcd.urls).put("kkk", b"")
+    assert client.renew(lease)
+    assert client.revision == before + 1
     client.revoke(lease)
     client.revoke(lease)
     assert not client.renew(lease)

@@ -12,8 +12,8 @@ import pytest
 from comotion.runtime.etcd import Etcd
 from comotion_clients.subscription import Subscription
 from comotion_deploy.cli import run
-from comotion_deploy.fleet.entries import add_scene, read_fleet
-from comotion_deploy.fleet.plan import Scene
+from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register, say_leaving, say_ready
+from comotion_deploy.fleet.plan import Place, Scene
 from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
@@ -183,6 +183,21 @@ def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, source
     while any(place.scene == "s0" for place in read_fleet(client).holders):
         assert time.monotonic() < end
         threading.Event().wait(0.1)
+
+
+def test_of_two_ready_replicas_only_one_leaves(etcd):
+    """A drain and a balance at the same time would leave the scene unserved."""
+    client = Etcd(etcd.urls)
+    lease, places = client.grant(60), (Place("s", 0), Place("s", 1))
+    add_scene(client, "s", Scene())
+    for place, agent in zip(places, "ab", strict=True):
+        assert register(client, agent, 1, lease)
+        assert claim(client, place, agent, lease)
+        say_ready(client, place, agent, lease)
+    held = read_fleet(client).held()
+    left = [say_leaving(client, place, held[place], held[place.other], lease) for place in places]
+    assert left == [True, False]
+    assert [read_fleet(client).held()[place].ready for place in places] == [False, True]
 
 
 def test_what_is_wrong_is_one_line(etcd, capsys):

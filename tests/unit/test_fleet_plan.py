@@ -102,9 +102,11 @@ def test_entries_that_somebody_else_wrote_are_left_out():
                 "places/good/x": b'{"agent": "a"}',
                 "drain/a": b"",
             }
-            return {prefix + name: Entry(value, 1, 0) for name, value in values.items()}
+            return {
+                prefix + name: Entry(value, created=1, changed=2, lease=0) for name, value in values.items()
+            }
 
     found = read_fleet(Written())
     assert found.scenes == {"good": Scene(("--set", "window=7"), (), 2)}
     assert found.agents == {"a": Agent(3, draining=True)}
-    assert found.holders == {Place("good", 0): Holder("a", ready=True)}
+    assert found.holders == {Place("good", 0): Holder("a", ready=True, revision=2)}

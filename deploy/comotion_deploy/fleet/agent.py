@@ -1,7 +1,7 @@
 """The agent of a host: claims places in etcd, and runs the replicas of the places it holds.
 
-Each pass renews the agent's lease, reads all entries, and does this agent's part of the plan. What an agent
-runs ends with it. While etcd does not answer, everything goes on as it is.
+Each pass renews the agent's lease and, if an entry has changed, does this agent's part of the plan. What an
+agent runs ends with it. While etcd does not answer, everything goes on as it is.
 """
 
 import logging
@@ -73,6 +73,7 @@ class Agent:
         self._folder = folder
         self._lines = lines
         self._lease: int | None = None
+        self._followed = -1
         self._running: dict[Place, _Running] = {}
         self._away = False
 
@@ -96,8 +97,14 @@ class Agent:
         """One pass; whether etcd has answered."""
         self._watch()
         try:
-            self._renew()
-            self._follow(entries.read_fleet(self._etcd))
+            lease = self._renew()
+            # Where nothing has changed there is nothing to do; all entries of a large fleet are much to read.
+            if self._etcd.revision != self._followed:
+                fleet = entries.read_fleet(self._etcd)
+                revision = self._etcd.revision
+                self._follow(fleet, lease)
+                self._followed = revision
+            self._report(lease)
         except EtcdUnavailableError as error:
             if not self._away:
                 _log.warning("%s; what runs here goes on", error)
@@ -108,9 +115,9 @@ class Agent:
         self._away = False
         return True
 
-    def _renew(self) -> None:
+    def _renew(self) -> int:
         if self._lease is not None and self._etcd.renew(self._lease):
-            return
+            return self._lease
         lost, self._lease = self._lease is not None, self._etcd.grant(LEASE_S)
         if not entries.register(self._etcd, self._name, self._capacity, self._lease):
             self._lease = None
@@ -118,6 +125,7 @@ class Agent:
         if lost:
             _log.warning("the lease had ended; claiming the %d places again", len(self._running))
             self._reclaim(self._lease)
+        return self._lease
 
     def _reclaim(self, lease: int) -> None:
         """After the lease had ended, keep what nobody else has claimed meanwhile."""
@@ -126,21 +134,23 @@ class Agent:
                 self._stop(place, running, "another agent has it")
             running.said_ready = False
 
-    def _follow(self, fleet: Fleet) -> None:
-        assert self._lease is not None  # noqa: S101 - renewed before
-        mine = {place for place, holder in fleet.held().items() if holder.agent == self._name}
+    def _follow(self, fleet: Fleet, lease: int) -> None:
+        held = fleet.held()
         for place, running in self._running.items():
             wanted = fleet.scenes.get(place.scene)
             if wanted != running.scene or place.number >= wanted.replicas:
                 self._stop(place, running, "removed" if wanted is None else "changed")
         for place in releases(fleet):
-            if place in mine and place in self._running:
-                self._stop(place, self._running[place], "moves to another host")
+            holder, mine = held[place], self._running.get(place)
+            if mine is None or mine.leaving or holder.agent != self._name:
+                continue
+            mine.said_ready = False
+            if entries.say_leaving(self._etcd, place, holder, held.get(place.other), lease):
+                self._stop(place, mine, "moves to another host")
         for place, agent in claims(fleet).items():
             free = agent == self._name and place not in self._running
-            if free and entries.claim(self._etcd, place, self._name, self._lease):
+            if free and entries.claim(self._etcd, place, self._name, lease):
                 self._start(place, fleet.scenes[place.scene])
-        self._report(self._lease)
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
@@ -148,7 +158,7 @@ class Agent:
             if running.leaving and running.ended:
                 entries.release(self._etcd, place, lease)
                 del self._running[place]
-            elif not running.said_ready and running.children[0].was_ready:
+            elif not (running.leaving or running.said_ready) and running.children[0].was_ready:
                 entries.say_ready(self._etcd, place, self._name, lease)
                 running.said_ready = True
 

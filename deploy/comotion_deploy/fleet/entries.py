@@ -33,7 +33,10 @@ def read_fleet(etcd: Etcd) -> Fleet:
     holders = _parsed(
         names,
         "places/",
-        lambda name, value: (_place(name), Holder(str(value["agent"]), bool(value.get("ready")))),
+        lambda name, value: (
+            _place(name),
+            Holder(str(value["agent"]), bool(value.get("ready")), names[f"places/{name}"].changed),
+        ),
     )
     return Fleet(scenes, agents, holders)
 
@@ -83,6 +86,18 @@ def say_ready(etcd: Etcd, place: Place, agent: str, lease: int) -> None:
     entry = etcd.read(_key(place))
     if entry is not None and entry.lease == lease:
         etcd.replace(_key(place), entry.created, _json({"agent": agent, "ready": True}), lease)
+
+
+def say_leaving(etcd: Etcd, place: Place, holder: Holder, partner: Holder | None, lease: int) -> bool:
+    """Say that the replica of a place is about to leave; False if the other one's place has changed.
+
+    So of two replicas that see each other ready only one leaves.
+    """
+    value = _json({"agent": holder.agent, "ready": False})
+    if partner is not None:
+        return etcd.put_while(_key(place.other), partner.revision, _key(place), value, lease)
+    etcd.put(_key(place), value, lease)
+    return True
 
 
 def release(etcd: Etcd, place: Place, lease: int) -> None:

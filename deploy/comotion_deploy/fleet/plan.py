@@ -45,13 +45,19 @@ class Place:
     scene: str
     number: int
 
+    @property
+    def other(self) -> "Place":
+        """That of the scene's other replica."""
+        return Place(self.scene, 1 - self.number)
+
 
 @dataclass(frozen=True)
 class Holder:
-    """The agent that holds a place, and whether its replica is ready."""
+    """The agent that holds a place, whether its replica is ready and stays, and the revision that says so."""
 
     agent: str
     ready: bool = False
+    revision: int = 0
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,7 @@ def _can_leave(fleet: Fleet, place: Place) -> bool:
 
 
 def _partner(fleet: Fleet, place: Place) -> Holder | None:
-    return fleet.held().get(Place(place.scene, 1 - place.number))
+    return fleet.held().get(place.other)
 
 
 def _partner_ready(fleet: Fleet, place: Place) -> bool:

@@ -48,4 +48,4 @@ def as_table(fleet: Fleet) -> Group:
 def _replica(replica: dict[str, Any] | None) -> str:
     if replica is None:
         return "[red]none[/red]"
-    return replica["agent"] if replica["ready"] else f"{replica['agent']} (starting)"
+    return replica["agent"] if replica["ready"] else f"{replica['agent']} (starting or leaving)"

@@ -24,10 +24,11 @@ class EtcdUnavailableError(OSError):
 
 @dataclass(frozen=True)
 class Entry:
-    """A key's value, the revision that created it, and its lease (0: none)."""
+    """A key's value, the revisions that created and last changed it, and its lease (0: none)."""
 
     value: bytes
     created: int
+    changed: int
     lease: int
 
 
@@ -41,6 +42,11 @@ class Etcd:
     tls
         Certificates for https; None: the authorities that the system trusts.
 
+    Attributes
+    ----------
+    revision
+        Of the store, as of the last answer: it grows with every change of any key, and not with renewals.
+
     Raises
     ------
     ValueError
@@ -51,6 +57,7 @@ class Etcd:
         if not urls:
             raise KnownError("an etcd cluster needs at least one url")
         self.urls = tuple(urls)
+        self.revision = 0
         self._members = [_member(url, tls) for url in urls]
 
     def grant(self, ttl: int) -> int:
@@ -82,6 +89,11 @@ class Etcd:
         compare = {"key": _b64(key), "result": "EQUAL", "target": "CREATE", "create_revision": created}
         return self._transact(compare, _put(key, value, lease))
 
+    def put_while(self, other: str, changed: int, key: str, value: bytes, lease: int = 0) -> bool:
+        """Write a key if another one has not changed since the revision `changed`; whether it was written."""
+        compare = {"key": _b64(other), "result": "EQUAL", "target": "MOD", "mod_revision": changed}
+        return self._transact(compare, _put(key, value, lease)) is not None
+
     def put(self, key: str, value: bytes, lease: int = 0) -> None:
         """Write a key."""
         self._post("/kv/put", _put(key, value, lease)["request_put"])
@@ -103,7 +115,10 @@ class Etcd:
         found = self._post("/kv/range", request).get("kvs", [])
         return {
             base64.b64decode(kv["key"]).decode(): Entry(
-                base64.b64decode(kv.get("value", "")), int(kv["create_revision"]), int(kv.get("lease", 0))
+                base64.b64decode(kv.get("value", "")),
+                int(kv["create_revision"]),
+                int(kv["mod_revision"]),
+                int(kv.get("lease", 0)),
             )
             for kv in found
         }
@@ -119,7 +134,10 @@ class Etcd:
             answer: dict[str, Any] = member.post(member.get_url(path), json=request)
             return answer
 
-        return self._ask(post, known)
+        answer = self._ask(post, known)
+        header = answer.get("result", answer).get("header", {})
+        self.revision = int(header.get("revision", self.revision))
+        return answer
 
     def _ask(
         self, request: "Callable[[Etcd3Client], Answer]", known: type[Exception] | None = None
