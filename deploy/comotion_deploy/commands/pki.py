@@ -14,7 +14,20 @@ if TYPE_CHECKING:
 
     from ..pki.authority import Issued
 
-app = typer.Typer(help="Make and list the certificates of a system.", no_args_is_help=True)
+EPILOG = """
+Example:
+
+  comotion pki init pki
+
+  comotion pki issue pki --role router --name hall --host 10.0.0.1
+
+  comotion pki issue pki --role service --name fusion
+
+  comotion pki issue pki --role source --name klt-left
+
+  comotion router --secure pki   # the others: --tls pki/NAME
+"""
+app = typer.Typer(help="Make and list the certificates of a system.", epilog=EPILOG, no_args_is_help=True)
 
 INIT_EPILOG = """
 Example:
