@@ -18,6 +18,7 @@ extent of the scene, so that no parameter has a scale:
 """
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from ..partition import (
 )
 from ..trajectories.window import Window
 from .anchored import anchored_motions
+from .arrivals import undecided
 from .assignment import (
     LEAST_ENDED_FRAMES,
     SearchResult,
@@ -208,7 +210,8 @@ def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchRe
     if subset.complete:
         rows = _assigned_rows(scene, result.bodies, result.assignment.labels, keep_own=False)
         result = _compare_all(scene, rows, config, exact=True)
-    return result
+    labels = undecided(scene, result.assignment.labels)
+    return replace(result, assignment=replace(result.assignment, labels=labels))
 
 
 def _first_bodies(
