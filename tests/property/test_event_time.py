@@ -1,6 +1,10 @@
 """Any interleaving of any batches: order, accounting and the watermark of event time."""
 
+import copy
+import random
+
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -190,3 +194,61 @@ def test_a_second_advance_at_the_same_time_changes_nothing(steps):
         state, counters = run.timeline.state(), run.stats.counters()
         assert run.advance() == []
         assert (run.timeline.state(), run.stats.counters()) == (state, counters)
+
+
+class Network:
+    """Sources whose batches get lost, are repeated and overtake each other; knows what has been delivered."""
+
+    def __init__(self, seed):
+        self.chance = random.Random(seed)
+        self.sent = dict.fromkeys("abc", 0)
+        self.on_the_way = []
+
+    def send(self, now_ms):
+        """What arrives now: (source, seq, stamp in ms)."""
+        for source in self.sent:
+            for _ in range(self.chance.randrange(3)):
+                batch = source, self.sent[source], now_ms - self.chance.randrange(300)
+                self.sent[source] += 1
+                self.on_the_way += self.chance.choice(([], [batch], [batch], [batch], [batch, batch]))
+        self.chance.shuffle(self.on_the_way)
+        count = self.chance.randrange(len(self.on_the_way) + 1)
+        arrived, self.on_the_way = self.on_the_way[:count], self.on_the_way[count:]
+        return arrived
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
+    """The service is killed again and again, and goes on from what it has written some time before."""
+    chance, network = random.Random(seed), Network(seed)
+    service, now_ms = Timeline(CONFIG, Stats()), 0
+    # By source: the numbers that this service has seen, and how many batches came; as of the state too.
+    seen, came = {source: set() for source in "abc"}, dict.fromkeys("abc", 0)
+    written = copy.deepcopy((service.state(), seen, came))
+    restarts = 0
+    for _ in range(300):
+        now_ms += chance.randrange(100)
+        for source, seq, stamp_ms in network.send(now_ms):
+            service.receive(batch_of(source, "0" * 16, seq, [stamp_ms]))
+            seen[source].add(seq)
+            came[source] += 1
+        for event in service.advance(T0 + now_ms * MS):
+            if isinstance(event, Instant):
+                service.done(event)
+        what = chance.random()
+        if what < 0.1:
+            written = copy.deepcopy((service.state(), seen, came))
+        elif what < 0.15:
+            restarts += 1
+            state, seen, came = copy.deepcopy(written)
+            service = Timeline(CONFIG, Stats())
+            service.load(state)
+    assert restarts > 3
+    for source, sent in network.sent.items():
+        key = source, "0" * 16
+        service.ledger.sent(key, sent)
+        account = service.ledger.accounts()[key]
+        assert account.duplicates == came[source] - len(seen[source])
+        assert account.settled() - account.duplicates + account.lost == sent
+        assert account.lost >= sent - len(seen[source])
+        assert account.fused > 0
