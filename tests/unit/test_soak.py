@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from comotion_deploy.soak.processes import Managed, Usage
 from comotion_deploy.soak.report import as_json, lines, violations
 from comotion_deploy.soak.run import Soak
 from comotion_deploy.soak.schedule import KINDS, LEAD_S, TAIL_S, Fault, draw
-from comotion_schemas import HypothesisUpdate, ObservationBatch, SourceRef, Status
+from comotion_schemas import HypothesisUpdate, ObservationBatch, SourceRef
 
 
 class TestSchedule:
@@ -111,19 +112,15 @@ class TestMonitor:
         assert seen((0.0, update({0: 5})), (0.1, update({0: 5}, born_ns=7))).reused == [5]
 
 
-def status(batches: int, lost: int = 0, **counters: int) -> Status:
-    return Status(
-        component="fusion",
-        role="service",
-        session="c" * 16,
-        stamp_ns=0,
-        state="ok",
-        rates={},
-        ages={},
-        counters={"batches": batches, "lost": lost, **counters},
-        rejected={},
-        message="",
-    )
+FATES = ("fused", "partly_late", "late", "duplicates", "overflow", "waiting")
+
+
+def reply(batches: int, lost: int = 0, **fates: int) -> dict[str, Any]:
+    """What the service says of source left, and of a hostile one."""
+    fates = dict.fromkeys(FATES, 0) | (fates or {"fused": batches})
+    mine = {"source": "left", "session": "a", "batches": batches, "lost": lost, "rejected": {}} | fates
+    hostile = mine | {"source": "hostile", "lost": 2**31}
+    return {"total": mine | {"batches": batches}, "accounts": [mine, hostile]}
 
 
 class TestAccounts:
@@ -133,24 +130,24 @@ class TestAccounts:
         return source
 
     def test_what_was_sent_is_received_or_lost(self, tmp_path) -> None:
-        before = moment(status(10), [self.source(tmp_path, "a", 10)])
-        after = moment(status(29, 3), [self.source(tmp_path, "a", 30, 2)])
+        before = moment("s", reply(10), [self.source(tmp_path, "a", 10)])
+        after = moment("s", reply(29, 3), [self.source(tmp_path, "a", 30, 2)])
         found = audit(before, after)
         assert found is not None
         assert (found.sent, found.missing, found.is_exact) == (22, 0, True)
-        late = audit(before, moment(status(28, 3), [self.source(tmp_path, "a", 30, 2)]))
+        late = audit(before, moment("s", reply(28, 3), [self.source(tmp_path, "a", 30, 2)]))
         assert late is not None
         assert late.missing == 1
 
     def test_a_service_or_source_that_was_replaced_is_not_compared(self, tmp_path) -> None:
-        before = moment(status(10), [self.source(tmp_path, "a", 10)])
-        found = audit(before, moment(status(20), [self.source(tmp_path, "b", 10)]))
+        before = moment("s", reply(10), [self.source(tmp_path, "a", 10)])
+        found = audit(before, moment("s", reply(20), [self.source(tmp_path, "b", 10)]))
         assert found is not None
         assert not found.is_exact
-        assert audit(before, Moment("other", {}, 0, 0, 0)) is None
+        assert audit(before, Moment("other", {}, 0, 0, 0, 0)) is None
 
     def test_a_batch_without_a_fate_is_unsettled(self, tmp_path) -> None:
-        found = moment(status(10, fused=7, late=2), [self.source(tmp_path, "a", 10)])
+        found = moment("s", reply(10, fused=7, late=2), [self.source(tmp_path, "a", 10)])
         assert found.unsettled == 1
 
 

@@ -4,10 +4,9 @@ An audit compares two moments at which all sources paused and the service had ti
 between is what the service received or knows to be lost. Between them the same service must have run.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-
-from comotion_schemas import Status
+from typing import Any
 
 from .processes import Managed
 
@@ -24,16 +23,17 @@ class Moment:
         Session of the service.
     sent
         Sequence numbers used, by source and session, and batches sent again.
-    received, lost
-        Batches that the service counts.
+    received, lost, waiting
+        Batches of these sources that the service counts. What others send, hostile ones too, is none of it.
     unsettled
-        Batches that the service counts as received and in no fate.
+        Batches of anybody that the service counts as received and in no fate.
     """
 
     service: str
     sent: dict[tuple[str, str], int]
     received: int
     lost: int
+    waiting: int
     unsettled: int
 
 
@@ -59,20 +59,34 @@ class Audit:
     is_exact: bool
 
 
-def moment(status: Status, sources: Iterable[Managed]) -> Moment:
-    """Take down the accounts of a moment."""
-    told = [(one.name, one.account) for one in sources if "session" in one.account]
-    counters = status.counters
-    refused = sum(status.rejected.values())
-    received = counters.get("batches", 0)
-    settled = sum(counters.get(name, 0) for name in _FATES) + refused
+def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -> Moment:
+    """Take down the accounts of a moment.
+
+    Parameters
+    ----------
+    service
+        Session of the service.
+    reply
+        To its query ``accounts``.
+    sources
+        The sources, with what they say that they have sent.
+    """
+    told = {(one.name, one.account["session"]): one.account for one in sources if "session" in one.account}
+    # A source whose session is not known has overflowed before anything of it was read.
+    known = told.keys() | {(name, "") for name, _ in told}
+    mine = [one for one in reply["accounts"] if (one["source"], one["session"]) in known]
     return Moment(
-        service=status.session,
-        sent={(name, account["session"]): account["sent"] + account["repeated"] for name, account in told},
-        received=received,
-        lost=counters.get("lost", 0),
-        unsettled=received - settled if "fused" in counters else 0,
+        service=service,
+        sent={key: account["sent"] + account["repeated"] for key, account in told.items()},
+        received=sum(one["batches"] for one in mine),
+        lost=sum(one["lost"] for one in mine),
+        waiting=sum(one["waiting"] for one in mine),
+        unsettled=reply["total"]["batches"] - _settled(reply["total"]),
     )
+
+
+def _settled(account: Mapping[str, Any]) -> int:
+    return int(sum(account[name] for name in _FATES) + sum(account["rejected"].values()))
 
 
 def audit(before: Moment, after: Moment) -> Audit | None:

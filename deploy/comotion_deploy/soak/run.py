@@ -4,6 +4,7 @@ The loop looks at everything ten times a second: it starts what has ended, carri
 measures. One fault is carried out at a time.
 """
 
+import json
 import signal
 import threading
 import time
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from comotion_clients.subscription import Subscription
-from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas import HypothesisUpdate, Keys, Status
 from comotion_schemas.transport import SessionSettings, connect
 
 from ..errors import UserError
@@ -227,21 +228,36 @@ class Runner:
         for source in sources:
             source.tell({"do": "pause"})
         try:
-            deadline = time.monotonic() + _PAUSED_S
-            paused_s = None
-            while time.monotonic() < deadline and not self._stop.is_set():
-                self.turn()
-                if paused_s is None and all(source.account.get("paused") for source in sources):
-                    paused_s = time.monotonic()
-                heard = [
-                    status for at, status in self.monitor.statuses if paused_s and at > paused_s + _SETTLE_S
-                ]
-                if heard:
-                    return moment(heard[0], sources)
-            return None
+            return self._settled(sources, time.monotonic() + _PAUSED_S)
         finally:
             for source in sources:
                 source.tell({"do": "resume"})
+
+    def _settled(self, sources: list[Managed], deadline: float) -> Moment | None:
+        """The accounts, once all sources pause and the service counts no more; None if that takes long."""
+        before: Moment | None = None
+        asked_s = 0.0
+        while time.monotonic() < deadline and not self._stop.is_set():
+            self.turn()
+            paused = all(source.account.get("paused") for source in sources)
+            if not paused or time.monotonic() - asked_s < _SETTLE_S:
+                continue
+            asked_s = time.monotonic()
+            now = self._asked(sources)
+            if now is not None and now == before and not now.waiting:
+                return now
+            before = now
+        return None
+
+    def _asked(self, sources: list[Managed]) -> Moment | None:
+        """What the service says of the accounts now."""
+        if self.monitor.last is None:
+            return None
+        selector = f"{Keys(SCENE).prefix}/query/accounts"
+        for reply in self._session.get(selector, timeout=_SETTLE_S):
+            if reply.ok is not None:
+                return moment(self.monitor.last.session, json.loads(reply.ok.payload.to_bytes()), sources)
+        return None
 
     def _sample(self) -> None:
         for name, process in self.processes.items():
