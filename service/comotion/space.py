@@ -279,12 +279,13 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort, turn: int) -> Partition:
         """Group the current trajectories, or carry the last groups on where it is not their turn."""
         window, current = self._window, self._current
+        previous = self._hypotheses.previous(window)
         if self._last is not None and len(self._last.current) and turn % effort.group_every:
             return self._last.carried(window, current)
         if isinstance(self._method, RigidMethod):
             self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        found = self._method.partition(window, current, stamp_ns, self._hypotheses.previous(window))
+        found = self._method.partition(window, current, stamp_ns, previous)
         self._last = LastGrouping.of(window, found, current, self._index.ids[current])
         return found
 

@@ -129,6 +129,18 @@ class TestObservations:
             skipped += len(fresh) == 4 and (fresh == UNDETERMINED).all()
         assert 0 < skipped < 20
 
+    def test_there_may_be_many_new_ones_between_groupings(self) -> None:
+        fusion = Fusion(FusionConfig())
+        run(fusion, range(10))
+        fusion.shed(MOST)
+        for k in range(10, 20):
+            fusion.ingest(batch(k, scene(k)))
+            crowd = np.random.default_rng(k).uniform(-1, 1, (70, 3))
+            fusion.ingest(batch(k, crowd, first=100 * k, source="b"))
+            update = fusion.update(10**18 + k * PERIOD // 2)
+        assert len(update.track_id) > 500
+        assert fusion.stats.faults == 0
+
     def test_a_body_that_comes_up_while_searches_are_rare_is_found(self) -> None:
         fusion = Fusion(FusionConfig())
         assert groups(run(fusion, range(20))[-1]) == 1

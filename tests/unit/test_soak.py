@@ -111,6 +111,9 @@ class TestMonitor:
     def test_an_id_with_another_birth_was_given_out_twice(self) -> None:
         assert seen((0.0, update({0: 5})), (0.1, update({0: 5}, born_ns=7))).reused == [5]
 
+    def test_births_that_all_move_with_the_time_of_the_scene_are_no_reuse(self) -> None:
+        assert seen((0.0, update({0: 5, 1: 6})), (0.1, update({0: 5, 1: 6}, born_ns=7))).reused == []
+
 
 FATES = ("fused", "partly_late", "late", "duplicates", "overflow", "waiting")
 

@@ -119,11 +119,14 @@ class Monitor:
         self._check_bodies(update, at_s)
 
     def _check_ids(self, update: HypothesisUpdate) -> None:
-        for one in update.hypotheses:
-            if self._births.setdefault(one.id, one.born_ns) != one.born_ns:
-                self._births[one.id] = one.born_ns
-                self.findings.reused.append(one.id)
-            self.findings.latest_id = max(self.findings.latest_id, one.id)
+        births = {one.id: one.born_ns for one in update.hypotheses}
+        moved = {one: born_ns - self._births.get(one, born_ns) for one, born_ns in births.items()}
+        known = [one for one in births if one in self._births]
+        # When the scene follows the clocks of its sources, all births move with its time, by the same.
+        followed = len(known) > 1 and len({moved[one] for one in known}) == 1
+        self.findings.reused += [one for one in births if moved[one] and not followed]
+        self._births |= births
+        self.findings.latest_id = max(self.findings.latest_id, *births, 0)
 
     def _check_bodies(self, update: HypothesisUpdate, at_s: float) -> None:
         found = _labels(update)
