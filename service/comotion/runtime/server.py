@@ -108,13 +108,15 @@ def serve(options: ServeOptions) -> None:
             presence.require()
         keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
         clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
-        if election is not None:  # the last one: a service that stops gives the scene back first
-            stack.enter_context(election)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         overload = Overload()
         housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
-        _Loop(options, fusion, component, housekeeping, leadership, clocks, overload).run()
+        loop = _Loop(options, fusion, component, housekeeping, leadership, clocks, overload)
+        # Last: who is not ready yet must not be elected, and who stops gives the scene back first.
+        if election is not None:
+            stack.enter_context(election)
+        loop.run()
 
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
