@@ -26,6 +26,8 @@ _PLACE, _BACK = 5.0, 2.0
 _CENTROID_ERROR, _WAY_ERROR, _EXTENT_ERROR = 0.3, 0.5, 0.3
 # Squared distance, in standard deviations, up to which a group may be the one that is absent: 4 of them.
 _GATE = 16.0
+# nat; price of a jump.
+_JUMP = 5.0
 
 
 @dataclass
@@ -161,26 +163,16 @@ class ObjectMemory:
     def _costs(self, absent: list[int], groups: list[Appearance]) -> Floats:
         """Negative log likelihood of each pair, float64 [absent, groups]; infinite where it cannot be.
 
-        A body keeps its velocity for a moment, and moves about a place in the long run.
+        A body keeps its velocity for a moment, and moves about a place in the long run. Where a replay jumps,
+        only the latter holds.
         """
         traces = [self.traces[one] for one in absent]
         speeds = [float(np.linalg.norm(trace.velocity)) for trace in traces]
         usual = float(np.median(speeds))
         costs = np.full((len(absent), len(groups)), np.inf)
         for r, (trace, speed) in enumerate(zip(traces, speeds, strict=True)):
-            centroid, extent = _place(trace.brought_up)
             for c, group in enumerate(groups):
-                where, size = _place(group.positions)
-                away = max((group.stamp_ns - trace.stamp_ns) * 1e-9, 0.0)
-                stays = float(np.exp(-away / _BACK))
-                carried = min(_CARRY, away / 2)
-                expected = trace.place + stays * (centroid + carried * trace.velocity - trace.place)
-                way = _WAY_ERROR * max(speed, usual) * min(away, _BACK)
-                error = np.sqrt((_CENTROID_ERROR * extent) ** 2 + (1 - stays**2) * trace.spread + way**2)
-                off = float(((where - carried * group.velocity - expected) ** 2).sum() / error**2)
-                off += float((np.log(size / extent) / _EXTENT_ERROR) ** 2)
-                if off <= _GATE:
-                    costs[r, c] = off / 2 + len(centroid) * np.log(error)
+                costs[r, c] = min(_continued(trace, group, max(speed, usual)), _jumped(trace, group))
         return costs
 
     def state(self) -> list[Any]:
@@ -252,6 +244,29 @@ def _followed(before: Trace, now: Floats, seconds: float) -> tuple[Floats, float
     share = 1 - float(np.exp(-max(seconds, 0.0) / _PLACE))
     way = now - before.place
     return before.place + share * way, (1 - share) * (before.spread + share * float(way @ way) / len(way))
+
+
+def _continued(trace: Trace, group: Appearance, speed: float) -> float:
+    """Cost of a group that appears where a trace has moved to at a usual speed; infinite beyond the gate."""
+    centroid, extent = _place(trace.brought_up)
+    away = max((group.stamp_ns - trace.stamp_ns) * 1e-9, 0.0)
+    stays, carried = float(np.exp(-away / _BACK)), min(_CARRY, away / 2)
+    expected = trace.place + stays * (centroid + carried * trace.velocity - trace.place)
+    way = _WAY_ERROR * speed * min(away, _BACK)
+    error = (_CENTROID_ERROR * extent) ** 2 + (1 - stays**2) * trace.spread + way**2
+    return _cost(group, carried * group.velocity + expected, extent, error)
+
+
+def _jumped(trace: Trace, group: Appearance) -> float:
+    """Likewise, of a group that appears anywhere where a trace has been."""
+    extent = _place(trace.brought_up)[1]
+    return _cost(group, trace.place, extent, (_CENTROID_ERROR * extent) ** 2 + trace.spread) + _JUMP
+
+
+def _cost(group: Appearance, expected: Floats, extent: float, variance: float) -> float:
+    where, size = _place(group.positions)
+    off = float(((where - expected) ** 2).sum() / variance) + (np.log(size / extent) / _EXTENT_ERROR) ** 2
+    return float(off / 2 + len(where) * np.log(variance) / 2) if off <= _GATE else np.inf
 
 
 def _place_of(positions: Floats, saved: list[Any]) -> tuple[Floats, float]:
