@@ -3,23 +3,24 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Ints
+from ..arrays import Ints
 from ..partition import NO_HYPOTHESIS
-from .assignment import LEAST_ENDED_FRAMES, OUTLIER
+from .assignment import OUTLIER
 from .subset import Scene
 
 # Neighbours that are asked, and how many of them must be newborn too.
 _ASKED, _NEWBORN = 4, 2
-# Features that a hypothesis has lost, so that it may return.
-_LEAST_LOST = 3
+# Features that a hypothesis loses at once, at least, so that it may return: so many, and so large a share of
+# those that it had so many frames before.
+_LEAST_LOST, _MOST_OF, _BEFORE = 3, 0.6, 8
 
 
 def undecided(scene: Scene, labels: Ints) -> Ints:
     """The labels, intp [N], but :data:`OUTLIER` for features that may be a lost body's return.
 
     The static body is at home everywhere: by place alone, all features of a body that returns would be its.
-    So while a hypothesis has lost all its features, what appears amid other newborn features belongs to
-    nobody until its motion is known.
+    So while a hypothesis is without features, most of which it has lost at once, what appears amid other
+    newborn features belongs to nobody until its motion is known.
     """
     frames = scene.frames
     newborn = frames.current & ~scene.judged & (scene.before == NO_HYPOTHESIS)
@@ -37,9 +38,17 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
 
 
 def _any_lost(scene: Scene) -> bool:
-    """Whether a hypothesis of several features has none that goes on."""
+    """Whether a hypothesis has no feature that goes on, since it lost most of them at once."""
     frames = scene.frames
-    ended: Bools = ~frames.current & (frames.life >= LEAST_ENDED_FRAMES)
-    gone, counts = np.unique(scene.before[ended], return_counts=True)
-    lost = gone[(counts >= _LEAST_LOST) & (gone != NO_HYPOTHESIS)]
-    return bool((~np.isin(lost, scene.before[frames.current])).any())
+    gone = np.setdiff1d(scene.before[~frames.current], scene.before[frames.current]).tolist()
+    rows, first = np.unique(frames.owner, return_index=True)
+    for one in gone:
+        members = rows[~frames.current[rows] & (scene.before[rows] == one)]
+        if one == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
+            continue
+        w = frames.w[first[np.searchsorted(rows, members)]]
+        last = w.shape[1] - 1 - np.argmax(w[:, ::-1] > 0, axis=1)
+        at_once = np.count_nonzero(last >= last.max() - 1)
+        if at_once >= max(_LEAST_LOST, _MOST_OF * np.count_nonzero(last >= last.max() - _BEFORE)):
+            return True
+    return False
