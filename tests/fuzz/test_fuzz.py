@@ -14,7 +14,7 @@ from .mutation import mutated
 from .targets import TARGETS, batch, corpus
 
 # Each C3D file takes a process.
-_RUNS = {"core": 15, "urdf": 40, "state": 40, "c3d": 2}
+_RUNS = {"core": 15, "urdf": 40, "state": 40, "c3d": 1}
 _DEFAULT_RUNS = 150
 # A merge bomb of 1 KB took 21 s of processor time.
 _MOST_S = 10.0
