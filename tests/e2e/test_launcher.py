@@ -59,6 +59,8 @@ state = "{folder / "system.state"}"
 state-interval = 3600
 [fusion]
 method = "thesis"
+# On a loaded machine a restart of the service takes longer than the default.
+window = 60
 [process.router]
 run = "router"
 [process.serve]
