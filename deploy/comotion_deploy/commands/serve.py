@@ -1,5 +1,6 @@
 """``comotion serve``: the fusion service of a scene."""
 
+import gc
 import os
 from enum import StrEnum
 from pathlib import Path
@@ -120,8 +121,13 @@ def serve(
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
     # Threads of parallel kernels spin for some tens of microseconds before they sleep.
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
+    # All that is imported stays: looking for garbage in it took .3 s of a start of 2.1 s.
+    gc.disable()
     from comotion.runtime import server
     from comotion.runtime.state_file import default_path
+
+    gc.freeze()
+    gc.enable()
 
     if standby != bool(etcd):
         raise typer.BadParameter("--standby and --etcd go together", param_hint="--standby")
