@@ -7,6 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+# The same examples on every run, so that a change is what makes a test fail; others are drawn with
+# pytest --hypothesis-profile=random.
+settings.register_profile("repeated", derandomize=True)
+settings.register_profile("random")
+settings.load_profile("repeated")
 
 _E2E = Path(__file__).parent / "e2e"
 _EVERY_KERNEL = Path(__file__).parent / "reference" / "every_kernel.py"
