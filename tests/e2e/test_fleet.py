@@ -140,8 +140,19 @@ class Phases:
         self._client, self._clients = client, clients
 
     def until_served_by(self, agents, what):
+        self._until(settled(self._client, set(agents)), what)
+
+    def until_changed(self, scene, wanted):
+        def check():
+            held = read_fleet(self._client).held()
+            versions = {holder.version for place, holder in held.items() if place.scene == scene}
+            return versions == {wanted.version}
+
+        self._until(check, "change")
+
+    def _until(self, condition, what):
         began = time.monotonic()
-        self._clients.until(settled(self._client, set(agents)))
+        self._clients.until(condition)
         took, gaps = time.monotonic() - began, sorted(self._clients.gaps().values())
         logging.getLogger(__name__).info(
             "%s: %.1f s; longest times without an update, s: %s", what, took, [round(gap, 2) for gap in gaps]
@@ -178,6 +189,11 @@ def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, source
     listed = json.loads(capsys.readouterr().out)
     assert listed["agents"][drained] == {"replicas": 0, "capacity": 2 * SCENES, "draining": True}
 
+    changed = Scene((*OPTIONS, "--set", "max_lag=0.2"))
+    assert run(["fleet", "add", "s0", "--change", *at, "--", *changed.serve]) == 0
+    phases.until_changed("s0", changed)
+    assert clients.labels() == before
+
     assert run(["fleet", "remove", "s0", *at]) == 0
     end = time.monotonic() + DEADLINE
     while any(place.scene == "s0" for place in read_fleet(client).holders):
@@ -193,7 +209,7 @@ def test_of_two_ready_replicas_only_one_leaves(etcd):
     for place, agent in zip(places, "ab", strict=True):
         assert register(client, agent, 1, lease)
         assert claim(client, place, agent, lease)
-        say_ready(client, place, agent, lease)
+        say_ready(client, place, agent, Scene().version, lease)
     held = read_fleet(client).held()
     left = [say_leaving(client, place, held[place], held[place.other], lease) for place in places]
     assert left == [True, False]

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 
 from comotion.runtime.etcd import Entry
 from comotion_deploy.fleet.entries import read_fleet
-from comotion_deploy.fleet.plan import Agent, Fleet, Holder, Place, Scene, claims, releases
+from comotion_deploy.fleet.plan import Agent, Fleet, Holder, Place, Scene, claims, may_change, releases
 
 
 def fleet(scenes, agents, held=None, *, ready=True, draining=()):
@@ -87,6 +87,41 @@ def test_a_new_agent_is_given_its_share_one_by_one():
 def test_a_scene_of_one_replica_is_never_moved_for_balance():
     held = {(f"s{k}", 0): "a" for k in range(4)}
     assert releases(fleet([1] * 4, {"a": 8, "b": 8}, held)) == []
+
+
+def changed(zero, one, agents=("a", "b")):
+    """A scene whose options have changed; of each replica: ready, and with the changed options."""
+    wanted = Scene(("--set", "window=7"))
+    holders = {
+        Place("s", k): Holder(agents[k], ready, version=wanted.version if new else "old")
+        for k, (ready, new) in enumerate((zero, one))
+        if agents[k]
+    }
+    return Fleet({"s": wanted}, {name: Agent(1) for name in agents if name}, holders)
+
+
+READY, READY_WITH_IT, NOT_READY = (True, False), (True, True), (False, False)
+
+
+def test_replicas_change_one_after_the_other():
+    first, second = Place("s", 1), Place("s", 0)
+    both = changed(READY, READY)
+    assert (may_change(both, first), may_change(both, second)) == (True, False)
+    under_way = changed(READY, NOT_READY)
+    assert (may_change(under_way, first), may_change(under_way, second)) == (True, False)
+    assert may_change(changed(READY, READY_WITH_IT), second)
+
+
+def test_what_does_not_run_may_change_at_once():
+    assert may_change(changed(NOT_READY, READY), Place("s", 0))
+    assert not may_change(changed(NOT_READY, READY), Place("s", 1))
+
+
+def test_a_replica_whose_standby_is_about_to_be_claimed_waits_for_it():
+    alone = changed(READY, READY, agents=("a", ""))
+    assert may_change(alone, Place("s", 0))
+    room = Fleet(alone.scenes, {**alone.agents, "b": Agent(1)}, alone.holders)
+    assert not may_change(room, Place("s", 0))
 
 
 def test_entries_that_somebody_else_wrote_are_left_out():

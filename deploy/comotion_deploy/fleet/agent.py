@@ -18,7 +18,7 @@ from ..errors import UserError
 from ..log_lines import LogLines
 from ..processes import ProcessSpec, comotion
 from . import entries
-from .plan import Fleet, Place, Scene, claims, releases
+from .plan import Fleet, Place, Scene, claims, may_change, releases
 
 # s; a host that is lost gives its places free after this time.
 LEASE_S = 3
@@ -137,20 +137,27 @@ class Agent:
     def _follow(self, fleet: Fleet, lease: int) -> None:
         held = fleet.held()
         for place, running in self._running.items():
-            wanted = fleet.scenes.get(place.scene)
-            if wanted != running.scene or place.number >= wanted.replicas:
-                self._stop(place, running, "removed" if wanted is None else "changed")
-        for place in releases(fleet):
-            holder, mine = held[place], self._running.get(place)
-            if mine is None or mine.leaving or holder.agent != self._name:
-                continue
+            if place not in fleet.places():
+                self._stop(place, running, "removed")
+        for place, why in self._given_up(fleet).items():
+            mine = self._running[place]
             mine.said_ready = False
-            if entries.say_leaving(self._etcd, place, holder, held.get(place.other), lease):
-                self._stop(place, mine, "moves to another host")
+            if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
+                self._stop(place, mine, why)
         for place, agent in claims(fleet).items():
             free = agent == self._name and place not in self._running
             if free and entries.claim(self._etcd, place, self._name, lease):
                 self._start(place, fleet.scenes[place.scene])
+
+    def _given_up(self, fleet: Fleet) -> dict[Place, str]:
+        """The places of this agent whose replicas should stop, and why."""
+        held = fleet.held()
+        found = dict.fromkeys(releases(fleet), "moves to another host")
+        for place, running in self._running.items():
+            if place in held and running.scene != fleet.scenes[place.scene] and may_change(fleet, place):
+                found.setdefault(place, "changed")
+        mine = {p for p, running in self._running.items() if not running.leaving}
+        return {p: why for p, why in found.items() if p in mine and held[p].agent == self._name}
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
@@ -159,7 +166,7 @@ class Agent:
                 entries.release(self._etcd, place, lease)
                 del self._running[place]
             elif not (running.leaving or running.said_ready) and running.children[0].was_ready:
-                entries.say_ready(self._etcd, place, self._name, lease)
+                entries.say_ready(self._etcd, place, self._name, running.scene.version, lease)
                 running.said_ready = True
 
     def _start(self, place: Place, scene: Scene) -> None:

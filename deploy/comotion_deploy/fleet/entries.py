@@ -5,7 +5,7 @@
 | ``scenes/<scene>`` | serve, also, replicas | until ``comotion fleet remove`` |
 | ``drain/<agent>`` | empty | until ``comotion fleet drain --undo`` |
 | ``agents/<agent>`` | capacity | as long as the agent renews its lease |
-| ``places/<scene>/<number>`` | agent, ready | as long as its agent renews its lease |
+| ``places/<scene>/<number>`` | agent, ready, version | as long as its agent renews its lease |
 """
 
 import json
@@ -35,7 +35,12 @@ def read_fleet(etcd: Etcd) -> Fleet:
         "places/",
         lambda name, value: (
             _place(name),
-            Holder(str(value["agent"]), bool(value.get("ready")), names[f"places/{name}"].changed),
+            Holder(
+                str(value["agent"]),
+                bool(value.get("ready")),
+                names[f"places/{name}"].changed,
+                str(value.get("version", "")),
+            ),
         ),
     )
     return Fleet(scenes, agents, holders)
@@ -81,11 +86,12 @@ def claim(etcd: Etcd, place: Place, agent: str, lease: int) -> bool:
     return entry is not None and entry.lease == lease
 
 
-def say_ready(etcd: Etcd, place: Place, agent: str, lease: int) -> None:
-    """Say that the replica of a place is ready, if the agent still holds it."""
+def say_ready(etcd: Etcd, place: Place, agent: str, version: str, lease: int) -> None:
+    """Say with which version of its scene the replica of a place is ready, if the agent still holds it."""
     entry = etcd.read(_key(place))
     if entry is not None and entry.lease == lease:
-        etcd.replace(_key(place), entry.created, _json({"agent": agent, "ready": True}), lease)
+        value = {"agent": agent, "ready": True, "version": version}
+        etcd.replace(_key(place), entry.created, _json(value), lease)
 
 
 def say_leaving(etcd: Etcd, place: Place, holder: Holder, partner: Holder | None, lease: int) -> bool:

@@ -3,9 +3,11 @@
 Pure functions: every agent computes the same plan from the same entries and does its own part of it.
 """
 
+import json
+import zlib
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 # A difference of one is no imbalance: with an odd number of replicas somebody has one more.
 _IMBALANCE = 2
@@ -28,6 +30,11 @@ class Scene:
     serve: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     replicas: int = 2
+
+    @property
+    def version(self) -> str:
+        """Digest of all fields."""
+        return f"{zlib.crc32(json.dumps(asdict(self)).encode()):08x}"
 
 
 @dataclass(frozen=True)
@@ -53,11 +60,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Holder:
-    """The agent that holds a place, whether its replica is ready and stays, and the revision that says so."""
+    """The agent that holds a place, whether its replica is ready and stays, and the revision that says so.
+
+    `version` is that of the scene with which the replica is ready.
+    """
 
     agent: str
     ready: bool = False
     revision: int = 0
+    version: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,6 +131,22 @@ def releases(fleet: Fleet) -> list[Place]:
     draining = [place for place, holder in fleet.held().items() if fleet.agents[holder.agent].draining]
     found = [place for place in draining if _can_leave(fleet, place)]
     return found or _for_balance(fleet)
+
+
+def may_change(fleet: Fleet, place: Place) -> bool:
+    """Whether the replica of a place may start anew with the changed options of its scene.
+
+    The replicas change one after the other, number 1 first: who is ready stops only while the other one is
+    ready, number 0 only when the other one is ready with the changed options.
+    """
+    held = fleet.held()
+    if not held[place].ready:
+        return True
+    partner = held.get(place.other)
+    if partner is None:
+        return place.other not in claims(fleet)
+    changed = place.number == 1 or partner.version == fleet.scenes[place.scene].version
+    return changed and partner.ready
 
 
 def _unserved_first(places: Iterable[Place], served: set[str]) -> list[Place]:
