@@ -14,6 +14,9 @@ from .arrays import Bools, Floats, Slots
 from .config import Unit
 from .trajectories.window import Window
 
+# What sources see is looked at once in so many updates, and when one comes or leaves: a scene does not grow
+# a hundred times larger within a second.
+_LOOK_EVERY = 8
 # Scenes smaller than this, in the unit of the space, count as so large.
 _LEAST = {"m": 1.0, "px": 1000.0}
 
@@ -49,17 +52,22 @@ class ExtentCheck:
     refused: dict[int, float] = field(default_factory=dict)
     _views: dict[int, _View] = field(default_factory=dict)
     _known: dict[int, tuple[Floats, float]] = field(default_factory=dict)
+    _looks: int = 0
 
     def look(self, window: Window, current: Slots) -> None:
         """Take note of where the current trajectories are."""
-        self._known.clear()
         if not self.most:
             return
-        positions = window.positions[current, window.stop[current] - 1]
         owners = window.source[current]
+        present = np.unique(owners).tolist()
+        self._looks += 1
+        if self._looks % _LOOK_EVERY and list(self._views) == present:
+            return
+        self._known.clear()
+        positions = window.positions[current, window.stop[current] - 1]
         self._views = {
             number: _View(np.median(mine, axis=0), mine)
-            for number in np.unique(owners).tolist()
+            for number in present
             for mine in (positions[owners == number],)
         }
 

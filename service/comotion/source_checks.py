@@ -30,7 +30,7 @@ MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
 # Two instants are compared so often, if they are not farther apart than the last: ns.
-_COMPARE_NS, _APART_NS = 100_000_000, 500_000_000
+_COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
 # Share of the features that move by more than the size of the scene between two instants.
 _JUMPING = 0.3

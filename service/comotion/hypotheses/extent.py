@@ -46,6 +46,10 @@ class _Extent:
     axes: Floats
     sought_ns: int
 
+    def without_points(self) -> "_Extent":
+        """The same axes alone."""
+        return replace(self, keys=self.keys[:0], points=self.points[:0], since=self.since[:0])
+
 
 @dataclass(frozen=True)
 class Members:
@@ -101,13 +105,13 @@ class Extents:
         """
         found = []
         for one in listed:
-            R, t = np.eye(members.positions.shape[1]), np.zeros(members.positions.shape[1])
+            dim = members.positions.shape[1]
+            R, t = np.eye(dim), np.zeros(dim)
             if one.pose is not None:
-                dim = len(t)
                 R, t = references[one.id].R[:dim, :dim], references[one.id].t[:dim]
-            else:
-                self._known.pop(one.id, None)
-            extent = self._seen(stamp_ns, one.id, members, (members.positions - t) @ R, seek)
+            elif one.id in self._known:
+                self._known[one.id] = self._known[one.id].without_points()
+            extent = self._seen(stamp_ns, one.id, members, (R, t), seek)
             found.append(replace(one, box=_box(extent, R, t)))
         return found
 
@@ -127,13 +131,16 @@ class Extents:
         """Take up :meth:`state`."""
         self._known = {int(one): _Extent(*values) for one, *values in state}
 
-    def _seen(self, stamp_ns: int, one: int, members: Members, points: Floats, seek: bool) -> _Extent:
-        """Take in the current members; `points` float64 [n, dim] of all trajectories, in its axes."""
-        mine = members.labels == one
-        if (mine & members.sure).any():
-            mine &= members.sure
-        keys, now, since = members.keys[mine], points[mine], np.full(int(mine.sum()), stamp_ns)
-        axes, sought_ns = np.eye(points.shape[1]), stamp_ns - _SEEK_NS
+    def _seen(
+        self, stamp_ns: int, one: int, members: Members, pose: tuple[Floats, Floats], seek: bool
+    ) -> _Extent:
+        """Take in the current members of a body with a pose (R, t)."""
+        mine = np.flatnonzero(members.labels == one)
+        if members.sure[mine].any():
+            mine = mine[members.sure[mine]]
+        R, t = pose
+        keys, now, since = members.keys[mine], (members.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
+        axes, sought_ns = np.eye(len(t)), stamp_ns - _SEEK_NS
         before = self._known.get(one)
         if before is not None:
             axes, sought_ns = before.axes, before.sought_ns

@@ -104,6 +104,8 @@ class LabelMemory:
         slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._since[slots] <= stamp_ns - _TENURE_NS
         seen, sources = np.isin(slots, current), window.source[slots]
+        if (old & seen).all():
+            return np.zeros(len(slots), np.bool_)
         elders = old & seen & partition.deciding & (groups >= 0) & (known != NO_HYPOTHESIS)
         young = ~old & _left_to_others(known, sources, elders)
         return np.asarray(young | (~seen & (groups >= 0) & _left_to_others(groups, sources, elders)))
@@ -198,15 +200,11 @@ def name_groups(
 
 def _left_to_others(sets: Labels, sources: Slots, elders: Bools) -> Bools:
     """Whose set has enough elders, none of them of its own source; bool [N], as are all arguments."""
-    found, counts = np.unique(sets[elders], return_counts=True)
-    pairs = np.stack([sets, sources])
-    own = np.isin(_codes(pairs), _codes(pairs)[elders])
-    return np.asarray(np.isin(sets, found[counts >= _ELDERS]) & ~own)
-
-
-def _codes(pairs: Labels) -> Labels:
-    """A number for each different column of int64 [2, N]."""
-    return np.asarray(np.unique(pairs, axis=1, return_inverse=True)[1].reshape(-1), np.int64)
+    names, row = np.unique(sets, return_inverse=True)
+    owners, column = np.unique(sources, return_inverse=True)
+    counts = np.zeros((len(names), len(owners)), np.intp)
+    np.add.at(counts, (row[elders], column[elders]), 1)
+    return np.asarray((counts.sum(1)[row] >= _ELDERS) & (counts[row, column] == 0))
 
 
 def follow(before: Labels, now: Labels, outdated: Labels) -> Labels:

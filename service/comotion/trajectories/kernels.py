@@ -145,11 +145,10 @@ def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
 @compiled()
 def newest_from(times: Stamps, index: int, stop: int, stamp: int) -> int:
     """As :func:`newest_at`, when `index` is the answer for an earlier stamp: the walk of ascending stamps."""
-    for _ in range(_LINEAR_STEPS):
-        if index + 1 >= stop or times[index + 1] > stamp:
-            return index
+    # All steps together are at most the observations. A search for long ones made each call three times as slow.
+    while index + 1 < stop and times[index + 1] <= stamp:
         index += 1
-    return newest_at(times, index + 1, stop, stamp)
+    return index
 
 
 @compiled()
@@ -248,9 +247,9 @@ def fill_states(
     held: Bools,
 ) -> None:
     """Fill position [T, n, dim], observed and held [T, n] at ascending stamps [T], zero and False before."""
-    for n in range(len(slots)):
+    for n in range(len(slots) if len(stamps) else 0):
         s = slots[n]
-        newest = start[s] - 1
+        newest = newest_at(times[s], start[s], stop[s], stamps[0])
         for t in range(len(stamps)):
             newest = newest_from(times[s], newest, stop[s], stamps[t])
             left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)

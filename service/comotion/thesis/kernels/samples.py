@@ -70,11 +70,11 @@ def fill_samples(
     values[:, begin : begin + count, SIGN:] = 0
     status[:, begin : begin + count] = ABSENT
     any_partner[:, begin : begin + count] = False
-    for n in range(len(slots)):
+    for n in range(len(slots) if count else 0):
         s, row, first, end = slots[n], rows[n], start[slots[n]], stop[slots[n]]
         while end > first and times[s, end - 1] > known[n]:
             end -= 1
-        newest = first - 1
+        newest = newest_at(times[s], first, end, stamps[0])
         for t in range(count):
             stamp = stamps[t]
             newest = newest_from(times[s], newest, end, stamp)
