@@ -102,9 +102,7 @@ def _variograms(lags: tuple[int, ...], frames: int) -> list[Floats]:
     at = np.array(lags)
     white = _typical(np.full(len(at), 0.67 * frames))
     return [
-        np.column_stack(
-            [white, (1 - np.exp(-at / time)) * _typical(1.5 * frames / np.minimum(at, 2 * time))]
-        )
+        np.column_stack([white, (1 - np.exp(-at / time)) * _typical(1.5 * frames / np.minimum(at, 2 * time))])
         for time in _TIMES
     ]
 

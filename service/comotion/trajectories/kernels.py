@@ -145,7 +145,7 @@ def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
 @compiled()
 def newest_from(times: Stamps, index: int, stop: int, stamp: int) -> int:
     """As :func:`newest_at`, when `index` is the answer for an earlier stamp: the walk of ascending stamps."""
-    # All steps together are at most the observations. A search for long ones made each call three times as slow.
+    # All steps together are at most the observations; a search for long ones tripled the time of a call.
     while index + 1 < stop and times[index + 1] <= stamp:
         index += 1
     return index
