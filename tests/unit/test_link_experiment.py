@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion import FusionConfig
+from comotion.linking.camera import CameraModel
 from comotion_experiments.links import Setup, report, run_experiment, save_picture
 from comotion_experiments.links.recording import plain_camera, record
 from comotion_experiments.links.setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
@@ -48,9 +49,9 @@ def test_the_plain_camera_publishes_pixels_that_its_calibration_explains(cache: 
     assert {(b.space, b.unit) for b in plain} == {(PLAIN_SPACE, "px")}
     assert len(deep) == len(plain) == 24
     # The target that the camera looks at is seen in the middle of its image.
-    camera, scene = plain_camera("arm", 0, TINY), Scene.named("arm")
+    camera, scene = CameraModel(plain_camera("arm", 0, TINY)), Scene.named("arm")
     target = scene.model.body_pos[scene.model.cam_targetbodyid[scene.cameras.index("b")]]
-    inside = (target - np.array(camera.translation)) @ camera.rotation
+    inside = (target - camera.translation) @ camera.rotation
     assert inside[2] > 0
     np.testing.assert_allclose(
         inside[:2] / inside[2], camera.normalised(np.array([[79.5, 59.5]]))[0], atol=1e-9
