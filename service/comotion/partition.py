@@ -184,6 +184,10 @@ class Method(Protocol):
     def matching(self) -> Matching:
         """How its groups continue hypotheses; see :mod:`comotion.matching`."""
 
+    @property
+    def elders(self) -> bool:
+        """Whether members of long standing decide which hypothesis a group continues, or all alike."""
+
     def observed(self, window: Window, rows: Rows) -> None:
         """One instant of one source has been stored."""
 

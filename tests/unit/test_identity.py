@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import IdAllocator, LabelMemory, follow, name_groups
+from comotion.hypotheses.identity import IdAllocator, LabelMemory, Votes, follow, name_groups
 from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS
 
@@ -14,7 +14,7 @@ from comotion.partition import NO_HYPOTHESIS
 def propagate(before, clusters, allocate):
     """Hypothesis of each trajectory, by the rule of the thesis."""
     groups = int(clusters.max(initial=-1)) + 1
-    return name_groups(before, clusters, groups, largest_first, allocate)[clusters]
+    return name_groups(Votes(before, before, clusters), groups, largest_first, allocate)[clusters]
 
 
 def match(before, clusters, first=100):

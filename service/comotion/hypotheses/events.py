@@ -61,7 +61,7 @@ class Count:
     origins
         For hypotheses that are new: the one that most members have left, None for none.
     heirs
-        For hypotheses whose last members are mostly another's now: which one.
+        For hypotheses whose last members mostly vote for another now: which one; or for itself still.
     """
 
     sizes: Mapping[int, int]
@@ -122,8 +122,7 @@ class Lifecycle:
                 events += self._seen(stamp_ns, one, step if enough else -max(step, 1))
             elif life.stage == "unconfirmed":
                 del self.lives[one]
-            elif self._lost(stamp_ns, life):
-                heir = count.heirs.get(one)
+            elif self._lost(stamp_ns, life) and (heir := count.heirs.get(one)) != one:
                 if heir is None:
                     life.stage = "absent"
                     events.append(_event(stamp_ns, "absent", one))

@@ -1,6 +1,7 @@
 """Partitions in, hypothesis ids by slot out: one memory of labels for all methods."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,13 @@ from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
 
-# ns. Members of a hypothesis that are younger, of a source that has no older ones, have no say in which group
-# continues it: a crowd of a new source must not take the id of a body along when it turns out not to belong.
+# ns. A member for so long is an elder: it votes for its hypothesis for as long again when it changes groups.
+# After a gap in all data all may be one group at first, and two halves of a body that a wrong clock has split
+# become one again feature by feature: neither tells whose id it is.
 _TENURE_NS = 2_000_000_000
+# Votes of an elder for the hypothesis in which it became one, and for that in which it is now; others have as
+# many for the latter. The first part settles it, the second one keeps two halves from trading an id.
+_ELDER_VOTES, _VOTES = 3, 1
 # So many older ones must there be, as many as confirm a hypothesis by default.
 _ELDERS = 3
 _LONG_AGO_NS = -(2**62)
@@ -49,6 +54,8 @@ class LabelMemory:
     ----------
     ids
         Where new hypotheses get their ids.
+    elders
+        Whether members of long standing decide which hypothesis a group continues.
 
     Attributes
     ----------
@@ -60,11 +67,14 @@ class LabelMemory:
         By hypothesis that has a trajectory in the window.
     """
 
-    def __init__(self, ids: IdAllocator) -> None:
+    def __init__(self, ids: IdAllocator, *, elders: bool = True) -> None:
         self._allocator = ids
+        self._has_elders = elders
         self.labels: Labels = np.zeros(0, np.int64)
         # When each slot got its label, ns.
         self._since: Stamps = np.zeros(0, np.int64)
+        # In which hypothesis each slot became an elder, negative for none.
+        self._elder_of: Labels = np.zeros(0, np.int64)
         self.ids: Labels = np.zeros(0, np.int64)
         self.references: dict[int, PoseReference] = {}
 
@@ -76,7 +86,12 @@ class LabelMemory:
     def forget(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
         self._fit(window)
-        self.labels[slots] = NO_HYPOTHESIS
+        self.labels[slots] = self._elder_of[slots] = NO_HYPOTHESIS
+
+    def voices(self, slots: Slots) -> Labels:
+        """The hypotheses for which slots intp [n] vote, int64 [n]."""
+        elder_of = self._elder_of[slots]
+        return np.where(elder_of == NO_HYPOTHESIS, self.labels[slots], elder_of)
 
     def name(
         self, window: Window, partition: Partition, current: Slots, matching: Matching, stamp_ns: int
@@ -84,31 +99,43 @@ class LabelMemory:
         """Hypotheses of the current trajectories, int64 [n]; a group that continues none gets a new id."""
         self._fit(window)
         slots, groups, count = partition.slots, partition.groups, len(partition.described)
-        vote, known = partition.deciding, self.labels[slots].copy()
-        overruled = self._overruled(window, partition, current, stamp_ns)
-        votes = np.where(overruled, NO_HYPOTHESIS, known)
-        self.ids = name_groups(votes[vote], groups[vote], count, matching, self._allocator.next)
+        known = self.labels[slots].copy()
+        vote = partition.deciding & ~self._overruled(window, partition, current)
+        votes = Votes(self.voices(slots)[vote], known[vote], groups[vote])
+        self.ids = name_groups(votes, count, matching, self._allocator.next)
         before = self.labels[current]
         self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
         self._since[slots[self.labels[slots] != known]] = stamp_ns
         now = self.labels[current]
         self._lead_outdated(window, slots, before, now)
+        if self._has_elders:
+            self._take_up_elders(window, slots, stamp_ns)
         return now
 
-    def _overruled(self, window: Window, partition: Partition, current: Slots, stamp_ns: int) -> Bools:
+    def _take_up_elders(self, window: Window, slots: Slots, stamp_ns: int) -> None:
+        """Let slots whose label has lasted, and that the window knows for so long, become elders in it."""
+        tenure_ns = min(_TENURE_NS, window.span_ns // 2)
+        held = window.stop[slots] > window.start[slots]
+        first_ns = window.times[slots, np.minimum(window.start[slots], window.times.shape[1] - 1)]
+        since_ns = np.maximum(self._since[slots], first_ns)
+        settled = slots[held & (since_ns <= stamp_ns - tenure_ns)]
+        self._elder_of[settled] = self.labels[settled]
+
+    def _overruled(self, window: Window, partition: Partition, current: Slots) -> Bools:
         """Trajectories that have no say in which hypothesis a group continues, bool [N].
 
-        These are late members of a hypothesis, and trajectories out of sight, of a source that has no
-        elder, where those of others have enough: in the hypothesis, or in the group.
+        These are late members, and trajectories out of sight, of a source that has no elder, where those
+        of others have enough: in the hypothesis, or in the group. So a crowd of a new source does not take
+        the id of a body along.
         """
         slots, groups = partition.slots, partition.groups
-        known, old = self.labels[slots], self._since[slots] <= stamp_ns - _TENURE_NS
+        known, old = self.labels[slots], self._elder_of[slots] != NO_HYPOTHESIS
         seen, sources = np.isin(slots, current), window.source[slots]
         if (old & seen).all():
             return np.zeros(len(slots), np.bool_)
-        elders = old & seen & partition.deciding & (groups >= 0) & (known != NO_HYPOTHESIS)
-        young = ~old & _left_to_others(known, sources, elders)
-        return np.asarray(young | (~seen & (groups >= 0) & _left_to_others(groups, sources, elders)))
+        elders = old & seen & partition.deciding & (groups >= 0)
+        late = ~old & _left_to_others(known, sources, elders)
+        return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, elders)))
 
     def rename(self, names: dict[int, int]) -> None:
         """Give the members of some hypotheses other ids, {present: other}, all at once.
@@ -116,15 +143,21 @@ class LabelMemory:
         Trajectories of the other ids that the method has kept apart from them have no hypothesis any more:
         one id would stand for two groups.
         """
-        for array in (self.labels, self.ids):
+        for array in (self.labels, self._elder_of, self.ids):
             before = array.copy()
             array[np.isin(before, list(names.values()))] = NO_HYPOTHESIS
             for present, other in names.items():
                 array[before == present] = other
 
+    def retire(self, living: Collection[int]) -> None:
+        """Nobody votes for any other hypothesis any more: an id that has ended does not come back."""
+        voting = self._elder_of != NO_HYPOTHESIS
+        self._elder_of[voting & ~np.isin(self._elder_of, list(living))] = NO_HYPOTHESIS
+
     def drop(self, hypothesis: int) -> None:
         """Leave the members of a hypothesis without any."""
         self.labels[self.labels == hypothesis] = NO_HYPOTHESIS
+        self._elder_of[self._elder_of == hypothesis] = NO_HYPOTHESIS
         self.ids[self.ids == hypothesis] = NO_HYPOTHESIS
 
     def refer(self, window: Window, stamp_ns: int) -> None:
@@ -143,6 +176,7 @@ class LabelMemory:
         return {
             "tracks": window.key[slots],
             "labels": self.labels[slots],
+            "elders": self._elder_of[slots],
             "ids": self.ids.copy(),
             "references": [[h, dict(vars(reference))] for h, reference in self.references.items()],
         }
@@ -153,8 +187,12 @@ class LabelMemory:
         if not state:
             return
         slots = window.slots()
-        label_of = dict(zip(state["tracks"].tolist(), state["labels"].tolist(), strict=True))
-        self.labels[slots] = [label_of.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
+        for array, name in ((self.labels, "labels"), (self._elder_of, "elders")):
+            # States of former versions have no elders.
+            known = dict(
+                zip(state["tracks"].tolist(), state.get(name, state["labels"]).tolist(), strict=True)
+            )
+            array[slots] = [known.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
         self.ids = state["ids"]
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
 
@@ -164,6 +202,7 @@ class LabelMemory:
         if extra:
             self.labels = np.pad(self.labels, (0, extra), constant_values=NO_HYPOTHESIS)
             self._since = np.pad(self._since, (0, extra), constant_values=_LONG_AGO_NS)
+            self._elder_of = np.pad(self._elder_of, (0, extra), constant_values=NO_HYPOTHESIS)
 
     def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Let outdated trajectories follow the current ones, which went from `before` to `now`."""
@@ -173,17 +212,25 @@ class LabelMemory:
         self.labels[slots] = follow(before, now, self.labels[slots])
 
 
-def name_groups(
-    before: Labels, groups: Ints, count: int, matching: Matching, allocate: Callable[[], int]
-) -> Labels:
+@dataclass(frozen=True)
+class Votes:
+    """Of N trajectories: for which hypothesis each votes, which it is in, and its group; negative for none.
+
+    int64 [N], int64 [N] and intp [N].
+    """
+
+    voices: Labels
+    before: Labels
+    groups: Ints
+
+
+def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable[[], int]) -> Labels:
     """Hypothesis of each group, int64 [count]; :data:`NO_HYPOTHESIS` for one without members.
 
     Parameters
     ----------
-    before
-        int64 [N], hypothesis of each trajectory until now, negative for none.
-    groups
-        intp [N], group of each, negative for none.
+    votes
+        Of the trajectories that decide.
     count
         Number of groups.
     matching
@@ -191,9 +238,10 @@ def name_groups(
     allocate
         Gives a fresh id, for a group that continues none.
     """
-    matched = continued(before, groups, count, matching)
+    before = np.concatenate([np.tile(votes.voices, _ELDER_VOTES), np.tile(votes.before, _VOTES)])
+    matched = continued(before, np.tile(votes.groups, _ELDER_VOTES + _VOTES), count, matching)
     ids = np.full(count, NO_HYPOTHESIS)
-    for k in np.unique(groups[groups >= 0]).tolist():
+    for k in np.unique(votes.groups[votes.groups >= 0]).tolist():
         ids[k] = matched[k] if k in matched else allocate()
     return ids
 

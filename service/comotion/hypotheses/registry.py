@@ -67,6 +67,8 @@ class Registry:
         Where new hypotheses get their ids.
     config
         Of confirmation and memory.
+    elders
+        Whether members of long standing decide which hypothesis a group continues.
 
     Attributes
     ----------
@@ -74,7 +76,9 @@ class Registry:
         Hypotheses by slot and by group.
     """
 
-    def __init__(self, space: str, ids: IdAllocator, config: HypothesesConfig) -> None:
+    def __init__(
+        self, space: str, ids: IdAllocator, config: HypothesesConfig, *, elders: bool = True
+    ) -> None:
         self._space = space
         self._config = config
         self._lifecycle = Lifecycle(config)
@@ -82,7 +86,7 @@ class Registry:
         self._extents = Extents()
         # Recalled by their place, and not yet confirmed to have returned.
         self._recalled: list[int] = []
-        self.labels = LabelMemory(ids)
+        self.labels = LabelMemory(ids, elders=elders)
 
     def previous(self, window: Window) -> Previous:
         """What a method is told of the last update."""
@@ -127,6 +131,7 @@ class Registry:
             found = replace(found, labels=self.labels.labels[current])
             self.labels.refer(window, stamp_ns)
         events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
+        self.labels.retire(self._lifecycle.lives)
         listed = describe(
             self._space,
             partition,
@@ -238,8 +243,9 @@ class Registry:
         known = self._lifecycle.lives
         origins = {one: _origin(before[found.labels == one]) for one in sizes if one not in known}
         heirs: dict[int, int] = {}
+        voices = self.labels.voices(found.slots)
         for one in self._memory.traces:
-            if one not in sizes and (heir := self._memory.heir(one, found.keys, found.labels)) is not None:
+            if one not in sizes and (heir := self._memory.heir(one, found.keys, voices)) is not None:
                 heirs[one] = heir
         return Count(sizes, self._least(found), origins, heirs)
 
