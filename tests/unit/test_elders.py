@@ -84,6 +84,11 @@ class Run:
             Counter(labels[known & (bodies == body)].tolist()).most_common(1)[0][0] for body in range(BODIES)
         ]
 
+    @property
+    def births(self):
+        """By hypothesis, ns."""
+        return {one.id: one.born_ns for one in self.update.hypotheses}
+
 
 def started(seed):
     run = Run()
@@ -97,12 +102,13 @@ def started(seed):
 def test_after_a_gap_longer_than_the_window_every_object_has_its_id(seed, gap, restart):
     """The sources come back one after the other."""
     run = started(seed)
-    before, back = run.objects, 8 + gap
+    before, births, back = run.objects, run.births, 8 + gap
     if restart:
         run.fusion = Fusion.restore(FusionConfig(), run.fusion.snapshot())
     first = {"left": back, "right": back + 0.15 * (seed % 3), "arm": back - 0.2 * (seed % 2)}
     run.feed(*(stream(name, first[name], back + 5, seed) for name in SOURCES), since=back - 0.3)
     assert run.objects == before
+    assert run.births == births
     assert set(run.kinds) <= {"joined", "released"}
 
 

@@ -161,8 +161,8 @@ class LabelMemory:
         self.ids[self.ids == hypothesis] = NO_HYPOTHESIS
 
     def refer(self, window: Window, stamp_ns: int) -> None:
-        """Keep the references of the hypotheses that have a trajectory in the window, and no other."""
-        present = np.unique(self.labels[window.used])
+        """Keep the references of the hypotheses that have a trajectory or an elder in the window alone."""
+        present = np.unique([self.labels[window.used], self._elder_of[window.used]])
         self.references = {
             h: self.references.get(h) or PoseReference.new(stamp_ns)
             for h in present.tolist()
