@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from comotion import FusionConfig
+from comotion_clients import evaluate as live
 from comotion_deploy.cli import run
 from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
@@ -86,10 +87,15 @@ def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: 
     process.interrupt()
     assert process.wait() == 2
     assert process.lines[-1] == "error: no update was received in scene 'default': is the service running?"
-    # With a duration it ends by itself, also in a scene that nobody has.
-    process = start("evaluate", "--connect", endpoint, "--duration", 0.5, "--scene", "typo", ready=False)
-    assert process.wait() == 2
-    assert process.lines[-1] == "error: no update was received in scene 'typo': is the service running?"
+
+
+def test_with_a_duration_it_ends_by_itself_in_a_scene_that_nobody_has(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(live, "FIRST_UPDATE_TIMEOUT_S", 0.6)
+    assert run(["evaluate", "--connect", endpoint, "--duration", "0.5", "--scene", "typo"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1] == "error: no update was received in scene 'typo': is the service running?"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import pytest
 from comotion_deploy.soak.run import Runner
 from comotion_deploy.soak.schedule import Fault
 
-pytestmark = pytest.mark.e2e
+# A minute under load; CI runs "make soak", which has the same faults and more.
+pytestmark = [pytest.mark.e2e, pytest.mark.long]
 
 
 def test_after_a_kill_of_the_service_all_is_as_before(free_port_endpoint, tmp_path) -> None:
