@@ -131,7 +131,7 @@ class LabelMemory:
         slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._elder_of[slots] != NO_HYPOTHESIS
         seen, sources = np.isin(slots, current), window.source[slots]
-        if (old & seen).all():
+        if not self._has_elders or (old & seen).all():
             return np.zeros(len(slots), np.bool_)
         elders = old & seen & partition.deciding & (groups >= 0)
         late = ~old & _left_to_others(known, sources, elders)
@@ -187,12 +187,13 @@ class LabelMemory:
         if not state:
             return
         slots = window.slots()
-        for array, name in ((self.labels, "labels"), (self._elder_of, "elders")):
+        row_of = {key: row for row, key in enumerate(state["tracks"].tolist())}
+        rows = [row_of.get(key, -1) for key in window.key[slots].tolist()]
+        self.labels[slots] = np.append(state["labels"], NO_HYPOTHESIS)[rows]
+        if self._has_elders:
             # States of former versions have no elders.
-            known = dict(
-                zip(state["tracks"].tolist(), state.get(name, state["labels"]).tolist(), strict=True)
-            )
-            array[slots] = [known.get(key, NO_HYPOTHESIS) for key in window.key[slots].tolist()]
+            elders = state.get("elders", state["labels"])
+            self._elder_of[slots] = np.append(elders, NO_HYPOTHESIS)[rows]
         self.ids = state["ids"]
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
 
