@@ -135,9 +135,9 @@ class Agent:
             running.said_ready = False
 
     def _follow(self, fleet: Fleet, lease: int) -> None:
-        held = fleet.held()
+        held, wanted = fleet.held(), set(fleet.places())
         for place, running in self._running.items():
-            if place not in fleet.places():
+            if place not in wanted:
                 self._stop(place, running, "removed")
         for place, why in self._given_up(fleet).items():
             mine = self._running[place]
