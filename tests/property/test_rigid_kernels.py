@@ -28,6 +28,7 @@ from comotion.rigid.kernels.records import (
 from comotion.rigid.kernels.registration import move_rows, normal_equations, pose_information
 from comotion.rigid.kernels.resampling import all_finite, correct, mean_square, resample, spread, stop_at
 from comotion.rigid.kernels.residuals import body_costs, own_residuals, rest_costs
+from comotion.rigid.kernels.rest import settle
 from comotion.rigid.kernels.rotation import (
     planar_rotation,
     quaternion,
@@ -154,6 +155,23 @@ def test_poses_are_those_of_plain_procrustes(rng, count):
     expected = plain.fit_poses(y, w, tolerance, 4)
     for one, other in zip((b.T, R, t, posed), expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+@few
+@given(seeds, st.integers(0, 40), st.integers(2, 40))
+def test_a_body_has_one_pose_for_each_rest(rng, moves_from, moves_for):
+    _, w, noise = rows_of(rng, 6, 60)
+    b, moving = rng.normal(size=(6, 3)), slice(moves_from, moves_from + moves_for)
+    R, t = np.tile(np.eye(3), (60, 1, 1)), rng.normal(0, 4e-4, (60, 3))
+    t[moving] += 0.05 * np.arange(60)[moving, None]
+    t[moving.stop :] += t[min(moving.stop, 60) - 1]
+    posed = rng.random(60) < 0.9
+    expected = plain.settled(w, noise, b, 6, (R, t, posed))
+    rests = np.zeros(60, bool)
+    settle(w.T.copy(), 1 / noise, b.T.copy(), 3, 6, PoseArrays(R, t, posed), rests)
+    for one, other in zip((R, t, rests), expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+    assert not rests[moving.start + 1 : moving.stop - 1].any()
 
 
 @few

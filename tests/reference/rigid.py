@@ -52,6 +52,36 @@ def fit_poses(y, w, tolerance, iterations):
     return b, R, t, posed
 
 
+def settled(w, noise, b, dof, poses):
+    """(R, t, rests) of a body [m, 3] with one pose for each rest, newest first; w [m, F], noise [m]."""
+    R, t, posed = (part.copy() for part in poses)
+    rests, stop = np.zeros(len(t), bool), len(t)
+    while stop > 0:
+        run = []
+        for f in reversed(range(stop)):
+            if not posed[f]:
+                continue
+            trial = [f, *run]
+            a = w[:, trial] / noise[:, None]
+            places = np.einsum("fij,mj->mfi", R[trial], b) + t[trial]
+            seen = a.sum(1) > 0
+            mean = np.einsum("mf,mfi->mi", a[seen], places[seen]) / a[seen].sum(1)[:, None]
+            scatter = (a[seen] * ((places[seen] - mean[:, None]) ** 2).sum(2)).sum()
+            expected = dof / 2 * len(run)
+            if scatter / 2 > expected + 2 * np.sqrt(expected) + 6:
+                break
+            run = trial
+        if len(run) >= 8:
+            a = (w[:, run] / noise[:, None]).sum(1)
+            places = np.einsum("mf,fij,mj->mi", w[:, run] / noise[:, None], R[run], b)
+            places += (w[:, run] / noise[:, None]) @ t[run]
+            seen = a > 0
+            R[run], t[run] = weighted_pose(places[seen] / a[seen, None], b[seen], a[seen])
+            rests[run] = True
+        stop = min(run[0] if run else stop, stop - 1)
+    return R, t, rests
+
+
 def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0)):
     """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses

@@ -37,7 +37,7 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
         current=current,
     )
     nobody = np.zeros(n, bool)
-    return Scene(frames, places, frames.life >= 5, before, 1, np.zeros(n), nobody, nobody)
+    return Scene(frames, places, frames.life >= 5, before, 1, np.zeros(n), nobody, nobody, nobody)
 
 
 def test_a_crowd_of_newborn_features_is_undecided_while_a_body_is_lost():

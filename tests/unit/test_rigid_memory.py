@@ -1,9 +1,10 @@
-"""Bodies that have moved stay apart while they rest; what was never apart does not."""
+"""What has moved apart stays apart while it rests; what was never apart does not."""
 
 import numpy as np
 
 from comotion.rigid.assignment import Assignment, SearchResult
 from comotion.rigid.costs import Costs
+from comotion.rigid.members import ClearMembers
 from comotion.rigid.memory import Separation
 from comotion.rigid.procrustes import Body, static_body
 
@@ -17,7 +18,7 @@ def result_of(body_costs):
     labels = np.array([0, 0, 0, 1, 1, 1])
     evidence = Costs(np.array(body_costs, float), np.full(6, 500.0), np.array([0.0, 100.0]), np.zeros(2))
     cost = np.column_stack([evidence.outlier, evidence.body])
-    return SearchResult([still, moving], Assignment(labels, cost), evidence, np.zeros(6))
+    return SearchResult([still, moving], Assignment(labels, cost), evidence, np.zeros(6), evidence.body)
 
 
 MOVES = [[40, 500]] * 3 + [[400, 40]] * 3
@@ -60,3 +61,31 @@ def test_what_is_gone_is_forgotten_and_what_is_known_survives_a_restart():
     np.testing.assert_array_equal(again.known(BEFORE), BEFORE == 9)
     again.keep(np.array([7]))
     assert not again.known(BEFORE).any()
+
+
+KEYS = np.array([3, 5, 8, 13, 21, 34])
+
+
+def members_after(*costs):
+    members = ClearMembers()
+    for one in costs:
+        members.learn(result_of(one), KEYS, IDS)
+    return members
+
+
+def test_a_trajectory_is_a_clear_member_once_no_other_body_explains_it_and_stays_one_at_rest():
+    assert not members_after(RESTS).known(KEYS, BEFORE).any()
+    assert members_after(MOVES, RESTS).known(KEYS, BEFORE).all()
+
+
+def test_a_clear_member_of_one_hypothesis_is_none_of_another():
+    members = members_after(MOVES)
+    np.testing.assert_array_equal(members.known(KEYS, np.array([7, 7, 9, 9, 9, 7])), [1, 1, 0, 1, 1, 0])
+
+
+def test_clear_members_that_are_gone_are_forgotten_and_the_others_survive_a_restart():
+    members = members_after(MOVES)
+    members.known(KEYS[:4], BEFORE[:4])
+    again = ClearMembers()
+    again.load(members.state())
+    np.testing.assert_array_equal(again.known(KEYS, BEFORE), [1, 1, 1, 1, 0, 0])

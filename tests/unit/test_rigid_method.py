@@ -22,6 +22,8 @@ from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline
+from comotion_experiments.stress.catalogue import find_families
+from comotion_experiments.stress.observe import messages_of
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources import simulator
 
@@ -203,6 +205,21 @@ def test_a_body_is_told_apart_a_third_of_a_second_after_it_starts():
 def test_scenes_are_grouped(scene, least):
     scores = [s.nmi for _, s in updates_of(messages(scene), duration=None if scene == "fig4_1" else 7)]
     assert np.mean(scores) >= least
+
+
+def test_what_is_born_and_rests_stays_in_the_background_beside_bodies_at_rest():
+    scene = find_families(["stop_and_go_2min"])[0].scenes(0, duration=24.0)[0]
+    messages = messages_of(scene)
+    found = []
+    run_offline(
+        iter(messages.batches),
+        FusionConfig(),
+        truth=Truth(messages.truth),
+        period=scene.period,
+        on_update=lambda update, score: found.append(score.nmi),
+    )
+    # Without one pose for a rest, half of the newborn go to a resting body within two seconds: .855.
+    assert np.mean(found) > 0.96
 
 
 def test_outliers_are_undetermined_and_split_nothing():

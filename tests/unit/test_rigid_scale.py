@@ -160,7 +160,7 @@ def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
 def scene_of(frames, before, excess):
     count = len(before)
     judged, never = np.ones(count, np.bool_), np.zeros(count, np.bool_)
-    return Scene(frames, frames.y[:, -1].copy(), judged, before, None, excess, never, never)
+    return Scene(frames, frames.y[:, -1].copy(), judged, before, None, excess, never, never, never)
 
 
 def test_a_subset_is_bounded_and_holds_what_is_unexplained():

@@ -120,11 +120,17 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
         members = before == one
         gain = (found.body[members, :1] - found.body[members]).sum(0)
         rests = np.flatnonzero(gain <= _CLEARLY * found.opening)
-        others = [k for k in rests if _share(before[owners[k]], one) < _PURE]
+        others = [k for k in rests.tolist() if not continues(scene, owners[k], one)]
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
     return evidence
 
 
-def _share(labels: Labels, one: int) -> float:
-    return float((labels == one).mean()) if len(labels) else 0.0
+def continues(scene: Scene, owners: Ints, hypothesis: int) -> bool:
+    """Whether a body continues a hypothesis: nearly all trajectories that it was fitted to had it.
+
+    `owners` intp [m] are these trajectories; none for the static body.
+    """
+    if not len(owners):
+        return hypothesis == scene.static
+    return float((scene.before[owners] == hypothesis).mean()) >= _PURE

@@ -13,7 +13,8 @@ extent of the scene, so that no parameter has a scale:
 6.  Fit a body with a pose in each frame to each candidate (:mod:`.procrustes`).
 7.  Compute what each trajectory costs under each body (:mod:`.costs`).
 8.  Select the bodies of least total cost (:mod:`.selection`).
-9.  Assign every trajectory to a body (:mod:`.assignment`).
+9.  Assign every trajectory to a body, which has one pose for each rest of it here (:mod:`.rest`,
+    :mod:`.members`, :mod:`.assignment`).
 10. Describe the motion of each body (:mod:`.motions`).
 """
 
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps
+from ..arrays import Floats, Ints, Labels, Slots, Stamps
 from ..config import FusionConfig, RigidConfig
 from ..matching import continued, largest_total
 from ..partition import (
@@ -50,14 +51,16 @@ from .assignment import (
 )
 from .candidates import candidate_rows
 from .costs import Costs, costs, excess_costs, moving_bodies
-from .memory import Separation, past_evidence
+from .members import ClearMembers, leaving_costs
+from .memory import Separation
 from .motions import describe_bodies
 from .noise import Differences
 from .poses import Poses, poses_of
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
-from .selection import select
+from .rest import settled_costs
+from .selection import STATIC, membership_prices, select, weighted
 from .subset import Scene, Subset, choose_subset, extended_rows
 from .tracks import Tracks, read_tracks
 
@@ -67,9 +70,6 @@ _KEY_FRAMES = 50
 # In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
 # then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
 _ESTIMATE_STRIDE = 5
-# Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
-# trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
-_ENDED_WEIGHT = 0.5
 
 
 class RigidMethod:
@@ -101,6 +101,7 @@ class RigidMethod:
         self._registration = Registration()
         self._differences = Differences()
         self._separation = Separation()
+        self._members = ClearMembers()
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
         self.searching = True
@@ -162,8 +163,12 @@ class RigidMethod:
         return anchored_motions(*self._last, {one: known[one] for one in wanted if one in known})
 
     def state(self) -> dict[str, Any]:
-        """The registration of the sources."""
-        return {"offsets": self._registration.state(), "separate": self._separation.state()}
+        """The registration of the sources, separate hypotheses and their clear members."""
+        return {
+            "offsets": self._registration.state(),
+            "separate": self._separation.state(),
+            "members": self._members.state(),
+        }
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; all else is read from the window."""
@@ -171,6 +176,7 @@ class RigidMethod:
         if state:
             self._registration.load(state["offsets"])
             self._separation.load(state["separate"])
+            self._members.load(state.get("members", []))
 
     def _nothing(self) -> Partition:
         self._keys, self._excess = np.zeros(0, np.int64), np.zeros(0)
@@ -189,8 +195,13 @@ class RigidMethod:
         before = previous.labels[tracks.slot]
         if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
             self._separation.learn(self._last[2], previous.ids, int(self._last[1].stamps[-1]))
+            self._members.learn(self._last[2], self._last[0].key, previous.ids)
         self._separation.keep(before)
-        past = self._separation.known(before), self._separation.resting(before)
+        past = (
+            self._separation.known(before),
+            self._separation.resting(before),
+            self._members.known(tracks.key, before),
+        )
         return Scene(frames, tracks.newest, judged, before, static, excess, *past)
 
 
@@ -225,7 +236,7 @@ def _first_bodies(
     candidates = candidate_rows(part, few, subset.unexplained, clustering=fully)  # 5
     bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
     found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
-    chosen = select(_weighted(part, bodies, found, config))  # 8
+    chosen = select(weighted(part, _owners(few, bodies), found, config))  # 8
     return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
 
 
@@ -240,43 +251,41 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
         Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
         and a body must be worth its price by its motion alone.
     """
-    frames, before = scene.frames, scene.before
+    frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
     bodies = [
         static_body(len(frames.stamps)),
         *(fit_body(frames, some) for some in rows if len(some) >= 2),
     ]  # 6
-    found = costs(frames, bodies, config, stride=1 if exact else _ESTIMATE_STRIDE)  # 7
+    found = costs(frames, bodies, config, stride=stride)  # 7
     if not exact:
         moving = moving_bodies(frames, bodies, found, config)
         bodies, found = [bodies[k] for k in moving], found.of(moving)
-    chosen = select(_weighted(scene, bodies, found, config))  # 8
-    bodies, evidence = [bodies[k] for k in chosen], found.of(chosen)
-    rough = cheapest(evidence.body, evidence.outlier)
+    chosen = select(weighted(scene, _owners(frames, bodies), found, config))  # 8
+    bodies = [bodies[k] for k in chosen]
+    return _assigned(scene, bodies, found.of(chosen), config, stride=stride)  # 9
+
+
+def _assigned(
+    scene: Scene, bodies: list[Body], evidence: Costs, config: RigidConfig, *, stride: int
+) -> SearchResult:
+    """Assign every trajectory to one of the bodies that were selected."""
+    frames, before = scene.frames, scene.before
+    owners = _owners(frames, bodies)
+    settled = settled_costs(frames, bodies, evidence, config, stride)
+    cost, prices = settled.cost + leaving_costs(scene, owners), membership_prices(scene, owners, config)
+    rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
+    # Nothing tells what rests with a resting body from the background: its membership has a price here too.
+    cost[np.ix_(scene.judged & (own == STATIC), settled.resting)] += prices[settled.resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
-    assignment = assign(frames, evidence.body, evidence.outlier, own, position, config)  # 9
-    return SearchResult(bodies, assignment, evidence, excess_costs(evidence, assignment.labels, config))
+    assignment = assign(frames, cost, evidence.outlier, own, position, config)
+    excess = excess_costs(evidence, assignment.labels, config)
+    return SearchResult(bodies, assignment, evidence, excess, settled.cost)
 
 
-def _weighted(scene: Scene, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
-    """Costs of the trajectories that count in the selection, by their weights.
-
-    A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
-    some always move alike by chance. A trajectory of a hypothesis that is known to be separate pays for
-    leaving it.
-    """
-    judged: Bools = scene.judged
-    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
-    members = [np.unique(scene.frames.owner[body.rows]) for body in bodies]
-    body = found.body + past_evidence(scene, members, found, config)
-    body[:, 1:] += config.membership_price * _membership(scene, members[1:])
-    return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
-
-
-def _membership(scene: Scene, members: list[Ints]) -> Floats:
-    """Nats that it takes to say which trajectories belong to each body, per member, [K]: 1 + log(N / m)."""
-    counts = np.array([len(own) for own in members], np.intp)
-    return 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
+def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:
+    """Trajectories that each body was fitted to, intp [m] each."""
+    return [np.unique(frames.owner[body.rows]) for body in bodies]
 
 
 def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:

@@ -2,12 +2,18 @@
 
 import numpy as np
 
-from ..arrays import Floats
+from ..arrays import Bools, Floats, Ints
+from ..config import RigidConfig
 from .costs import Costs
 from .kernels.assignment import closing_losses
+from .memory import past_evidence
+from .subset import Scene
 
 STATIC = 0
 """Column of the static body, which is always open, at no price."""
+# Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
+# trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
+_ENDED_WEIGHT = 0.5
 
 
 def select(costs: Costs) -> list[int]:
@@ -28,6 +34,29 @@ def select(costs: Costs) -> list[int]:
         while (extra := _superfluous(costs, chosen)) is not None:
             chosen.remove(extra)
         paid = _paid(costs, chosen)
+
+
+def weighted(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Costs:
+    """Costs of the trajectories that count in the selection, by their weights.
+
+    A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
+    some always move alike by chance. A trajectory of a hypothesis that is known to be separate pays for
+    leaving it. `owners` are the trajectories that each body was fitted to.
+    """
+    judged: Bools = scene.judged
+    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
+    body = found.body + past_evidence(scene, owners, found, config) + membership_prices(scene, owners, config)
+    return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
+
+
+def membership_prices(scene: Scene, owners: list[Ints], config: RigidConfig) -> Floats:
+    """Price of a membership in each body, [K]: that of the nats that it takes to say which they are.
+
+    These are 1 + log(N / m) for m of N trajectories; the static body, without owners, has none.
+    """
+    counts = np.array([len(own) for own in owners], np.intp)
+    nats = 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
+    return np.where(counts > 0, config.membership_price * nats, 0.0)
 
 
 def _paid(costs: Costs, chosen: list[int]) -> Floats:

@@ -68,6 +68,8 @@ class Scene:
         bool [N], whether the hypothesis is known to be a body of its own.
     resting
         bool [N], whether it is, and did not clearly move.
+    clear
+        bool [N], whether the trajectory has clearly been a member of its hypothesis.
     """
 
     frames: Frames
@@ -78,6 +80,7 @@ class Scene:
     excess: Floats
     separate: Bools
     resting: Bools
+    clear: Bools
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
@@ -90,6 +93,7 @@ class Scene:
             excess=self.excess[tracks],
             separate=self.separate[tracks],
             resting=self.resting[tracks],
+            clear=self.clear[tracks],
         )
 
 
