@@ -60,6 +60,14 @@ class SearchResult:
     settled: Floats
 
 
+def without_sliders(labels: Ints, found: Costs) -> Ints:
+    """The labels, intp [N], but :data:`OUTLIER` for features that slide: they say nothing about a pose."""
+    if not found.slides.any():
+        return labels
+    on = (labels >= 0) & found.slides[np.arange(len(labels)), np.maximum(labels, 0)]
+    return np.where(on, OUTLIER, labels)
+
+
 def cheapest(body: Floats, outlier: Floats) -> Ints:
     """Column of the cheapest body, or :data:`OUTLIER`, intp [N], by costs float64 [N, K] and [N]."""
     return np.asarray(np.argmin(np.column_stack([outlier, body]), 1) - 1)

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Floats, Ints
+from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
 from .kernels.records import PoseStack
 from .kernels.residuals import body_costs, own_residuals, rest_costs
 from .procrustes import Body, static_body
 from .resampling import Frames
+from .sliding import with_sliders
 
 # Charge for a frame in which a body has no pose, as a share of the cap, where it covers little of a
 # trajectory: more than that of an outlier, or a body without poses would be the cheapest. Chosen on the
@@ -34,18 +35,21 @@ _MOST_USUAL = 2.0
 class Costs:
     """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K].
 
-    `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row.
+    `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row; `slides` bool
+    [N, K] whether a cost is that of a feature that slides on the body.
     """
 
     body: Floats
     outlier: Floats
     opening: Floats
     wider: Floats = field(default_factory=lambda: np.zeros(0))
+    slides: Bools = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
 
     def of(self, chosen: list[int]) -> "Costs":
         """The costs of some bodies only, by column."""
         wider = self.wider[chosen] if len(self.wider) else self.wider
-        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], wider)
+        slides = self.slides[:, chosen] if self.slides.size else self.slides
+        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], wider, slides)
 
 
 def costs(
@@ -74,7 +78,8 @@ def costs(
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
     opening = np.array([_opening(b, config, stretch) for b in bodies])
-    return Costs(body, outlier, opening, wider)
+    body, slides = with_sliders(frames, bodies, body, config, stretch)
+    return Costs(body, outlier, opening, wider, slides)
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:

@@ -48,6 +48,7 @@ from .assignment import (
     posterior,
     predicted_positions,
     same_body,
+    without_sliders,
 )
 from .candidates import candidate_rows
 from .costs import Costs, costs, excess_costs, moving_bodies
@@ -220,7 +221,8 @@ def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchRe
         rows = extended_rows(scene, subset, labels, len(bodies))
     result = _compare_all(scene, rows, config, exact=subset.complete)
     if subset.complete:
-        rows = _assigned_rows(scene, result.bodies, result.assignment.labels, keep_own=False)
+        labels = without_sliders(result.assignment.labels, result.evidence)
+        rows = _assigned_rows(scene, result.bodies, labels, keep_own=False)
         result = _compare_all(scene, rows, config, exact=True)
     labels = undecided(scene, result.assignment.labels)
     return replace(result, assignment=replace(result.assignment, labels=labels))
@@ -237,7 +239,8 @@ def _first_bodies(
     bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
     found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
     chosen = select(weighted(part, _owners(few, bodies), found, config))  # 8
-    return [bodies[k] for k in chosen], cheapest(found.body[:, chosen], found.outlier)
+    kept = found.of(chosen)
+    return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
 def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:

@@ -1,0 +1,85 @@
+"""In the costs of trajectories, out lower ones for features that slide along a line on a body (step 7).
+
+A corner where an edge of a body meets the background slides along the edge as the view turns. Several such
+features often move alike, and would make a body of their own. A slider has one degree of freedom per frame
+in the frame of its body.
+"""
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints
+from ..config import RigidConfig
+from .kernels.residuals import LEAST_COVERED
+from .procrustes import Body
+from .resampling import Frames
+
+# A body is a host of sliders, and explains trajectories so well that they do not slide, if it was fitted to
+# so many of them, and they cost at most so many times what the noise does.
+_LEAST_OWNERS, _EXPLAINED = 4, 1.5
+# Half nats that the degree of freedom of a frame must gain beyond the noise that it fits: the more, the more
+# limbs with two markers stay bodies. Frames that this takes at least: bodies that begin to move slide on each
+# other at first.
+_PRICE, _LEAST_FRAMES = 1.6, 22
+# Most that a feature slides, rms, in rms radii of its host, and its variance across the line, in that of the
+# noise. All were chosen on stress scenes of even seeds, so that the markers keep their figures.
+_REACH, _ACROSS = 0.5, 1.5
+# Most trajectories that are examined in one update: a bound of the work where nothing is explained.
+_MOST = 128
+
+
+def with_sliders(
+    frames: Frames, bodies: list[Body], body: Floats, config: RigidConfig, stretch: float
+) -> tuple[Floats, Bools]:
+    """Lower the costs of trajectories that no larger body explains to those of sliding, where that is less.
+
+    Parameters
+    ----------
+    body
+        float64 [N, K], costs in nats.
+    stretch
+        As of :func:`~comotion.rigid.costs.costs`.
+
+    Returns
+    -------
+    Costs, float64 [N, K], and where they are those of sliding, bool [N, K].
+    """
+    hosts = [k for k, one in enumerate(bodies) if _count(frames, one) >= _LEAST_OWNERS]
+    rows = _unexplained(frames, bodies, hosts, body / stretch)
+    found = body.copy()
+    for k in hosts if len(rows) else []:
+        mine = frames.owner[rows]
+        found[mine, k] = np.minimum(body[mine, k], _slides(frames, bodies[k], rows, config) * stretch)
+    return found, found < body
+
+
+def _count(frames: Frames, body: Body) -> int:
+    return len(np.unique(frames.owner[body.rows]))
+
+
+def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats) -> Ints:
+    """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
+    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
+    large = [k for k, one in enumerate(bodies) if one.static or k in hosts]
+    due = 0.5 * _EXPLAINED * frames.dim * seen
+    asked = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_FRAMES)
+    asked &= np.bincount(frames.owner, minlength=len(seen)) == 1
+    tracks = np.flatnonzero(asked)
+    return frames.rows_of(tracks[:: -(-len(tracks) // _MOST) or 1])
+
+
+def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floats:
+    """Cost of each row as a slider on a body, float64 [n], nat; inf where it cannot be one."""
+    seen, w = (frames.w[rows] > 0).sum(1), frames.w[rows] * host.posed
+    held, cap = (w > 0).sum(1), config.residual_cap * frames.dim
+    x = np.einsum("fji,nfj->nfi", host.R, frames.y[rows] - host.t)
+    total = np.maximum(w.sum(1), 1e-300)
+    x -= (np.einsum("nf,nfi->ni", w, x) / total[:, None])[:, None]
+    line = np.linalg.eigh(np.einsum("nf,nfi,nfj->nij", w, x, x))[1][:, :, -1]
+    along = np.einsum("nfi,ni->nf", x, line)
+    across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
+    paid = np.minimum(across / (_ACROSS * frames.noise[rows, None]), cap).sum(1)
+    cost = 0.5 * (paid + (1 + _PRICE) * held + cap * (seen - held))
+    radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
+    near = (w * along**2).sum(1) / total <= _REACH**2 * radius
+    possible = near & (held >= LEAST_COVERED * seen) & (held >= _LEAST_FRAMES)
+    return np.where(possible, cost, np.inf)
