@@ -48,3 +48,16 @@ def inverses(matrices: Floats) -> Floats:
         # Rounding has taken all but the largest directions, as with coordinates of 1e9 m.
         size = np.abs(matrices).max(axis=(1, 2), keepdims=True) + np.finfo(np.float64).tiny
         return np.asarray(np.linalg.inv(matrices + _RIDGE * size * np.eye(matrices.shape[1])), np.float64)
+
+
+def thinned(indices: Ints, count: int) -> Ints:
+    """At most `count` of the indices, intp [n], evenly drawn."""
+    return indices[:: max(-(-len(indices) // count), 1)]
+
+
+def find(wanted: Stamps, keys: Stamps) -> Ints:
+    """Where each wanted key, int64 [m], is among keys, int64 [n] ascending: intp [m], -1 where it is not."""
+    if not len(keys):
+        return np.full(len(wanted), -1, np.intp)
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[at] == wanted, at, -1)

@@ -22,8 +22,7 @@ from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline
-from comotion_experiments.stress.catalogue import find_families
-from comotion_experiments.stress.observe import messages_of
+from comotion_experiments.stress.experiment import run_family
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources import simulator
 
@@ -214,17 +213,7 @@ def test_scenes_are_grouped(scene, least):
     [("stop_and_go_2min", 0, {"duration": 24.0}, 0.96), ("sliding", 2, {"duration": 10.0}, 0.93)],
 )
 def test_what_rests_or_slides_stays_with_its_body(family, seed, options, least):
-    scene = find_families([family])[0].scenes(seed, **options)[0]
-    messages = messages_of(scene)
-    found = []
-    run_offline(
-        iter(messages.batches),
-        FusionConfig(),
-        truth=Truth(messages.truth),
-        period=scene.period,
-        on_update=lambda update, score: found.append(score.nmi),
-    )
-    assert np.mean(found) > least
+    assert run_family(family, seed, **options)["nmi"] > least
 
 
 def slider(amplitude, *, bend=0.0):

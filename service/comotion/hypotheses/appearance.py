@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats, Slots
+from ..arrays import Floats, Slots, thinned
 from ..trajectories.window import Window
 
 # Trajectories that are looked at, evenly drawn: a centroid needs no more.
@@ -34,7 +34,7 @@ class Appearance:
 
 def appearance(window: Window, slots: Slots) -> Appearance:
     """When and where the trajectories in `slots` intp [n] > 0 appeared, as far as the window tells."""
-    some = slots[:: -(-len(slots) // _MOST)]
+    some = thinned(slots, _MOST)
     first = window.times[some, window.start[some]]
     stamp_ns = int(np.sort(first)[(len(first) - 1) // 2])
     seen = some[first <= stamp_ns]

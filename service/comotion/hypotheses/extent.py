@@ -15,10 +15,9 @@ from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Box, Hypothesis
 
-from ..arrays import Bools, Floats, Labels, Stamps
+from ..arrays import Bools, Floats, Labels, Stamps, find
 from ..partition import PoseReference
 from ..rigid.kernels.rotation import quaternion
-from .memory import find
 
 # s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
 _LASTING = 0.5

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Ints, Labels, Stamps
+from ..arrays import Floats, Labels, Stamps, find
 from ..partition import NO_HYPOTHESIS, PoseReference
 from .appearance import Appearance
 
@@ -200,14 +200,6 @@ class ObjectMemory:
             )
             for one, keys, stamps, positions, values, static, ref, *more in state
         }
-
-
-def find(wanted: Stamps, keys: Stamps) -> Ints:
-    """Where each wanted key, int64 [m], is among keys, int64 [n] ascending: intp [m], -1 where it is not."""
-    if not len(keys):
-        return np.full(len(wanted), -1, np.intp)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[at] == wanted, at, -1)
 
 
 def clear_pairs(costs: Floats, margin: float) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints
+from ..arrays import Floats, Ints, thinned
 from ..config import RigidConfig
 from .costs import Costs
 from .kernels.assignment import carry
@@ -189,7 +189,7 @@ def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing
     spread /= total + dim
     bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    some = _thinned(np.arange(len(members)), _DENSITY_MEMBERS)
+    some = thinned(np.arange(len(members)), _DENSITY_MEMBERS)
     members, weight = members[some], weight[some] * (total / weight[some].sum())
     sums = gaussian_sums(x[points] @ whiten.T, x[members] @ whiten.T, points, members, weight)
     return np.asarray(np.log(sums + 1e-300) + np.log(np.diag(whiten)).sum())
@@ -199,9 +199,4 @@ def _spacing(x: Floats) -> float:
     """Median squared distance of points [n, dim] to their nearest neighbour."""
     if len(x) < 2:
         return 1.0
-    return max(float(np.median(nearest_squared(x, _thinned(np.arange(len(x)), _SPACING_POINTS)))), 1e-18)
-
-
-def _thinned(indices: Ints, count: int) -> Ints:
-    """At most `count` of the indices, evenly drawn."""
-    return indices[:: -(-len(indices) // count)]
+    return max(float(np.median(nearest_squared(x, thinned(np.arange(len(x)), _SPACING_POINTS)))), 1e-18)

@@ -78,7 +78,7 @@ def costs(
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
     opening = np.array([_opening(b, config, stretch) for b in bodies])
-    body, slides = with_sliders(frames, bodies, body, config, stretch)
+    body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
     return Costs(body, outlier, opening, wider, slides)
 
 

@@ -6,7 +6,7 @@ among resting bodies nothing would be known any more. So this keeps whether it h
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Labels, Stamps
+from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
 from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
 from .memory import continues
@@ -17,6 +17,8 @@ from .subset import Scene
 # seeds and on the markers.
 _SURE = 40.0
 _LEAVING = 20.0
+# Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
+_UNKNOWN = NO_HYPOTHESIS - 1
 
 
 class ClearMembers:
@@ -54,10 +56,8 @@ class ClearMembers:
         """
         present = np.isin(self._keys, keys)
         self._keys, self._hypotheses = self._keys[present], self._hypotheses[present]
-        if not len(self._keys):
-            return np.zeros(len(keys), np.bool_)
-        at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        return np.asarray((self._keys[at] == keys) & (self._hypotheses[at] == before))
+        known = np.append(self._hypotheses, _UNKNOWN)[find(keys, self._keys)]
+        return np.asarray(known == before)
 
     def state(self) -> list[list[int]]:
         """As plain values."""

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints, Labels, Slots, Stamps
+from ..arrays import Floats, Ints, Labels, Slots, Stamps, find
 from ..config import FusionConfig, RigidConfig
 from ..matching import continued, largest_total
 from ..partition import (
@@ -188,10 +188,8 @@ class RigidMethod:
     def _scene(self, tracks: Tracks, frames: Frames, previous: Previous) -> Scene:
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
         excess = np.zeros(len(tracks.key))
-        if len(self._keys):
-            at = np.minimum(np.searchsorted(self._keys, tracks.key), len(self._keys) - 1)
-            known = self._keys[at] == tracks.key
-            excess[known] = self._excess[at[known]]
+        at = find(tracks.key, self._keys)
+        excess[at >= 0] = self._excess[at[at >= 0]]
         judged = frames.life >= self._config.min_samples
         before = previous.labels[tracks.slot]
         if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
@@ -263,17 +261,17 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
     if not exact:
         moving = moving_bodies(frames, bodies, found, config)
         bodies, found = [bodies[k] for k in moving], found.of(moving)
-    chosen = select(weighted(scene, _owners(frames, bodies), found, config))  # 8
-    bodies = [bodies[k] for k in chosen]
-    return _assigned(scene, bodies, found.of(chosen), config, stride=stride)  # 9
+    owners = _owners(frames, bodies)
+    chosen = select(weighted(scene, owners, found, config))  # 8
+    bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
+    return _assigned(scene, bodies, owners, found.of(chosen), config, stride=stride)  # 9
 
 
 def _assigned(
-    scene: Scene, bodies: list[Body], evidence: Costs, config: RigidConfig, *, stride: int
+    scene: Scene, bodies: list[Body], owners: list[Ints], evidence: Costs, config: RigidConfig, *, stride: int
 ) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
     frames, before = scene.frames, scene.before
-    owners = _owners(frames, bodies)
     settled = settled_costs(frames, bodies, evidence, config, stride)
     cost, prices = settled.cost + leaving_costs(scene, owners), membership_prices(scene, owners, config)
     rough = cheapest(cost + prices, evidence.outlier)

@@ -8,7 +8,7 @@ import numpy as np
 from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats, Ints, Stamps
+from ..arrays import Floats, Ints, Stamps, thinned
 from ..config import RigidConfig
 from ..partition import Group, PoseReference
 from .assignment import SearchResult
@@ -103,5 +103,5 @@ def row_names(tracks: Tracks, frames: Frames) -> Stamps:
 
 def _noise(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> float:
     """One-sigma residual of a coordinate of the members."""
-    some = rows[:: -(-len(rows) // _NOISE_ROWS)]
+    some = thinned(rows, _NOISE_ROWS)
     return float(np.sqrt(mean_squared_residuals(frames, body, some, config).mean() / frames.dim))

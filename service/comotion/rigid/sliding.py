@@ -7,7 +7,7 @@ in the frame of its body.
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Bools, Floats, Ints, thinned
 from ..config import RigidConfig
 from .kernels.residuals import LEAST_COVERED
 from .procrustes import Body
@@ -28,14 +28,14 @@ _MOST = 128
 
 
 def with_sliders(
-    frames: Frames, bodies: list[Body], body: Floats, config: RigidConfig, stretch: float
+    frames: Frames, bodies: list[Body], body: Floats, seen: Floats, config: RigidConfig, stretch: float
 ) -> tuple[Floats, Bools]:
     """Lower the costs of trajectories that no larger body explains to those of sliding, where that is less.
 
     Parameters
     ----------
-    body
-        float64 [N, K], costs in nats.
+    body, seen
+        float64 [N, K], costs in nats, and [N], frames in which each trajectory is observed.
     stretch
         As of :func:`~comotion.rigid.costs.costs`.
 
@@ -44,10 +44,11 @@ def with_sliders(
     Costs, float64 [N, K], and where they are those of sliding, bool [N, K].
     """
     hosts = [k for k, one in enumerate(bodies) if _count(frames, one) >= _LEAST_OWNERS]
-    rows = _unexplained(frames, bodies, hosts, body / stretch)
-    found = body.copy()
-    for k in hosts if len(rows) else []:
-        mine = frames.owner[rows]
+    rows = _unexplained(frames, bodies, hosts, body / stretch, seen)
+    if not len(rows):
+        return body, np.zeros(body.shape, np.bool_)
+    mine, found = frames.owner[rows], body.copy()
+    for k in hosts:
         found[mine, k] = np.minimum(body[mine, k], _slides(frames, bodies[k], rows, config) * stretch)
     return found, found < body
 
@@ -56,15 +57,13 @@ def _count(frames: Frames, body: Body) -> int:
     return len(np.unique(frames.owner[body.rows]))
 
 
-def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats) -> Ints:
+def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
-    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     large = [k for k, one in enumerate(bodies) if one.static or k in hosts]
     due = 0.5 * _EXPLAINED * frames.dim * seen
     asked = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_FRAMES)
     asked &= np.bincount(frames.owner, minlength=len(seen)) == 1
-    tracks = np.flatnonzero(asked)
-    return frames.rows_of(tracks[:: -(-len(tracks) // _MOST) or 1])
+    return frames.rows_of(thinned(np.flatnonzero(asked), _MOST))
 
 
 def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floats:

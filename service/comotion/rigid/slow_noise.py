@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from scipy.special import gammaincinv
 
-from ..arrays import Floats, Ints
+from ..arrays import Floats, Ints, thinned
 from .kernels.correlation import variograms
 
 # Rows of a source that are looked at, evenly drawn, and nearest rows to compare each with: a median needs no
@@ -67,7 +67,7 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
     """
     if len(rows) <= _NEAREST:
         return SlowNoise()
-    some = rows[:: -(-len(rows) // _ROWS)]
+    some = thinned(rows, _ROWS)
     first = np.repeat(some, _NEAREST)
     second = _nearest(y, w, rows, some).ravel()
     found = variograms(y, w, first, second, _LAGS, _LEAST_FRAMES)

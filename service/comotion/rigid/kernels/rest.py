@@ -36,20 +36,17 @@ def settle(
     """
     R, t, posed = poses
     count, m = w.shape
-    sums, mean = np.zeros((4, m)), np.zeros((3, m))
+    places, mean, total = np.zeros((count, 3, m)), np.zeros((3, m)), np.zeros(m)
+    for f in range(count):
+        if posed[f]:
+            _place(b, R[f], t[f], places[f])
     stop = count
     while stop > 0:
-        begin, length = _run_before(w, inverse, b, dof, poses, stop)
+        begin, length = _run_before(places, w, inverse, dof, posed, stop)
         if length >= _LEAST_FRAMES:
-            sums[:] = 0.0
-            for f in range(begin, stop):
-                if posed[f]:
-                    _add_places(w[f], inverse, b, R[f], t[f], sums)
-            for i in range(m):
-                for c in range(3):
-                    mean[c, i] = sums[c, i] / sums[3, i] if sums[3, i] > 0 else 0.0
+            _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
-            weighted_pose(mean, b, sums[3], dim, R[begin], pose, shift)
+            weighted_pose(mean, b, total, dim, R[begin], pose, shift)
             for f in range(begin, stop):
                 if posed[f]:
                     R[f], t[f], rests[f] = pose, shift, True
@@ -57,14 +54,21 @@ def settle(
 
 
 @compiled()
+def _place(b: Floats, R: Floats, t: Floats, place: Floats) -> None:
+    """Where a pose takes the points b [3, m], to [3, m]."""
+    for c in range(3):
+        for i in range(b.shape[1]):
+            place[c, i] = R[c, 0] * b[0, i] + R[c, 1] * b[1, i] + R[c, 2] * b[2, i] + t[c]
+
+
+@compiled()
 def _run_before(
-    w: Floats, inverse: Floats, b: Floats, dof: int, poses: PoseArrays, stop: int
+    places: Floats, w: Floats, inverse: Floats, dof: int, posed: Bools, stop: int
 ) -> tuple[int, int]:
     """First frame of the longest run of rest that ends before `stop`, and its number of posed frames."""
-    R, t, posed = poses
     m = w.shape[1]
     # Sums of weights, of places relative to the first one, and of their squares.
-    sums, first, place = np.zeros((5, m)), np.zeros((3, m)), np.zeros(3)
+    sums, first = np.zeros((5, m)), np.zeros((3, m))
     begin, length = stop, 0
     for f in range(stop - 1, -1, -1):
         if not posed[f]:
@@ -73,13 +77,11 @@ def _run_before(
         for i in range(m):
             a = w[f, i] * inverse[i]
             if a > 0:
-                for c in range(3):
-                    place[c] = R[f, c, 0] * b[0, i] + R[f, c, 1] * b[1, i] + R[f, c, 2] * b[2, i] + t[f, c]
                 if sums[0, i] == 0:
-                    first[:, i] = place
+                    first[:, i] = places[f, :, i]
                 sums[0, i] += a
                 for c in range(3):
-                    d = place[c] - first[c, i]
+                    d = places[f, c, i] - first[c, i]
                     sums[1 + c, i] += a * d
                     sums[4, i] += a * d * d
             if sums[0, i] > 0:
@@ -93,10 +95,17 @@ def _run_before(
 
 
 @compiled()
-def _add_places(w: Floats, inverse: Floats, b: Floats, R: Floats, t: Floats, sums: Floats) -> None:
-    """Add weighted places of the template's points in a frame to [4, m], the weights last, in place."""
-    for i in range(len(w)):
-        a = w[i] * inverse[i]
+def _average(places: Floats, w: Floats, inverse: Floats, posed: Bools, mean: Floats, total: Floats) -> None:
+    """Weighted mean places [3, m] over the posed frames, and the sums of weights [m], in place."""
+    mean[:] = 0.0
+    total[:] = 0.0
+    for f in range(len(w)):
+        if posed[f]:
+            for i in range(len(total)):
+                a = w[f, i] * inverse[i]
+                total[i] += a
+                for c in range(3):
+                    mean[c, i] += a * places[f, c, i]
+    for i in range(len(total)):
         for c in range(3):
-            sums[c, i] += a * (R[c, 0] * b[0, i] + R[c, 1] * b[1, i] + R[c, 2] * b[2, i] + t[c])
-        sums[3, i] += a
+            mean[c, i] = mean[c, i] / total[i] if total[i] > 0 else 0.0
