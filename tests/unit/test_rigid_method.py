@@ -216,6 +216,32 @@ def test_what_rests_or_slides_stays_with_its_body(family, seed, options, least):
     assert run_family(family, seed, **options)["nmi"] > least
 
 
+def beside_a_hand():
+    """Batches of six features that move, and four that rest beside them and give way by 0.2 mm each."""
+    rng = np.random.default_rng(2)
+    place = rng.uniform(-0.15, 0.15, (10, 3))
+    for k in range(180):
+        t = k / 30
+        swing = 0.2 * np.array([np.sin(2 * t), np.cos(1.3 * t), np.sin(0.7 * t)])
+        x = np.r_[
+            place[:6] + swing, place[6:] + 2e-4 * np.sin(2 * t + np.arange(4))[:, None] * place[6:] / 0.1
+        ]
+        x += rng.normal(0, 1e-5, x.shape)
+        yield ObservationBatch(
+            source="hand", session="a" * 16, space="world", unit="m", dim=3, seq=k,
+            stamp_ns=NS + round(t * NS), ids=np.arange(10, dtype=np.uint64), positions=x.astype(np.float32),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(("share", "together"), [(0.25, True), (0.0, False)])
+def test_what_rests_beside_moving_things_may_give_way(share, together):
+    config = FusionConfig(rigid=RigidConfig(rigidity_contact=share))
+    update = updates_of(beside_a_hand(), config)[-1][0]
+    resting = update.track_hypothesis[np.argsort(update.track_id)][6:]
+    assert (len(set(resting.tolist())) == 1) == together
+    assert together or 0xFFFFFFFF in resting
+
+
 def slider(amplitude, *, bend=0.0):
     """A body of six features that turns, and one more that slides on it along a line or an arc."""
     rng = np.random.default_rng(4)

@@ -21,6 +21,10 @@ class RigidConfig(BaseModel):
     rigidity_extent: Positive = Field(
         default=0.0015, description="share; ... but not by more than this of the scene"
     )
+    rigidity_contact: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.25,
+        description="share; ... and by no less than this of what the trajectories of the scene do, rms",
+    )
     looseness: Annotated[float, Field(ge=0, le=10)] = Field(
         default=0.8, description="how far a body's tolerance follows its own residual; 0: not at all"
     )

@@ -261,8 +261,11 @@ def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:
     """Variance that the deformation of a body adds to a coordinate, float64 [P].
 
     Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared
-    displacement) and up to a share of the scene's extent. What does not move does not bend.
+    displacement) and up to a share of the scene's extent. What hardly moves is pressed and pushed by what
+    moves: it bends by a share of the root mean square of all.
     """
     slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
+    usual = float(np.sqrt(np.mean(slack**2))) if len(slack) else 0.0
+    slack = np.maximum(slack, config.rigidity_contact * usual)
     # Two points of a body deform, and so do both of their means: 4 slack^2, as in the distance of a pair.
     return np.asarray(4 * slack**2)
