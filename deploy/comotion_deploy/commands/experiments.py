@@ -1,7 +1,7 @@
 """Options and checks of the commands of ``comotion reproduce``."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -47,6 +47,20 @@ def check_folder(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: not a folder")
+
+
+def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    """Check the parts of an experiment; none: all are meant.
+
+    Raises
+    ------
+    UserError
+        If there is no part of that name.
+    """
+    unknown = [one for one in parts or () if one not in known]
+    if unknown:
+        raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
+    return list(parts or ())
 
 
 def cache_folder() -> Path:

@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 from .. import options
 from ..fusion_options import fusion_config
 from . import reproduce_figures, reproduce_joints, reproduce_links, reproduce_stress
-from .experiments import Cache, Period, cache_folder, check, check_folder, progress
+from .experiments import Cache, Period, cache_folder, check, check_folder, known_parts, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.fusion import Results
@@ -41,6 +41,8 @@ Examples:
   comotion reproduce accuracy --data recordings/mocap --out docs/research
 
   comotion reproduce accuracy --quick
+
+  comotion reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
 
 EPILOG = """
@@ -180,6 +182,14 @@ def accuracy(
         bool, typer.Option("--quick", help="One seed, the scenes of the thesis, as --no-robustness.")
     ] = False,
     robustness: Annotated[bool, typer.Option(help="Halve and double every parameter too.")] = True,
+    part: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--part",
+            metavar="PART",
+            help="scores, comparator, motion or robustness; may be repeated. Default: all.",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where accuracy.md and its picture go.")
     ] = Path("accuracy"),
@@ -193,14 +203,17 @@ def accuracy(
 
     check(out)
     cases = study.scene_cases()
+    most = [one for one in study.PARTS if one != "robustness" or (robustness and not quick)]
+    parts = known_parts(part, study.PARTS) or most
     cases = [c for c in cases if c.group == "thesis scenes"] if quick else cases + study.displaced_cases()
     cases += study.recorded_cases(data) if data is not None else []
-    chosen = parse_seeds(seeds or ("0" if quick else "0-4"))
-    experiment = study.Experiment(cases, chosen, robustness and not quick)
+    experiment = study.Experiment(cases, parse_seeds(seeds or ("0" if quick else "0-4")), parts)
     with progress() as note:
         results = study.run_experiment(experiment, progress=note)
-    (out / "images").mkdir(parents=True, exist_ok=True)
-    report.save_reliability(out / "images" / "reliability.png", results)
+    out.mkdir(parents=True, exist_ok=True)
+    if "scores" in parts:
+        (out / "images").mkdir(exist_ok=True)
+        report.save_reliability(out / "images" / "reliability.png", results)
     (out / "accuracy.md").write_text(report.markdown(results, "images/reliability.png"))
     print(f"written: {out / 'accuracy.md'}")
 

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import options
-from ..errors import UserError
-from .experiments import Cache, cache_folder, check_folder, progress
+from .experiments import Cache, cache_folder, check_folder, known_parts, progress
 
 EPILOG = """
 Examples:
@@ -57,11 +56,8 @@ def joints(
     from comotion_experiments.joints import report
 
     check_folder(out)
-    unknown = [one for one in part or () if one not in study.PARTS]
-    if unknown:
-        raise UserError(f"no part {unknown[0]!r}; one of {', '.join(study.PARTS)}")
     rendered = ("features", "hand")
-    chosen = part or [one for one in study.PARTS if not (quick and one in rendered)]
+    chosen = known_parts(part, study.PARTS) or [one for one in study.PARTS if not (quick and one in rendered)]
     numbers = parse_seeds(seeds or ("1" if quick else "1,3,5"))
     wanted = study.Experiment(chosen, numbers, 10 if quick else 50, data, cache or cache_folder() / "joints")
     with progress() as note:

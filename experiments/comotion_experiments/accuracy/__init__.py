@@ -1,9 +1,10 @@
 """The accuracy report: the default method and the thesis method on scenes and recordings."""
 
 from .cases import Case, displaced_cases, recorded_cases, scene_cases
-from .experiment import Experiment, Results, run_experiment
+from .experiment import PARTS, Experiment, Results, run_experiment
 
 __all__ = [
+    "PARTS",
     "Case",
     "Experiment",
     "Results",

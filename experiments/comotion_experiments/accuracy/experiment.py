@@ -21,16 +21,18 @@ REFERENCE = "thesis, scikit-learn"
 # Scenes of the robustness table: they cover all parameters and are short enough to run for each.
 ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
+PARTS = ("scores", "comparator", "motion", "robustness")
+"""Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Cases, seeds, and whether to vary the parameters as well."""
+    """Cases, seeds, and which of :data:`PARTS` to run."""
 
     cases: Sequence[Case]
     seeds: Sequence[int]
-    robustness: bool = True
+    parts: Sequence[str] = PARTS
 
 
 @dataclass(frozen=True)
@@ -66,23 +68,38 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
     """Run all cases; `progress` is called with the name of the next run."""
     results = Results(experiment)
     for case in experiment.cases:
-        progress(case.name)
-        seeds = experiment.seeds if case.seeded else (0,)
-        for method in (DEFAULT, THESIS):
-            config = _config(method, case)
-            results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
-        results.outcomes[case.name, REFERENCE] = [
-            run_case(case, config, seed, fusion=ReferenceFusion) for seed in seeds
-        ]
-        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
-        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
-        if case.group == "recordings":
-            results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
-    progress("pose and twist")
-    results.motion = motion_errors(list(experiment.seeds))
-    if experiment.robustness:
+        if "scores" in experiment.parts or _is_compared(experiment, case):
+            progress(case.name)
+            _run_case(results, case, experiment.seeds if case.seeded else (0,))
+    if "motion" in experiment.parts:
+        progress("pose and twist")
+        results.motion = motion_errors(list(experiment.seeds))
+    if "robustness" in experiment.parts:
         results.variations = _variations(experiment, progress)
     return results
+
+
+def _is_compared(experiment: Experiment, case: Case) -> bool:
+    """Whether the comparator runs on a case; offsets between sources are no part of what it compares."""
+    return "comparator" in experiment.parts and case.group != "two sources"
+
+
+def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
+    """Both methods, and what they are compared with."""
+    for method in (DEFAULT, THESIS):
+        config = _config(method, case)
+        results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
+    if _is_compared(results.experiment, case):
+        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
+        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
+    if "scores" not in results.experiment.parts:
+        return
+    thesis = _config(THESIS, case)
+    results.outcomes[case.name, REFERENCE] = [
+        run_case(case, thesis, seed, fusion=ReferenceFusion) for seed in seeds
+    ]
+    if case.group == "recordings":
+        results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
 
 
 def _config(method: str, case: Case) -> FusionConfig:

@@ -19,12 +19,14 @@ from ..offline import Arrived, Incoming
 from .pair_affinity import Floats, affinity
 
 Labels = NDArray[np.intp]
+Objects = NDArray[np.int32]
 Track = tuple[str, str, int]
 
 WINDOW_S, RATE_HZ, EVERY_S = 10.0, 15.0, 1.0
 # s; nothing is interpolated across a longer gap, and what was not seen for so long is not current.
 _GAP_S = 0.5
-# Current trajectories with fewer frames in the window show no motion over five of them.
+# Current trajectories with fewer frames in the window show too little motion over five of them. They count as
+# clusters of their own, as undetermined ones do in the scores of our methods.
 _LEAST_FRAMES = 8
 
 
@@ -89,21 +91,23 @@ class _Scene:
             history.t.append((stamp - start_ns) * 1e-9)
             history.x.append(x.astype(np.float64))
 
-    def window(self, space: str, now: float) -> tuple[Floats, NDArray[np.int32]]:
-        """Positions [F, N, dim] of the current trajectories over the window, and their true objects [N]."""
+    def window(self, space: str, now: float) -> tuple[Floats, Objects, Objects]:
+        """Current trajectories: positions [F, N, dim] and objects [N] of long ones, objects [M] of others."""
         tracks = self._tracks[space]
         for key in [key for key, one in tracks.items() if one.t[-1] < now - _GAP_S]:
             del tracks[key]
         frames = np.arange(max(0.0, now - WINDOW_S), now + 1e-9, 1 / RATE_HZ)
-        columns, objects = [], []
-        for (source, session, one), history in tracks.items():
-            column = _resampled(history, frames)
-            if np.isfinite(column[:, 0]).sum() >= _LEAST_FRAMES:
-                columns.append(column)
-                objects.append(int(self.truth.objects((source, session), np.array([one], np.uint64))[0]))
-        if not columns:
-            return np.zeros((len(frames), 0, 2)), np.zeros(0, np.int32)
-        return np.stack(columns, axis=1), np.array(objects, np.int32)
+        columns = [_resampled(history, frames) for history in tracks.values()]
+        objects = np.array([self._object(key) for key in tracks], np.int32)
+        enough = np.array([np.isfinite(one[:, 0]).sum() >= _LEAST_FRAMES for one in columns], np.bool_)
+        if not enough.any():
+            return np.zeros((len(frames), 0, 2)), np.zeros(0, np.int32), objects
+        x = np.stack([column for column, good in zip(columns, enough, strict=True) if good], axis=1)
+        return x, objects[enough], objects[~enough]
+
+    def _object(self, track: Track) -> int:
+        source, session, one = track
+        return int(self.truth.objects((source, session), np.array([one], np.uint64))[0])
 
 
 def _resampled(history: _History, frames: Floats) -> Floats:
@@ -149,23 +153,21 @@ def compare(messages: Iterable[Incoming], duration: float | None = None) -> Comp
 def _score(scene: _Scene, now: float, found: Comparison) -> None:
     """Score all spaces together; a cluster is of one space."""
     labels: dict[str, list[Labels]] = {name: [] for name in CLUSTERINGS}
-    truths: list[NDArray[np.int32]] = []
+    truths: list[Objects] = []
     for space, unit in sorted(scene.units.items()):
-        positions, objects = scene.window(space, now)
-        if positions.shape[1] < 2:
-            continue
-        matrix = affinity(positions, pixels=unit == "px")
+        positions, objects, others = scene.window(space, now)
+        matrix = affinity(positions, pixels=unit == "px") if len(objects) else np.zeros((0, 0))
         count = len(np.unique(objects[objects >= 0]))
         for name, cluster in CLUSTERINGS.items():
-            offset = sum(int(part.max()) + 1 for part in labels[name])
-            labels[name].append(cluster(matrix, count) + offset)
-        truths.append(objects)
-    if not truths:
-        return
-    objects = np.concatenate(truths)
+            chosen = cluster(matrix, count) if len(objects) > 1 else np.zeros(len(objects), np.intp)
+            offset = sum(int(part.max(initial=-1)) + 1 for part in labels[name])
+            alone = int(chosen.max(initial=-1)) + 1 + np.arange(len(others))
+            labels[name].append(np.concatenate([chosen, alone]) + offset)
+        truths += [objects, others]
+    objects = np.concatenate([np.zeros(0, np.int32), *truths])
     scored = objects >= 0
     if scored.sum() < 2:
         return
     found.seconds.append(now)
-    for name, chosen in labels.items():
-        found.scores[name].append(nmi(np.concatenate(chosen)[scored], objects[scored]))
+    for name, parts in labels.items():
+        found.scores[name].append(nmi(np.concatenate(parts)[scored], objects[scored]))
