@@ -4,7 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import cost, eye_in_hand, features, free_bodies, people, poses
+from .cost import Cost, measure
+from .eye_in_hand import HandResult, run_seed
+from .features import Found, joints_from_features
+from .free_bodies import SCENES, longest_false_joint
+from .people import Person, run_person
+from .poses import CASES, PoseCase, run_case
 
 PARTS = ("poses", "features", "free", "people", "cost", "hand")
 WORKCELL = ("shelf", "arm")
@@ -27,12 +32,12 @@ class Results:
     """Results of the parts that were run, in the order of seeds."""
 
     experiment: Experiment
-    poses: list[poses.PoseCase] = field(default_factory=list)
-    features: list[tuple[str, list[features.Found]]] = field(default_factory=list)
+    poses: list[PoseCase] = field(default_factory=list)
+    features: list[tuple[str, list[Found]]] = field(default_factory=list)
     free: dict[str, list[float]] = field(default_factory=dict)
-    people: list[people.Person] = field(default_factory=list)
-    cost: list[cost.Cost] = field(default_factory=list)
-    hand: list[eye_in_hand.HandResult] = field(default_factory=list)
+    people: list[Person] = field(default_factory=list)
+    cost: list[Cost] = field(default_factory=list)
+    hand: list[HandResult] = field(default_factory=list)
 
 
 def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
@@ -44,26 +49,24 @@ def run_experiment(experiment: Experiment, progress: Progress = lambda what: Non
 
 
 def _poses(results: Results, progress: Progress) -> None:
-    for kind, moved in poses.CASES:
+    for kind, moved in CASES:
         progress(f"poses: {kind} {moved:g}")
-        results.poses.append(poses.run_case(kind, moved, range(results.experiment.pose_seeds)))
+        results.poses.append(run_case(kind, moved, range(results.experiment.pose_seeds)))
 
 
 def _features(results: Results, progress: Progress) -> None:
     for scene in WORKCELL:
-        found: list[features.Found] = []
+        found: list[Found] = []
         for seed in results.experiment.seeds:
             progress(f"features: {scene}, seed {seed}")
-            found += features.joints_from_features(scene, seed, results.experiment.cache)
+            found += joints_from_features(scene, seed, results.experiment.cache)
         results.features.append((scene, found))
 
 
 def _free(results: Results, progress: Progress) -> None:
-    for scene in free_bodies.SCENES:
+    for scene in SCENES:
         progress(f"free bodies: {scene}")
-        results.free[scene] = [
-            free_bodies.longest_false_joint(scene, seed) for seed in results.experiment.seeds
-        ]
+        results.free[scene] = [longest_false_joint(scene, seed) for seed in results.experiment.seeds]
 
 
 def _people(results: Results, progress: Progress) -> None:
@@ -71,19 +74,19 @@ def _people(results: Results, progress: Progress) -> None:
         return
     for path in sorted(results.experiment.data.glob("*.npz")):
         progress(f"people: {path.stem}")
-        results.people.append(people.run_person(path))
+        results.people.append(run_person(path))
 
 
 def _cost(results: Results, progress: Progress) -> None:
     for seed in results.experiment.seeds:
         progress(f"cost: seed {seed}")
-        results.cost.append(cost.measure(seed))
+        results.cost.append(measure(seed))
 
 
 def _hand(results: Results, progress: Progress) -> None:
     for seed in results.experiment.seeds:
         progress(f"eye in hand: seed {seed}")
-        results.hand.append(eye_in_hand.run_seed(seed, results.experiment.cache))
+        results.hand.append(run_seed(seed, results.experiment.cache))
 
 
 _RUNS: dict[str, Callable[[Results, Progress], None]] = {

@@ -38,8 +38,8 @@ class Found:
     """What was published of one true joint: per update, seconds.
 
     `known` are the times and kinds of published joints between its objects; `axis` in degrees and `point` in
-    mm their errors where the kind is right; `moved_at` when it had moved by :data:`MOVED`, None: never;
-    `seen` how many updates had a hypothesis of each object.
+    mm their errors where the kind is right, `sigma` the published one-sigma of the axis; `moved_at` when it
+    had moved by :data:`MOVED`, None: never; `seen` how many updates had a hypothesis of each object.
     """
 
     joint: TrueJoint
@@ -47,6 +47,7 @@ class Found:
     seen: int = 0
     known: list[tuple[float, str]] = field(default_factory=list)
     axis: list[float] = field(default_factory=list)
+    sigma: list[float] = field(default_factory=list)
     point: list[float] = field(default_factory=list)
 
     def right_share(self) -> float:
@@ -122,6 +123,7 @@ def _compare(one: Found, joint: Joint, data: object) -> None:
     if joint.axis is None or joint.point is None:
         return
     one.axis.append(angle_between(np.array(joint.axis), axis))
+    one.sigma.append(float(np.degrees(joint.sigma_axis or np.nan)))
     off = np.array(joint.point) - anchor
     one.point.append(float(1e3 * np.linalg.norm(off - axis * (axis @ off))))
 
@@ -137,8 +139,8 @@ def table(rows: Sequence[tuple[str, list[Found]]]) -> str:
     """Markdown table of scenes: (name, one per seed and joint)."""
     lines = [
         "| scene | joint | true kind | seeds that moved it and saw both | found | kind right, % of updates "
-        "| axis, degrees | point, mm | s until known |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| axis, degrees | its sigma | point, mm | s until known |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for scene, found in rows:
         for name in dict.fromkeys(one.joint.name for one in found):
@@ -156,6 +158,7 @@ def _cells(runs: Sequence[Found]) -> str:
     revolute = runs[0].joint.kind == "revolute"
     cells.append(_spread(shares, 0))
     cells.append(_spread([float(np.median(one.axis)) for one in hits], 2))
+    cells.append(_spread([float(np.nanmedian(one.sigma)) for one in hits], 2))
     cells.append(_spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-")
     cells.append(_spread(waits, 1))
     return " | ".join(cells)

@@ -8,10 +8,12 @@ from comotion_sources.workcell import Scene, Viewpoint
 from ..fusion.recording import Message, keep, track
 from ..fusion.setup import CAMERA_A, Setup
 
+LIVE = Setup(size=(640, 480), features=400)
+"""As ``comotion source klt workcell:SCENE/a`` without options."""
 
-def camera_messages(scene: str, seed: int, cache: Path | None, setup: Setup | None = None) -> list[Message]:
+
+def camera_messages(scene: str, seed: int, cache: Path | None, how: Setup = LIVE) -> list[Message]:
     """Messages of the KLT tracker of camera A over one period of a scene."""
-    how = setup or Setup()
 
     def make() -> dict[str, list[Message]]:
         opened = Scene.named(scene, seed)

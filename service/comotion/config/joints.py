@@ -22,6 +22,9 @@ class JointsConfig(BaseModel):
     least_confidence: Annotated[float, Field(ge=0.5, le=1)] = Field(
         0.95, description="probability from which on a kind of joint is published"
     )
+    most_axis_sigma: Annotated[float, Field(gt=0, le=3)] = Field(
+        0.2, description="rad; a pair whose axis is less well known is undetermined"
+    )
     reach: Annotated[float, Field(ge=0, le=10)] = Field(
         0.5,
         description="share of the extent of the larger of two moving bodies, and of the smaller where one "

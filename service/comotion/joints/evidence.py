@@ -22,6 +22,10 @@ KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
 _FREE = 12
 # Successive states are not independent: so many count as one. A guess that served in docs/joints.md.
 _TEMPERATURE = 2.0
+# States; residuals farther apart are taken to be independent: pairs of frames over two seconds.
+_LAGS = 15
+DEGREES: Mapping[FixedKind, int] = {"fixed": 0, "prismatic": 1, "revolute": 1}
+"""Degrees of freedom of each kind."""
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-9
 
@@ -74,6 +78,22 @@ def judge(states: States, known: Mapping[FixedKind, Model], reach: float) -> Ver
     return Verdict(
         fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
     )
+
+
+def excess(one: Fit) -> float:
+    """How many times wider than its covariance a fit is: residuals that are large and last have few samples.
+
+    Their mean square, times the integrated autocorrelation time by a Bartlett window (Newey and West 1987);
+    not below 1.
+    """
+    count = len(one.residual)
+    lags = np.arange(1, min(_LAGS, count // 3) + 1)
+    square = float((one.residual**2).sum())
+    if not len(lags) or square <= 0:
+        return 1.0
+    shares = [float((one.residual[k:] * one.residual[:-k]).sum()) / square for k in lags.tolist()]
+    time = 1 + 2 * float(((1 - lags / (lags[-1] + 1)) * shares).sum())
+    return max(square / count / (6 - DEGREES[one.model.kind]) * max(time, 1.0), 1.0)
 
 
 def _best_fit(states: States, kind: FixedKind, known: Model | None, reach: float) -> Fit:

@@ -71,8 +71,8 @@ class Fit:
         The joint.
     q, q_sigma
         float64 [n], positions and their one-sigma; zero for a fixed joint.
-    squared
-        float64 [n], squared whitened residual, q being free.
+    residual, squared
+        float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint.
     covariance
         float64 [10, 10] of the steps of (turn of R0, p0, c, axis); c and axis across the axis.
     improbability
@@ -82,6 +82,7 @@ class Fit:
     model: Model
     q: Floats
     q_sigma: Floats
+    residual: Floats
     squared: Floats
     covariance: Floats
     improbability: float
@@ -127,7 +128,9 @@ def fit(states: States, start: Model, reach: float) -> Fit:
     sigma = np.sqrt(1 / system.strength) if model.kind != "fixed" else np.zeros(len(q))
     covariance = np.asarray(np.linalg.inv(system.left), np.float64)
     away = _across(model.u).T @ (model.c - prior[0]) if model.kind == "revolute" else np.zeros(2)
-    return Fit(model, q + extra, sigma, squared, covariance, float(0.5 * prior[1] * (away**2).sum()))
+    return Fit(
+        model, q + extra, sigma, system.residual, squared, covariance, float(0.5 * prior[1] * (away**2).sum())
+    )
 
 
 def positions(model: Model, states: States) -> Floats:

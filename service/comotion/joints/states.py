@@ -9,8 +9,11 @@ from ..partition import BodyMotion
 from ..rigid.kernels.rotation import rotation_vectors
 from .kernels import rotation_matrices
 
-# Errors of poses that last: patches drift, bodies bend. A second of frames has one such error, of this share
-# of the smaller body's radius, and of so many rad. A guess that served in docs/joints.md.
+# Errors of poses that last: patches drift, features come and go, bodies bend. A second of frames has one such
+# error. Its variance is that of a frame, so many times: on links of the workcell's arm it was measured to be
+# 1 to 3 times, for 1 to 2 s, on its door half of it. What bends adds this share of the smaller body's radius,
+# and so many rad.
+_LASTING = 1.0
 _SLOW_SHARE = 0.01
 _SLOW_TURN = 0.004
 _SLOW_SECONDS = 1.0
@@ -89,28 +92,34 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
     inverse = Rp.transpose(0, 2, 1)
     R = inverse @ Rc
     p = np.einsum("nij,nj->ni", inverse, Rc @ point + child.t[both] - parent.t[both])
+    frames = _frames_of_an_error(parent, both)
     lever = skew(p - parent.centre)
     arm = skew(np.einsum("nij,j->ni", R, point - child.centre))
     turn_c = R @ child.turn_covariance[both] @ R.transpose(0, 2, 1)
     turn_p = parent.turn_covariance[both]
     covariance = np.zeros((len(R), 6, 6))
     covariance[:, :3, :3] = turn_c + turn_p
-    covariance[:, 3:, :3] = lever @ turn_p - arm @ turn_c
+    covariance[:, 3:, :3] = -lever @ turn_p - arm @ turn_c
     covariance[:, :3, 3:] = covariance[:, 3:, :3].transpose(0, 2, 1)
     covariance[:, 3:, 3:] = lever @ turn_p @ lever.transpose(0, 2, 1) + arm @ turn_c @ arm.transpose(0, 2, 1)
     place = parent.place_variance[both] + child.place_variance[both]
     covariance[:, 3:, 3:] += place[:, None, None] * np.eye(3)
-    covariance += _slow(parent, child, both)
+    covariance *= 1 + _LASTING * frames
+    covariance += frames * _bending(parent, child)
     return States(parent.stamps[both], R, p, inverses(covariance))
 
 
-def _slow(parent: BodyMotion, child: BodyMotion, both: Bools) -> Floats:
-    """Variance that lasting errors add to a frame, float64 [6, 6]: shared by those of a second."""
-    seconds = max((parent.stamps[-1] - parent.stamps[0]) * 1e-9, 1e-9)
-    frames = max(float(both.sum()) * _SLOW_SECONDS / seconds, 1.0)
+def _frames_of_an_error(body: BodyMotion, posed: Bools) -> float:
+    """How many frames share one lasting error: the variance that it adds to each is so many times its own."""
+    seconds = max((body.stamps[-1] - body.stamps[0]) * 1e-9, 1e-9)
+    return max(float(posed.sum() * _SLOW_SECONDS / seconds), 1.0)
+
+
+def _bending(parent: BodyMotion, child: BodyMotion) -> Floats:
+    """Variance of the lasting error of bodies that bend, float64 [6, 6]."""
     sizes = [body.radius for body in (parent, child) if not body.static]
     place = _SLOW_SHARE * min(sizes, default=0.0)
-    return np.asarray(frames * np.diag([_SLOW_TURN**2] * 3 + [place**2] * 3), np.float64)
+    return np.asarray(np.diag([_SLOW_TURN**2] * 3 + [place**2] * 3), np.float64)
 
 
 def skew(v: Floats) -> Floats:
