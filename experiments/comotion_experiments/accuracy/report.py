@@ -94,12 +94,12 @@ def _spread(values: list[float]) -> str:
 
 _COMPARED = """## The affinity of Brox and Malik
 
-The [affinity of Brox and Malik](https://doi.org/10.1007/978-3-642-15555-0_21) (2010): the largest difference
-of motion over the common time, weighted by the distance; here over five frames at 15 Hz within the window of
-10 s. Spectral clustering is given the true number of objects; divisive k-means is that of the thesis. Mean
-NMI over the whole seconds of a run, for all methods on the same tracks at the same times; one that is too
-short for a motion over five frames counts as undetermined. The affinity is made for pixels: in metres, lengths are
-scaled to a width of the scene that was chosen in its favour.
+The [affinity of Brox and Malik](https://doi.org/10.1007/978-3-642-15555-0_21) (2010): the largest
+difference of motion over the common time, weighted by the distance; here over five frames at 15 Hz
+within the window of 10 s. Spectral clustering is given the true number of objects; divisive k-means is
+that of the thesis. Mean NMI over the whole seconds of a run, for all methods on the same tracks at the
+same times; one that is too short for a motion over five frames counts as undetermined. The affinity is
+made for pixels: in metres, lengths are scaled to a width of the scene that was chosen in its favour.
 
 `comotion reproduce accuracy --part comparator` makes this table alone."""
 
