@@ -26,6 +26,7 @@ demo: setup  ## router, three sources, service and watch; a summary and a plot a
 	$(BIN)/comotion demo
 
 test: setup  ## the whole test suite, on two cores
+	@$(BIN)/python -m compileall -q service sources schemas clients experiments deploy
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 test-long: setup  ## the tests that take a minute or more each

@@ -1,5 +1,6 @@
 """How the suite is spread over cores, and the kernels compiled before."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,8 +26,10 @@ _OF_SERVICES = {
 _TOGETHER = (("pixels", "thesis"), ("metres",))
 # Of some 200 kernels; one that the other process had compiled a moment before may be loaded.
 _FEW_LOADED = 30
-_DIGESTS = pytest.StashKey[dict[str, str] | None]()
+_DIGESTS = pytest.StashKey[tuple[dict[str, str], bool]]()
 _TO_WORKERS = "comotion_digests"
+THREADS = 2
+"""Threads of the processes that run every kernel before the tests."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -58,8 +61,9 @@ def _compile(config: pytest.Config) -> None:
         return
     config.get_terminal_writer().line("compiling what has changed: up to two minutes")
     command = [sys.executable, str(_EVERY_KERNEL)]
+    env = {**os.environ, "NUMBA_NUM_THREADS": str(THREADS)}
     running = [
-        subprocess.Popen([*command, *scenes, "--warm-up"], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([*command, *scenes, "--warm-up"], stdout=subprocess.PIPE, text=True, env=env)
         for scenes in _TOGETHER
     ]
     found: dict[str, str] = {}
@@ -68,7 +72,7 @@ def _compile(config: pytest.Config) -> None:
         *digests, loaded = process.communicate()[0].split() or ["failed"]
         found |= dict(zip(scenes, digests, strict=False))
         compiled &= loaded.isdecimal() and int(loaded) <= _FEW_LOADED
-    config.stash[_DIGESTS] = found if compiled else None
+    config.stash[_DIGESTS] = found, compiled
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -85,7 +89,7 @@ def pytest_configure_node(node: Any) -> None:
 
 
 @pytest.fixture(scope="session")
-def digests_when_compiled(pytestconfig: pytest.Config) -> dict[str, str] | None:
-    """Digests by scene of the processes that compiled the kernels for this run; None if they were on disk."""
+def digests_before(pytestconfig: pytest.Config) -> tuple[dict[str, str], bool]:
+    """Digests by scene of the processes before the tests, and whether these compiled; empty if none ran."""
     given = getattr(pytestconfig, "workerinput", {}).get(_TO_WORKERS)
-    return given or pytestconfig.stash.get(_DIGESTS, None)
+    return given or pytestconfig.stash.get(_DIGESTS, ({}, False))

@@ -1,10 +1,7 @@
 """The rigid-motion method on many trajectories: bounded work must find what all of it would."""
 
-import sys
-
 import numpy as np
 import pytest
-from numba.core.dispatcher import Dispatcher
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
@@ -15,7 +12,6 @@ from comotion.rigid.costs import costs
 from comotion.rigid.procrustes import Body, static_body
 from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import SUBSET_ROWS, Scene, choose_subset
-from comotion.runtime.warm_up import warm_up
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, ObservationBatch
@@ -183,20 +179,3 @@ def test_the_subset_of_a_small_scene_is_the_scene():
     chosen = choose_subset(scene_of(frames, np.zeros(SUBSET_ROWS, int), np.zeros(SUBSET_ROWS)), RigidConfig())
     assert chosen.complete
     np.testing.assert_array_equal(chosen.tracks, np.arange(SUBSET_ROWS))
-
-
-def test_after_the_warm_up_nothing_is_left_to_compile():
-    assert sum(1 for _ in warm_up(FusionConfig())) > 0
-    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
-    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
-    before = {one: len(kernel.signatures) for one, kernel in kernels.items()}
-    for crowd in (Crowd(30, 2), Crowd(300, 3)):
-        assert any(len(update.hypotheses) > 1 for _, update, _ in updates_of(crowd, 1.4))
-    run_offline(
-        simulator.batches(simulator.simulate(simulator.load_scene("3d_pose"), seed=0)),
-        FusionConfig(),
-        period=1 / 3,
-        duration=2,
-    )
-    compiled = [k.py_func.__name__ for one, k in kernels.items() if len(k.signatures) != before[one]]
-    assert compiled == []

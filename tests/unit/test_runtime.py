@@ -19,7 +19,7 @@ from comotion.runtime.intake import Rejection
 from comotion.runtime.state_file import default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import HeadStart, Ticker
-from comotion.runtime.warm_up import prepare, warm_up
+from comotion.runtime.warm_up import STEPS, prepare, warm_up
 from comotion.snapshot import Header
 from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
@@ -230,7 +230,7 @@ class TestKnownKernels:
         assert not known_kernels.load("comotion")
         known_kernels.note("comotion")
         assert known_kernels.load("comotion")
-        assert sum(1 for _ in prepare(FusionConfig())) < sum(1 for _ in warm_up(FusionConfig()))
+        assert sum(1 for _ in prepare(FusionConfig())) < STEPS
         noted = (tmp_path / "comotion.json").read_text()
         for damage in (
             noted[:-9],
@@ -454,21 +454,3 @@ class TestStateWriter:
             write_atomically(tmp_path / "state", [b"new"])
         assert (tmp_path / "state").read_bytes() == b"old"
         assert [p.name for p in tmp_path.iterdir()] == ["state"]
-
-
-def test_after_the_warm_up_nothing_is_compiled() -> None:
-    """Also when observations leave the window, and births with them."""
-    for _ in warm_up(FusionConfig()):
-        pass
-    before = {kernel: set(kernel.signatures) for kernel in known_kernels.kernels().values()}
-    fusion = Fusion(FusionConfig(window=1.5))
-    spec = simulator.load_scene("3d_async")
-    for k, batch in enumerate(simulator.batches(simulator.simulate(spec, seed=0))):
-        if isinstance(batch, ObservationBatch):
-            fusion.ingest(batch)
-            if k % 60 == 0:
-                fusion.update(batch.stamp_ns)
-    assert {
-        kernel: set(kernel.signatures) - before.get(kernel, set())
-        for kernel in known_kernels.kernels().values()
-    } == {kernel: set() for kernel in known_kernels.kernels().values()}
