@@ -149,6 +149,10 @@ class TestAccounts:
         assert not found.is_exact
         assert audit(before, Moment("other", {}, 0, 0, 0, 0)) is None
 
+    def test_what_a_new_service_has_not_heard_of_is_told(self, tmp_path) -> None:
+        assert moment("s", reply(7, 1), [self.source(tmp_path, "a", 10)]).unheard == 2
+        assert moment("s", reply(7, 3), [self.source(tmp_path, "a", 10)]).unheard == 0
+
     def test_a_batch_without_a_fate_is_unsettled(self, tmp_path) -> None:
         found = moment("s", reply(10, fused=7, late=2), [self.source(tmp_path, "a", 10)])
         assert found.unsettled == 1

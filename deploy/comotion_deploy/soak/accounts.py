@@ -27,6 +27,8 @@ class Moment:
         Batches of these sources that the service counts. What others send, hostile ones too, is none of it.
     unsettled
         Batches of anybody that the service counts as received and in no fate.
+    unheard
+        Batches sent of which the service knows nothing yet: after its start, until it hears of each source.
     """
 
     service: str
@@ -35,6 +37,7 @@ class Moment:
     lost: int
     waiting: int
     unsettled: int
+    unheard: int = 0
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,18 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
     # A source whose session is not known has overflowed before anything of it was read.
     known = told.keys() | {(name, "") for name, _ in told}
     mine = [one for one in reply["accounts"] if (one["source"], one["session"]) in known]
+    sent = {key: account["sent"] + account["repeated"] for key, account in told.items()}
+    heard: dict[str, int] = {}
+    for one in mine:
+        heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + one["lost"]
     return Moment(
         service=service,
-        sent={key: account["sent"] + account["repeated"] for key, account in told.items()},
+        sent=sent,
         received=sum(one["batches"] for one in mine),
         lost=sum(one["lost"] for one in mine),
         waiting=sum(one["waiting"] for one in mine),
         unsettled=reply["total"]["batches"] - _settled(reply["total"]),
+        unheard=sum(max(count - heard.get(name, 0), 0) for (name, _), count in sent.items()),
     )
 
 

@@ -212,7 +212,7 @@ class Runner:
         if self._window is not None and (ends or self.now_s - self._window_s > _WINDOW_S):
             self._close_window(self._moment())
         if not ends and self._window is None:
-            self._window, self._window_s = self._moment(), self.now_s
+            self._window, self._window_s = self._moment(opens=True), self.now_s
 
     def _close_window(self, after: Moment | None) -> None:
         before, self._window = self._window, None
@@ -222,18 +222,22 @@ class Runner:
             if found.missing or found.unsettled:
                 self.say(f"accounts: {found.missing} of {found.sent} batches are missing")
 
-    def _moment(self) -> Moment | None:
-        """Let all sources pause until the service has counted what they have sent."""
+    def _moment(self, *, opens: bool = False) -> Moment | None:
+        """Let all sources pause until the service has counted what they have sent.
+
+        One that `opens` a stretch waits until the service knows of all: what a service learns only now of
+        the time before its start is none of the stretch.
+        """
         sources = [self.processes[name] for name in SOURCES]
         for source in sources:
             source.tell({"do": "pause"})
         try:
-            return self._settled(sources, time.monotonic() + _PAUSED_S)
+            return self._settled(sources, time.monotonic() + _PAUSED_S, opens=opens)
         finally:
             for source in sources:
                 source.tell({"do": "resume"})
 
-    def _settled(self, sources: list[Managed], deadline: float) -> Moment | None:
+    def _settled(self, sources: list[Managed], deadline: float, *, opens: bool) -> Moment | None:
         """The accounts, once all sources pause and the service counts no more; None if that takes long."""
         before: Moment | None = None
         asked_s = 0.0
@@ -244,7 +248,7 @@ class Runner:
                 continue
             asked_s = time.monotonic()
             now = self._asked(sources)
-            if now is not None and now == before and not now.waiting:
+            if now is not None and now == before and not now.waiting and not (opens and now.unheard):
                 return now
             before = now
         return None
