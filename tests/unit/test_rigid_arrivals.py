@@ -1,6 +1,7 @@
 """Features that may be a lost body's return belong to nobody until their motion is known."""
 
 import numpy as np
+import pytest
 
 from comotion.partition import NO_HYPOTHESIS
 from comotion.rigid.arrivals import undecided
@@ -40,10 +41,11 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
     return Scene(frames, places, frames.life >= 5, before, 1, np.zeros(n), nobody, nobody, nobody)
 
 
-def test_a_crowd_of_newborn_features_is_undecided_while_a_body_is_lost():
-    labels = undecided(scene(lost=True), np.zeros(20, np.intp))
+@pytest.mark.parametrize("nearest", [0, 1])
+def test_a_crowd_of_newborn_features_is_undecided_while_a_body_is_lost(nearest):
+    labels = undecided(scene(lost=True), np.full(20, nearest))
     assert (labels[NEW] == OUTLIER).all()
-    assert (labels[:14] == 0).all()
+    assert (labels[:14] == nearest).all()
 
 
 def test_without_a_lost_body_and_apart_from_each_other_their_place_decides():

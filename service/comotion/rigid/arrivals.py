@@ -18,13 +18,13 @@ _LEAST_LOST, _MOST_OF, _BEFORE = 3, 0.6, 8
 def undecided(scene: Scene, labels: Ints) -> Ints:
     """The labels, intp [N], but :data:`OUTLIER` for features that may be a lost body's return.
 
-    The static body is at home everywhere: by place alone, all features of a body that returns would be its.
-    So while a hypothesis is without features, most of which it has lost at once, what appears amid other
-    newborn features belongs to nobody until its motion is known.
+    By place alone, the features of a body that returns would be those of the bodies about it, and of the
+    static one, which is at home everywhere. So while a hypothesis is without features, most of which it has
+    lost at once, what appears amid other newborn features belongs to nobody until its motion is known.
     """
     frames = scene.frames
     newborn = frames.current & ~scene.judged & (scene.before == NO_HYPOTHESIS)
-    doubtful = newborn & (labels == 0)
+    doubtful = newborn & (labels != OUTLIER)
     if np.count_nonzero(newborn) <= _NEWBORN or not doubtful.any() or not _any_lost(scene):
         return labels
     current = np.flatnonzero(frames.current)
