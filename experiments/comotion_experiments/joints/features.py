@@ -39,12 +39,15 @@ class Found:
 
     `known` are the times and kinds of published joints between its objects; `axis` in degrees and `point` in
     mm their errors where the kind is right, `sigma` the published one-sigma of the axis; `moved_at` when it
-    had moved by :data:`MOVED`, None: never; `seen` how many updates had a hypothesis of each object.
+    had moved by :data:`MOVED`, None: never; `seen` how many updates had a hypothesis of each object;
+    `entries` and `free` how many entries there were after that, and how many of them said so.
     """
 
     joint: TrueJoint
     moved_at: float | None = None
     seen: int = 0
+    entries: int = 0
+    free: int = 0
     known: list[tuple[float, str]] = field(default_factory=list)
     axis: list[float] = field(default_factory=list)
     sigma: list[float] = field(default_factory=list)
@@ -96,7 +99,12 @@ def joints_from_features(name: str, seed: int, cache: Path | None) -> list[Found
         for joint in update.joints:
             pair = main.get(joint.parent, -1), main.get(joint.child, -1)
             match = found.get(pair) or found.get(pair[::-1])
-            if match is not None and joint.kind in KINDS:
+            if match is None:
+                continue
+            if match.moved_at is not None:
+                match.entries += 1
+                match.free += joint.kind == "free"
+            if joint.kind in KINDS:
                 match.known.append((t, joint.kind))
                 if joint.kind == match.joint.kind:
                     _compare(match, joint, data)
@@ -139,8 +147,8 @@ def table(rows: Sequence[tuple[str, list[Found]]]) -> str:
     """Markdown table of scenes: (name, one per seed and joint)."""
     lines = [
         "| scene | joint | true kind | seeds that moved it and saw both | found | kind right, % of updates "
-        "| axis, degrees | its sigma | point, mm | s until known |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| called free, % | axis, degrees | its sigma | point, mm | s until known |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for scene, found in rows:
         for name in dict.fromkeys(one.joint.name for one in found):
@@ -157,6 +165,7 @@ def _cells(runs: Sequence[Found]) -> str:
     waits = [one.until_known() for one in hits]
     revolute = runs[0].joint.kind == "revolute"
     cells.append(_spread(shares, 0))
+    cells.append(_spread([100 * one.free / one.entries for one in runs if one.entries], 0))
     cells.append(_spread([float(np.median(one.axis)) for one in hits], 2))
     cells.append(_spread([float(np.nanmedian(one.sigma)) for one in hits], 2))
     cells.append(_spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-")

@@ -74,7 +74,13 @@ def as_json(results: Results) -> dict[str, Any]:
         "poses": [asdict(one) for one in results.poses],
         "features": [[scene, [asdict(one) for one in found]] for scene, found in results.features],
         "free": results.free,
-        "people": [asdict(one) for one in results.people],
+        "people": [_person(one) for one in results.people],
         "cost": [asdict(one) for one in results.cost],
         "hand": [asdict(one) for one in results.hand],
     }
+
+
+def _person(one: people.Person) -> dict[str, Any]:
+    """Plain values; ``asdict`` does not keep counters before Python 3.12."""
+    kinds = {name: dict(counter) for name, counter in one.kinds.items()}
+    return dict(vars(one)) | {"apart": dict(one.apart), "kinds": kinds, "others": dict(one.others)}
