@@ -1,4 +1,4 @@
-"""Dense regions from sparse labels, offline: an image and labelled features in, a mask per hypothesis out.
+"""Dense regions from sparse labels: an image and labelled features in, a mask per hypothesis out.
 
 Ochs and Brox (2011) make regions of sparse trajectories by a variational method. Here the random walker of
 scikit-image (Grady 2006) does: each pixel gets the label of the feature that a random walk, which avoids
@@ -8,6 +8,8 @@ edges of the image, reaches first. Needs the extra `dense`.
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 _EDGE_PX = 200
 """Longer edge of the image that the walk is on: seconds at full size, some ten milliseconds at this one."""
@@ -70,8 +72,23 @@ def _seeds(shape: tuple[int, ...], pixels: NDArray[np.float32], index: NDArray[n
     return seeds
 
 
+def nearest(
+    shape: tuple[int, int], pixels: NDArray[np.float32], labels: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Give every pixel the label of the nearest labelled feature; as :func:`regions`."""
+    known = labels >= 0
+    if not known.any():
+        return np.full(shape, NOBODY, np.int64)
+    rows, columns = np.indices(shape)
+    _, at = cKDTree(pixels[known]).query(np.column_stack([columns.ravel(), rows.ravel()]))
+    return np.asarray(labels[known][at].reshape(shape), np.int64)
+
+
 def intersection_over_union(found: NDArray[np.int64], true: NDArray[np.int32]) -> dict[int, float]:
-    """IoU of each true object with the region that overlaps it most; pixels of no object are left out.
+    """IoU of each true object with its region; pixels of no object are left out.
+
+    Objects and regions are matched one to one, so that the sum of IoU is largest; an object without a region
+    has 0.
 
     Parameters
     ----------
@@ -79,10 +96,12 @@ def intersection_over_union(found: NDArray[np.int64], true: NDArray[np.int32]) -
         int64 and int32 [H, W], hypotheses, and objects with -1 for ambiguous.
     """
     scored = true >= 0
-    scores = {}
-    for one in np.unique(true[scored]).tolist():
-        mask = scored & (true == one)
-        names, counts = np.unique(found[mask], return_counts=True)
-        region = scored & (found == names[counts.argmax()])
-        scores[one] = float((mask & region).sum() / (mask | region).sum())
-    return scores
+    objects, row = np.unique(true[scored], return_inverse=True)
+    names, column = np.unique(found[scored], return_inverse=True)
+    both = np.bincount(row * len(names) + column, minlength=len(objects) * len(names))
+    both = both.reshape(len(objects), len(names)).astype(np.float64)
+    ratio = both / (both.sum(1)[:, None] + both.sum(0) - both)
+    matched = dict(zip(*(side.tolist() for side in linear_sum_assignment(ratio, maximize=True)), strict=True))
+    return {
+        one: float(ratio[k, matched[k]]) if k in matched else 0.0 for k, one in enumerate(objects.tolist())
+    }

@@ -6,78 +6,31 @@ The same file gives the same result on every run: the clock is that of the frame
 import csv
 import hashlib
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, Pose
-from comotion_sources.calibration import Calibration
+from comotion_schemas import UNDETERMINED, Hypothesis, Pose
 from comotion_sources.cameras.opening import open_frames
-from comotion_sources.cameras.types import Camera, CameraError, Frame
-from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt import Tracker, TrackerConfig, Tracks
+from comotion_sources.cameras.types import CameraError
 from comotion_sources.klt.drawing import Annotator
-from comotion_sources.klt.observer import CameraSpace, Observer, choose_space
+from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
-from comotion_sources.streams import OFFLINE_SESSION
+
+from .labelled import Labelled, LabelledFrames, SegmentOptions
+from .masks import MaskFolder
+
+__all__ = ["COLUMNS", "Labelled", "Progress", "SegmentOptions", "Segmented", "segment"]
 
 COLUMNS = ("frame", "time", "feature", "x", "y", "hypothesis", "confidence")
-_SOURCE = "video"
 _DEFAULT_RATE = 30.0
 Progress = Callable[[int, int | None], None]
 """Called with the frames done and, if known, the frames in all."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SegmentOptions:
-    """What is written, and how the video is tracked.
-
-    Attributes
-    ----------
-    out
-        Video (``.mp4``, ``.mkv``, ``.mov``, ``.avi``) or folder of PNG files; None: none.
-    csv
-        Table with a row per feature and frame; None: none.
-    rate
-        Frames per second of a folder of images.
-    tracker
-        Of which `moving` says that the camera is carried.
-    calibration
-        Intrinsics and extrinsics of a camera with depth, if its recording has none.
-    use_depth
-        Group in metres where there is depth; else in pixels.
-    """
-
-    out: Path | None = None
-    csv: Path | None = None
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    fusion: FusionConfig = field(default_factory=FusionConfig)
-    rate: float | None = None
-    calibration: Calibration = field(default_factory=Calibration)
-    use_depth: bool = True
-
-
-class Labelled(NamedTuple):
-    """One frame with the labels of the update that has fused it.
-
-    `hypotheses` int64 [N], negative for undetermined, and `confidence` float64 [N] go with `tracks`;
-    `listed` are all hypotheses of the update.
-    """
-
-    number: int
-    frame: Frame
-    tracks: Tracks
-    hypotheses: NDArray[np.int64]
-    confidence: NDArray[np.float64]
-    listed: Sequence[Hypothesis]
 
 
 @dataclass
@@ -146,7 +99,7 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
         stack.callback(camera.close)
         # The arrays of one update are too small to be worth waking other cores for.
         stack.enter_context(threadpool_limits(limits=1))
-        run = _Run(camera, options)
+        run = LabelledFrames(camera, options)
         outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space)
         stack.callback(outputs.close)
         first_ns: int | None = None
@@ -167,84 +120,6 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
     return found
 
 
-class _Run:
-    """Tracks and groups the frames of one camera."""
-
-    def __init__(self, camera: Camera, options: SegmentOptions) -> None:
-        if camera.live:
-            raise CameraError("a live camera has no end: use comotion source klt")
-        self._camera = camera
-        given = options.calibration
-        intrinsics = given.intrinsics or camera.intrinsics
-        has_depth = camera.has_depth and options.use_depth
-        self.space = choose_space(
-            _SOURCE,
-            has_depth=has_depth,
-            intrinsics=intrinsics,
-            extrinsics=None if options.tracker.moving else given.extrinsics or camera.extrinsics,
-        )
-        self.path: list[tuple[int, Pose]] = []
-        self._tracker = Tracker(options.tracker, self.space.intrinsics)
-        builder = MessageBuilder(
-            source=_SOURCE,
-            session=OFFLINE_SESSION,
-            space=self.space.name,
-            unit=self.space.unit,
-            dim=self.space.dim,
-            moving=options.tracker.moving,
-        )
-        self._observer = Observer(self.space, builder)
-        self._fusion = Fusion(options.fusion, scene="segment")
-        self._period_ns = round(options.fusion.period * 1e9)
-        self._held: deque[tuple[int, Frame, Tracks]] = deque()
-        self._labels: dict[int, tuple[int, float]] = {}
-
-    def labelled(self) -> Iterator[Labelled]:
-        """Yield every frame once the update after it is there."""
-        due_ns, last_ns = 0, None
-        for number, frame in enumerate(self._camera):
-            if last_ns is not None and frame.stamp_ns <= last_ns:
-                continue  # a repeated frame has no time of its own
-            if last_ns is None:
-                due_ns = frame.stamp_ns
-            last_ns = frame.stamp_ns
-            self._take(number, frame)
-            if frame.stamp_ns >= due_ns:
-                due_ns = frame.stamp_ns + self._period_ns
-                yield from self._release(self._fusion.update(frame.stamp_ns))
-        if self._held and last_ns is not None:
-            yield from self._release(self._fusion.update(last_ns))
-
-    def _take(self, number: int, frame: Frame) -> None:
-        depth = frame.depth if self.space.dim == 3 else None
-        seen = Frame(frame.stamp_ns, frame.image, depth, None)
-        tracks = self._tracker.step(seen)
-        for message in self._observer.messages(tracks, seen):
-            if isinstance(message, ObservationBatch):
-                self._fusion.ingest(message)
-        self._held.append((number, frame, tracks))
-
-    def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
-        self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
-        labels = dict(
-            zip(
-                update.track_id.tolist(),
-                zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True),
-                strict=True,
-            )
-        )
-        # A feature that was lost since the last update keeps what was known of it.
-        known = self._labels | labels
-        self._labels = labels
-        while self._held:
-            number, frame, tracks = self._held.popleft()
-            rows = [known.get(one, (UNDETERMINED, 0.0)) for one in tracks.ids.tolist()]
-            table = np.array(rows, np.float64).reshape(-1, 2)
-            hypotheses = table[:, 0].astype(np.int64)
-            hypotheses[hypotheses == UNDETERMINED] = -1
-            yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)
-
-
 class _Outputs:
     """The files of one run."""
 
@@ -255,6 +130,7 @@ class _Outputs:
         self._first_ns: int | None = None
         self._table: Any = None
         self._file = None
+        self._masks = None if options.masks is None else MaskFolder(options.masks, options.masks_every)
         if options.csv is not None:
             try:
                 options.csv.parent.mkdir(parents=True, exist_ok=True)
@@ -270,6 +146,8 @@ class _Outputs:
             self._first_ns = one.frame.stamp_ns
         if self._table is not None:
             self._table.writerows(_rows(one, (one.frame.stamp_ns - self._first_ns) / 1e9))
+        if self._masks is not None:
+            self._masks.write(one)
         if self._picture is not None:
             labels = dict(zip(one.tracks.ids.tolist(), one.hypotheses.tolist(), strict=True))
             image = self._annotator.draw(

@@ -1,9 +1,14 @@
 """Dense regions from labelled features."""
 
+import cv2
 import numpy as np
 import pytest
 
-from comotion_experiments.regions import NOBODY, intersection_over_union, regions
+from comotion_clients.regions import NOBODY, intersection_over_union, nearest, regions
+from comotion_experiments.labelled import Labelled
+from comotion_experiments.masks import MaskFolder
+from comotion_sources.cameras.types import Frame
+from comotion_sources.klt import Tracks
 
 pytest.importorskip("skimage")
 
@@ -47,3 +52,28 @@ def test_the_overlap_ignores_ambiguous_pixels():
     true = np.array([[0, 0, 1, -1]], np.int32)
     assert intersection_over_union(np.array([[5, 5, 6, 5]]), true) == {0: 1.0, 1: 1.0}
     assert intersection_over_union(np.array([[5, 6, 6, 6]]), true) == pytest.approx({0: 0.5, 1: 0.5})
+
+
+def test_an_object_without_a_region_of_its_own_has_no_overlap():
+    true = np.array([[0, 0, 0, 1]], np.int32)
+    assert intersection_over_union(np.array([[5, 5, 5, 5]]), true) == {0: 0.75, 1: 0.0}
+
+
+def test_the_baseline_is_the_nearest_labelled_feature():
+    pixels = np.array([[0, 0], [9, 0], [5, 0]], np.float32)
+    assert nearest((1, 10), pixels, np.array([3, 7, -1])).tolist() == [[3] * 5 + [7] * 5]
+
+
+def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
+    image, _ = picture()
+    pixels = np.array([[5, 5], [90, 50]], np.float32)
+    labels = np.array([1, 300])
+    tracks = Tracks(**dict.fromkeys(Tracks.__dataclass_fields__) | {"pixels": pixels})
+    folder = MaskFolder(tmp_path / "masks", 0.5)
+    for k in range(7):
+        frame = Frame(k * 100_000_000, image)
+        folder.write(Labelled(k, frame, tracks, labels, np.ones(2), []))
+    assert sorted(path.name for path in (tmp_path / "masks").iterdir()) == ["000000.png", "000005.png"]
+    found = cv2.imread(str(tmp_path / "masks" / "000005.png"), cv2.IMREAD_UNCHANGED)
+    assert found.dtype == np.uint16
+    assert (found == regions(image, pixels, labels)).all()

@@ -1,7 +1,9 @@
 """What `comotion view` shows of a scene, without anything to show it with."""
 
 import pickle
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from comotion_clients.viewing.shapes import (
     Moment,
     Number,
     Points,
+    Regions,
     Segments,
     Shape,
 )
@@ -220,6 +223,29 @@ def test_an_image_waits_for_the_update_that_knows_its_features() -> None:
     points = one(moment.shapes, Points, "cameras/a/features")
     assert points.colours.tolist() == [list(colour(2)), list(colour(1)), list(GREY)]
     assert cameras.due(update([1, 2], 3 * S), 0.3) == []
+
+
+def test_regions_of_hypotheses_are_drawn_over_the_image_on_request() -> None:
+    pytest.importorskip("skimage")
+    image = np.full((40, 60, 3), 30, np.uint8)
+    image[:, 30:] = 200
+    seen = preview(S, [10, 11])
+    ends = np.array([[5, 20], [55, 20]], np.float32)
+    cameras = Cameras(dense=True)
+    cameras.add(replace(seen, image=cv2.imencode(".jpg", image)[1].tobytes(), pixels=ends), 0.0)
+    (moment,) = cameras.due(update([1, 2]), 0.1)
+    shape = one(moment.shapes, Regions, "cameras/a/regions")
+    left, right = shape.classes[20, 5], shape.classes[20, 55]
+    assert (shape.classes[:, :28] == left).all()
+    assert (shape.classes[:, 32:] == right).all()
+    assert [shape.colours[k] for k in (left, right)] == [tuple(colour(1)), tuple(colour(2))]
+
+
+def test_an_image_that_cannot_be_read_has_no_regions() -> None:
+    cameras = Cameras(dense=True)
+    cameras.add(preview(S, [10]), 0.0)
+    (moment,) = cameras.due(update([1]), 0.1)
+    assert not [shape for shape in moment.shapes if isinstance(shape, Regions)]
 
 
 def test_without_a_service_images_are_shown_grey_and_never_pile_up() -> None:

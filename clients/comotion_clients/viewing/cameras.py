@@ -1,35 +1,47 @@
 """Camera views: previews and updates -> images with features in the colours of their hypotheses. Pure.
 
 An image is delayed until the service has fused its instant, so that every feature has the hypothesis of
-that instant. Without a service it is shown after 1.5 s with grey features.
+that instant. Without a service it is shown after 1.5 s with grey features. On request with dense regions.
 """
 
 from collections import deque
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview
 from comotion_schemas.colours import Palette
 
+from ..regions import regions
 from .hypotheses import labels
 from .paths import Paths
-from .shapes import CameraView, Image, Moment, Points, Segments, Shape
+from .shapes import CameraView, Image, Moment, Points, Regions, Segments, Shape
 from .trails import Trails
 
 MAX_DELAYED = 16
 """Images that are delayed at most; then the oldest is dropped."""
 MAX_DELAY_S = 1.5
 """Longest delay of an image."""
+_CLASSES = 65535
 _LABELLED = 3
 """A hypothesis with fewer features in an image gets no label there."""
 
 
 class Cameras:
-    """Delays previews and draws them when they are due; `palette` has seen the updates."""
+    """Delays previews and draws them when they are due.
 
-    def __init__(self, palette: Palette | None = None) -> None:
+    Parameters
+    ----------
+    palette
+        Has seen the updates.
+    dense
+        Whether to draw the regions of hypotheses too. Needs the extra `dense`.
+    """
+
+    def __init__(self, palette: Palette | None = None, *, dense: bool = False) -> None:
         self._palette = palette or Palette()
+        self._dense = dense
         self._paths = Paths("cameras")
         self._names: list[str] = []
         self._trails: dict[str, Trails] = {}
@@ -72,9 +84,25 @@ class Cameras:
             Points(f"{path}/features", preview.pixels, shades, values={"feature": preview.ids}),
             self._labels(f"{path}/hypotheses", preview, hypotheses),
         ]
+        if self._dense:
+            shapes += self._regions(f"{path}/regions", preview, hypotheses)
         # A camera with a wrong clock may have a stamp that the service never reaches.
         newest = preview.stamp_ns if update is None else update.stamp_ns
         return Moment(min(preview.stamp_ns, newest), shapes)
+
+    def _regions(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> list[Shape]:
+        """Regions of the hypotheses; none where the image cannot be read."""
+        image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            return []
+        known = np.where(hypotheses == UNDETERMINED, -1, hypotheses.astype(np.int64))
+        found = regions(np.asarray(image, np.uint8), preview.pixels, known)
+        # Ids beyond 16 bits share a class; 0 is none.
+        classes = np.where(found >= 0, found % _CLASSES + 1, 0).astype(np.uint16)
+        shown = np.unique(found[found >= 0]).tolist()
+        colours = self._palette.colours(np.array(shown, np.uint32)).tolist()
+        named = {h % _CLASSES + 1: (r, g, b) for h, (r, g, b) in zip(shown, colours, strict=True)}
+        return [Regions(path, classes, named)]
 
     def _labels(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
         """Labels with hypothesis ids at the median position of their features."""

@@ -26,9 +26,11 @@ class ScenePicture:
         Name of the scene.
     rate
         Most updates, and images of a camera, that are drawn per second; the others are left out. None: all.
+    dense
+        Whether to draw the regions of hypotheses in images.
     """
 
-    def __init__(self, scene: str, rate: float | None = None) -> None:
+    def __init__(self, scene: str, rate: float | None = None, *, dense: bool = False) -> None:
         self.model = SceneModel(scene)
         self._gap = 0.0 if rate is None else 1 / rate
         self._drawn_at: dict[str, float] = {}
@@ -36,7 +38,7 @@ class ScenePicture:
         self._agreement = ScoreCurves()
         self._observed = Observed()
         self._features = Features(self.model.palette)
-        self._cameras = Cameras(self.model.palette)
+        self._cameras = Cameras(self.model.palette, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
         self._drawn_ns: int | None = None

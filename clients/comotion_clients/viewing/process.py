@@ -66,11 +66,14 @@ class ViewOptions:
         Most updates, and images of a camera, drawn per second; None: all.
     ready_file
         File to write once the viewer is subscribed.
+    dense
+        Whether to draw the regions of hypotheses in images.
     """
 
     duration: float | None = None
     rate: float | None = None
     ready_file: Path | None = None
+    dense: bool = False
 
 
 class Ages:
@@ -119,8 +122,8 @@ class Viewed:
 class _Feed:
     """Fills a scene picture from the subscriptions of one scene."""
 
-    def __init__(self, session: zenoh.Session, scene: str, rate: float | None) -> None:
-        self.picture = ScenePicture(scene, rate)
+    def __init__(self, session: zenoh.Session, scene: str, options: ViewOptions) -> None:
+        self.picture = ScenePicture(scene, options.rate, dense=options.dense)
         self._presence = Presence(session, scene)
         self._truths = Subscription(session, TruthBatch, scene)
         self._statuses = Subscription(session, Status, scene)
@@ -194,7 +197,7 @@ def view(
         ready_file=options.ready_file,
         status=lambda: _status(feeds, ages),
     )
-    with presence as component, closing(_Feed(component.session, scene, options.rate)) as feed:
+    with presence as component, closing(_Feed(component.session, scene, options)) as feed:
         feeds.append(feed)
         component.ready()
         end = None if options.duration is None else time.monotonic() + options.duration
@@ -223,7 +226,9 @@ def _status(feeds: list[_Feed], ages: Ages) -> StatusFields:
     return StatusFields(ages={} if newest is None else {"hypotheses": newest}, counters=counters)
 
 
-def view_messages(messages: Iterable[tuple[int, Message]], scene: str, sink: Sink) -> int:
+def view_messages(
+    messages: Iterable[tuple[int, Message]], scene: str, sink: Sink, *, dense: bool = False
+) -> int:
     """Send a recording to a sink as fast as possible; the viewer then plays it.
 
     Parameters
@@ -232,12 +237,14 @@ def view_messages(messages: Iterable[tuple[int, Message]], scene: str, sink: Sin
         (Time of receipt in ns, message), in order.
     scene
         Name of the scene.
+    dense
+        As in :class:`ViewOptions`.
 
     Returns
     -------
     Number of updates shown.
     """
-    picture, updates = ScenePicture(scene), 0
+    picture, updates = ScenePicture(scene, dense=dense), 0
     for moments, message in _replayed(picture, messages):
         sink.arrange(picture.layout)
         sink.show(moments)

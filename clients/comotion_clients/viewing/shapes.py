@@ -73,6 +73,15 @@ class Image:
     jpeg: bytes
 
 
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Classes uint16 [H, W] over the image of the same view, 0 for none, with the colour of each."""
+
+    path: str
+    classes: NDArray[np.uint16]
+    colours: Mapping[int, RGB]
+
+
 @dataclass(frozen=True)
 class Number:
     """A value of a time series, with the name and colour of its curve."""
@@ -108,7 +117,7 @@ class Cleared:
     path: str
 
 
-Shape: TypeAlias = Points | Segments | Arrows | Boxes | Image | Number | Entry | Document | Cleared
+Shape: TypeAlias = Points | Segments | Arrows | Boxes | Image | Regions | Number | Entry | Document | Cleared
 
 
 @dataclass(frozen=True)

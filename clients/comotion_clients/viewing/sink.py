@@ -29,6 +29,7 @@ from .shapes import (
     Moment,
     Number,
     Points,
+    Regions,
     Segments,
     Shape,
 )
@@ -39,6 +40,7 @@ _FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
 _PAGE_S = 30.0  # longest wait until the page is served
 _POLL_S = 0.05
 _CHECK_S = 0.2  # between two checks whether the window is closed
+_OPACITY = 0.4  # of regions over the image
 _TRAIL_RADIUS = 1.0  # points of the screen
 
 
@@ -207,8 +209,8 @@ def components(shape: Shape) -> list[Any]:
             found = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
         case Boxes():
             found = [_boxes(shape)]
-        case Image():
-            found = [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
+        case Image() | Regions():
+            found = _image(shape)
         case Number():
             found = [rr.Scalars(shape.value)]
         case Entry():
@@ -225,6 +227,14 @@ def _points(shape: Points) -> list[Any]:
     labels = {"labels": list(shape.labels), "show_labels": True} if shape.labels else {}
     points = kind(shape.positions, colors=shape.colours, radii=rr.Radius.ui_points(shape.radius), **labels)
     return [points, rr.AnyValues(**shape.values)] if shape.values else [points]
+
+
+def _image(shape: Image | Regions) -> list[Any]:
+    if isinstance(shape, Image):
+        return [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
+    known = [rr.AnnotationInfo(id=one, color=colour) for one, colour in shape.colours.items()]
+    overlay = rr.SegmentationImage(shape.classes, opacity=_OPACITY, draw_order=-5.0)
+    return [overlay, rr.AnnotationContext(known)]
 
 
 def _boxes(shape: Boxes) -> Any:

@@ -12,6 +12,7 @@ from .. import options
 from ..errors import UserError
 from ..fusion_options import fusion_config
 from . import camera_options as camera
+from .reproduce_regions import require_dense
 
 if TYPE_CHECKING:
     from comotion_experiments.segment import Progress, Segmented
@@ -26,6 +27,8 @@ Examples:
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
 
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
+
+  comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
 
   comotion segment "workcell:truck/a?duration=5" --json
 """
@@ -77,6 +80,19 @@ def segment(
             help="With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.",
         ),
     ] = None,
+    masks: Annotated[
+        Path | None,
+        typer.Option(
+            "--masks",
+            envvar="COMOTION_MASKS",
+            metavar="DIR",
+            help="Write the hypothesis of every pixel, as PNG of 16 bits (0: none). Needs scikit-image.",
+        ),
+    ] = None,
+    masks_every: Annotated[
+        float,
+        typer.Option("--masks-every", envvar="COMOTION_MASKS_EVERY", min=0, max=3600, help="s between them."),
+    ] = 0.5,
     overwrite: camera.Overwrite = False,
     method: options.Method = None,
     assignments: options.Assignments = None,
@@ -90,20 +106,25 @@ def segment(
     """
     import cv2
 
-    from comotion_experiments.segment import SegmentOptions
+    from comotion_experiments.labelled import SegmentOptions
     from comotion_experiments.segment import segment as run
     from comotion_sources.klt.picture_file import NO_ENCODER
 
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
     if trajectory is not None and not moving:
         raise UserError("--trajectory needs --moving")
-    if out is None and csv is None and trajectory is None and not json_:
+    if masks is not None:
+        require_dense()
+    if all(one is None for one in (out, csv, trajectory, masks)) and not json_:
         out = Path(f"{_stem(what)}-segmented.mp4")
     _check_outputs(what, out, csv, trajectory)
-    camera.clear_frames(out, overwrite=overwrite)
+    for folder in (out, masks):
+        camera.clear_frames(folder, overwrite=overwrite)
     how = SegmentOptions(
         out=out,
         csv=csv,
+        masks=masks,
+        masks_every=masks_every,
         tracker=camera.tracker_config(max_features, respawn_every, tracker, moving=moving),
         fusion=fusion_config(ctx, method, assignments),
         rate=rate,
@@ -120,7 +141,7 @@ def segment(
         print(json.dumps(found.as_json(), indent=2))
         return
     _print_summary(found)
-    for path in (out, csv, trajectory):
+    for path in (out, csv, trajectory, masks):
         if path is not None:
             print(f"wrote {path}")
     if found.codec == "mpeg4":

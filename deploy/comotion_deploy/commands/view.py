@@ -10,6 +10,7 @@ import typer
 
 from .. import options
 from ..errors import UserError, missing_extra
+from .reproduce_regions import require_dense
 
 if TYPE_CHECKING:
     from comotion_clients.viewing.process import ViewOptions
@@ -27,7 +28,7 @@ Examples:
 
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
 
-  comotion view take.mcap   # a recording of 'comotion record'
+  comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
 """
 
 
@@ -82,6 +83,14 @@ def view(
             help="Most updates, and images of each camera, per second. Fewer for a slow browser.",
         ),
     ] = None,
+    regions: Annotated[
+        bool,
+        typer.Option(
+            "--regions",
+            envvar="COMOTION_REGIONS",
+            help="Colour the region of each hypothesis in images. Needs scikit-image.",
+        ),
+    ] = False,
     duration: Annotated[
         float | None,
         typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
@@ -99,6 +108,8 @@ def view(
     In a window where there is a display; with --web or --save elsewhere.
     """
     _require_rerun()
+    if regions:
+        require_dense()
     from comotion_clients.viewing.sink import Destination
 
     if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", memory) is None:
@@ -119,11 +130,11 @@ def view(
         memory=memory,
     )
     if recording is not None:
-        _show_recording(recording, where, duration)
+        _show_recording(recording, where, duration, dense=regions)
     else:
         from comotion_clients.viewing.process import ViewOptions
 
-        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file)
+        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file, dense=regions)
         _show_scene(where, scene, options.session_settings(connect, tls=tls), how, json_=json_)
 
 
@@ -152,7 +163,7 @@ def _show_scene(
         print(result.line(), file=sys.stderr)
 
 
-def _show_recording(recording: Path, where: "Destination", duration: float | None) -> None:
+def _show_recording(recording: Path, where: "Destination", duration: float | None, *, dense: bool) -> None:
     import threading
 
     try:
@@ -166,7 +177,7 @@ def _show_recording(recording: Path, where: "Destination", duration: float | Non
     stop = threading.Event()
     with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
         _print_address(sink)
-        shown = view_messages(reading.messages(), reading.scene(), sink)
+        shown = view_messages(reading.messages(), reading.scene(), sink, dense=dense)
         if not shown:
             raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
         print(f"{recording}: {shown} updates", file=sys.stderr)

@@ -17,8 +17,8 @@ from .states import States, averaged, quantiles, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
-# median, and by so many times more than the states before. With lasting errors the variance of a state is some
-# 8 times that of a frame.
+# median, and by so many times more than the states before. With lasting errors the variance of a state is
+# some 8 times that of a frame.
 _RECENT = 1.0
 _BROKEN = 2.0
 _WORSE = 4.0

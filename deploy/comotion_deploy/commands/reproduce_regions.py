@@ -1,0 +1,78 @@
+"""``comotion reproduce regions``: dense regions of an image from labelled features."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options
+from ..errors import missing_extra
+from ..fusion_options import fusion_config
+from .experiments import check_folder, progress
+
+EPILOG = """
+Examples:
+
+  comotion reproduce regions --quick
+
+  comotion reproduce regions --seeds 1,3,5 --workcell shelf --out regions
+"""
+
+
+def regions(
+    ctx: typer.Context,
+    workcell: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. Default: shelf, truck, arm."
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 1,3 or 0-4. Default: 0-4, quick 0."
+        ),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="One seed, 6 s of each scene.")] = False,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where regions.md and regions.json go.")
+    ] = Path("regions"),
+    method: options.Method = None,
+    assignments: options.Assignments = None,
+    json_: options.Json = False,
+    _config: options.ConfigFile = None,
+    _log_level: options.Log = options.LogLevel.WARNING,
+) -> None:
+    """Measure how well dense regions cover the true objects of the workcell (IoU)."""
+    require_dense()
+    from comotion_experiments.inputs import parse_seeds
+    from comotion_experiments.regions import experiment as study
+    from comotion_experiments.regions import report
+
+    check_folder(out)
+    config = fusion_config(ctx, method, assignments)
+    numbers = parse_seeds(seeds or ("0" if quick else "0-4"))
+    with progress() as note:
+        results = study.run_experiment(
+            workcell or study.SCENES, numbers, config, duration=6.0 if quick else None, progress=note
+        )
+    values, text = json.dumps(report.as_json(results), indent=2), report.markdown(results)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "regions.md").write_text(text)
+    (out / "regions.json").write_text(values + "\n")
+    print(values if json_ else f"{text}\nwritten: {out / 'regions.md'}, {out / 'regions.json'}")
+
+
+def require_dense() -> None:
+    """Check that scikit-image is installed.
+
+    Raises
+    ------
+    UserError
+        If it is not.
+    """
+    try:
+        import skimage.segmentation  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("dense", error) from None

@@ -1,0 +1,63 @@
+"""Labelled frames in, an image of hypotheses per frame out: dense regions as files."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from comotion_clients.regions import regions
+from comotion_sources.cameras.types import CameraError
+
+from .labelled import Labelled
+
+_MOST = np.iinfo(np.uint16).max
+
+
+class MaskFolder:
+    """Writes ``NUMBER.png``: 16 bits, the hypothesis of each pixel, 0 for none.
+
+    Parameters
+    ----------
+    folder
+        Created if it does not exist.
+    every
+        s between two frames that are written.
+
+    Attributes
+    ----------
+    written
+        Number of images.
+
+    Raises
+    ------
+    CameraError
+        If the folder cannot be created.
+    """
+
+    def __init__(self, folder: Path, every: float) -> None:
+        self._folder, self._every_ns = folder, round(every * 1e9)
+        self._due_ns: int | None = None
+        self.written = 0
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CameraError(f"{folder}: {error.strerror}") from None
+
+    def write(self, one: Labelled) -> None:
+        """Write the regions of one frame if it is due.
+
+        Raises
+        ------
+        CameraError
+            If it cannot be written.
+        """
+        stamp = one.frame.stamp_ns
+        if self._due_ns is not None and stamp < self._due_ns:
+            return
+        self._due_ns = stamp + self._every_ns
+        found = regions(one.frame.image, one.tracks.pixels, one.hypotheses)
+        path = self._folder / f"{one.number:06d}.png"
+        image = np.where((found >= 0) & (found <= _MOST), found, 0).astype(np.uint16)
+        if not cv2.imwrite(str(path), image):
+            raise CameraError(f"{path}: cannot be written")
+        self.written += 1
