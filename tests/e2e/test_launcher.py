@@ -6,11 +6,14 @@ import re
 import select
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from comotion_deploy.launcher import Launcher
+from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
 
 from .conftest import DEADLINE
@@ -200,14 +203,26 @@ def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path: P
     assert "all processes have ended" in launcher.output
 
 
-def test_a_process_that_ignores_the_stop_is_killed(start, await_end, tmp_path: Path) -> None:
-    (tmp_path / "up.toml").write_text(
-        "[process.deaf]\ncommand = ['sh', '-c', \"trap '' TERM; echo listening; while :; do sleep 60; done\"]"
+class UntilListening:
+    """Takes lines; sets an event when the process listens."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        self.lines: list[str] = []
+        self._stop = stop
+
+    def write(self, name: str, text: str) -> None:
+        self.lines.append(text)
+        if text == "listening":
+            self._stop.set()
+
+
+def test_a_process_that_ignores_the_stop_is_killed(await_end, tmp_path: Path) -> None:
+    stop = threading.Event()
+    lines = UntilListening(stop)
+    deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")
+    launcher = Launcher(
+        [ProcessSpec(name="deaf", command=deaf, says_ready=False, stop_s=0.3)], tmp_path, lines, stop
     )
-    launcher = start("up", tmp_path / "up.toml", ready=False)
-    launcher.wait_line(lambda line: "listening" in line)
-    pid = pid_of(launcher, "deaf")
-    launcher.signal(signal.SIGTERM)
-    assert launcher.wait() == 0
-    assert "deaf did not stop in time" in launcher.output
-    await_end(pid)
+    launcher.run()
+    assert "deaf did not stop in time and was killed" in lines.lines
+    await_end(int(next(line for line in lines.lines if line.startswith("started deaf, pid ")).split()[-1]))
