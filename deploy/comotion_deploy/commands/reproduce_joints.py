@@ -26,7 +26,7 @@ def joints(
         typer.Option(
             "--part",
             metavar="PART",
-            help="poses, features, free, people, cost or hand; may be repeated. Default: all.",
+            help="poses, features, sparse, free, people, cost or hand; may be repeated. Default: all.",
         ),
     ] = None,
     seeds: Annotated[
@@ -56,7 +56,7 @@ def joints(
     from comotion_experiments.joints import report
 
     check_folder(out)
-    rendered = ("features", "hand")
+    rendered = ("features", "sparse", "hand")
     chosen = known_parts(part, study.PARTS) or [one for one in study.PARTS if not (quick and one in rendered)]
     numbers = parse_seeds(seeds or ("1" if quick else "1,3,5"))
     wanted = study.Experiment(chosen, numbers, 10 if quick else 50, data, cache or cache_folder() / "joints")

@@ -4,14 +4,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..fusion.setup import Setup
 from .cost import Cost, measure
 from .eye_in_hand import HandResult, run_seed
 from .features import Found, joints_from_features
 from .free_bodies import SCENES, longest_false_joint
 from .people import Person, run_person
 from .poses import CASES, PoseCase, run_case
+from .recording import LIVE
 
-PARTS = ("poses", "features", "free", "people", "cost", "hand")
+PARTS = ("poses", "features", "sparse", "free", "people", "cost", "hand")
 WORKCELL = ("shelf", "arm")
 Progress = Callable[[str], None]
 
@@ -34,6 +36,7 @@ class Results:
     experiment: Experiment
     poses: list[PoseCase] = field(default_factory=list)
     features: list[tuple[str, list[Found]]] = field(default_factory=list)
+    sparse: list[tuple[str, list[Found]]] = field(default_factory=list)
     free: dict[str, list[float]] = field(default_factory=dict)
     people: list[Person] = field(default_factory=list)
     cost: list[Cost] = field(default_factory=list)
@@ -55,12 +58,23 @@ def _poses(results: Results, progress: Progress) -> None:
 
 
 def _features(results: Results, progress: Progress) -> None:
+    results.features += _seen(results.experiment, LIVE, progress)
+
+
+def _sparse(results: Results, progress: Progress) -> None:
+    results.sparse += _seen(results.experiment, Setup(), progress)
+
+
+def _seen(experiment: Experiment, how: Setup, progress: Progress) -> list[tuple[str, list[Found]]]:
+    """Joints of all seeds of each scene."""
+    rows: list[tuple[str, list[Found]]] = []
     for scene in WORKCELL:
         found: list[Found] = []
-        for seed in results.experiment.seeds:
-            progress(f"features: {scene}, seed {seed}")
-            found += joints_from_features(scene, seed, results.experiment.cache)
-        results.features.append((scene, found))
+        for seed in experiment.seeds:
+            progress(f"{how.features} features: {scene}, seed {seed}")
+            found += joints_from_features(scene, seed, experiment.cache, how)
+        rows.append((scene, found))
+    return rows
 
 
 def _free(results: Results, progress: Progress) -> None:
@@ -92,6 +106,7 @@ def _hand(results: Results, progress: Progress) -> None:
 _RUNS: dict[str, Callable[[Results, Progress], None]] = {
     "poses": _poses,
     "features": _features,
+    "sparse": _sparse,
     "free": _free,
     "people": _people,
     "cost": _cost,

@@ -13,8 +13,9 @@ from comotion_schemas import HypothesisUpdate, Joint
 from comotion_sources.workcell import Scene
 
 from ..accuracy.study import objects_of
+from ..fusion.setup import Setup
 from ..offline import run_offline
-from .recording import camera_messages
+from .recording import LIVE, camera_messages
 
 PERIOD = 0.1
 KINDS = ("fixed", "prismatic", "revolute")
@@ -78,7 +79,7 @@ def true_joints(scene: Scene) -> list[TrueJoint]:
     return found
 
 
-def joints_from_features(name: str, seed: int, cache: Path | None) -> list[Found]:
+def joints_from_features(name: str, seed: int, cache: Path | None, how: Setup = LIVE) -> list[Found]:
     """Run one seed of a scene with the default method, and compare every published joint."""
     scene = Scene.named(name, seed)
     found = {(j.parent, j.child): Found(j) for j in true_joints(scene)}
@@ -109,7 +110,7 @@ def joints_from_features(name: str, seed: int, cache: Path | None) -> list[Found
                 if joint.kind == match.joint.kind:
                     _compare(match, joint, data)
 
-    messages = camera_messages(name, seed, cache)
+    messages = camera_messages(name, seed, cache, how)
     run_offline(messages, FusionConfig(), truth=truth, period=PERIOD, on_update=on_update)
     return list(found.values())
 

@@ -18,6 +18,8 @@ def markdown(results: Results) -> str:
         sections.append(f"## On poses alone\n\nMedians of {count} seeds.\n\n{poses.table(results.poses)}")
     if results.features:
         sections.append(f"## From features\n\n{features.table(results.features)}")
+    if results.sparse:
+        sections.append(f"## From few features\n\n{features.table(results.sparse)}")
     if results.free:
         sections.append(f"## Bodies that move freely\n\n{_free_table(results)}")
     if results.people:
@@ -73,6 +75,7 @@ def as_json(results: Results) -> dict[str, Any]:
         "seeds": list(results.experiment.seeds),
         "poses": [asdict(one) for one in results.poses],
         "features": [[scene, [asdict(one) for one in found]] for scene, found in results.features],
+        "sparse": [[scene, [asdict(one) for one in found]] for scene, found in results.sparse],
         "free": results.free,
         "people": [_person(one) for one in results.people],
         "cost": [asdict(one) for one in results.cost],
