@@ -86,11 +86,17 @@ class _KernelCacheImpl(CompileResultCacheImpl):
         """Make a kernel of what was saved.
 
         Numba reads a kernel's bitcode at once, which takes longer than to link the machine code. It is only
-        needed when another kernel that calls this one is compiled.
+        needed when another kernel that calls this one is compiled. All of this is private to numba: where a
+        version has it otherwise, kernels are read as numba reads them.
         """
-        (name, kind, (machine_code, bitcode)), description, *rest = payload
-        # Numba would find the kernel's symbols in the bitcode; this one is looked up.
-        target_context.codegen()._engine._defined_symbols.add(description.llvm_cpython_wrapper_name)
+        try:
+            (name, kind, (machine_code, bitcode)), description, *rest = payload
+            # Numba would find the kernel's symbols in the bitcode; this one is looked up.
+            symbols: set[str] = target_context.codegen()._engine._defined_symbols
+            symbol = description.llvm_cpython_wrapper_name
+        except (AttributeError, TypeError, ValueError):
+            return super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
+        symbols.add(symbol)
         library = name, kind, (machine_code, _no_bitcode())
         result = super().rebuild(target_context, (library, description, *rest))  # type: ignore[no-untyped-call]
         result.library._get_module_for_linking = cache(lambda: llvm.parse_bitcode(bitcode))
