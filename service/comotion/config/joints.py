@@ -23,7 +23,7 @@ class JointsConfig(BaseModel):
         0.95, description="probability from which on a kind of joint is published"
     )
     most_axis_sigma: Annotated[float, Field(gt=0, le=3)] = Field(
-        0.2, description="rad; a pair whose axis is less well known is undetermined"
+        0.15, description="rad; a pair whose axis is less well known is undetermined"
     )
     reach: Annotated[float, Field(ge=0, le=10)] = Field(
         0.5,
