@@ -2,8 +2,10 @@
 
 import os
 import stat
+import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import pytest
 from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
 from comotion.runtime import known_kernels
+from comotion.runtime import warm_up as warm_up_module
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Arrivals, Health, Watchdog
 from comotion.runtime.intake import Rejection
@@ -241,6 +244,43 @@ class TestKnownKernels:
         ):
             (tmp_path / "comotion.json").write_text(damage)
             assert not known_kernels.load("comotion")
+
+
+class TestPreparing:
+    def frames_of(self, monkeypatch, loads: list[bool]) -> list[int]:
+        """Frames of the warm-ups in this process, where loading succeeds or not."""
+        found: list[int] = []
+
+        def noted(config: FusionConfig, frames: int) -> Iterator[None]:
+            found.append(frames)
+            yield
+
+        monkeypatch.setattr(warm_up_module, "warm_up", noted)
+        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
+        monkeypatch.setattr(known_kernels, "load", lambda method: loads.pop(0))
+        monkeypatch.setattr(known_kernels, "note", lambda method: None)
+        for _ in prepare(FusionConfig()):
+            pass
+        assert not loads
+        return found
+
+    def test_where_no_other_process_can_compile_this_one_does(self, monkeypatch, tmp_path: Path) -> None:
+        few = self.frames_of(monkeypatch, [True])
+        monkeypatch.setattr(sys, "executable", str(tmp_path / "missing"))
+        assert self.frames_of(monkeypatch, [False, False]) > few
+
+    def test_the_other_process_ends_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
+        script = tmp_path / "python"
+        script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\necho\nexec sleep 600\n")
+        script.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(script))
+        monkeypatch.setattr(known_kernels, "load", lambda method: False)
+        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
+        steps = prepare(FusionConfig())
+        next(steps)
+        steps.close()  # type: ignore[attr-defined]
+        with pytest.raises(ProcessLookupError):
+            os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
 class TestStateSchedule:

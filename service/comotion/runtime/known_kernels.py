@@ -4,6 +4,7 @@ Loading takes a fraction of the time that it takes to run what would load it.
 """
 
 import json
+import os
 import sys
 import zlib
 from contextlib import suppress
@@ -39,6 +40,13 @@ def load(method: str) -> bool:
         return all(_load(known[name], signatures) for name, signatures in wanted.items())
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return False
+
+
+def can_be_kept(method: str) -> bool:
+    """Whether there is a folder for what a warm-up compiles."""
+    with suppress(OSError, ValueError):
+        return os.access(_file(method, kernels()).parent, os.W_OK)
+    return False
 
 
 def note(method: str) -> None:

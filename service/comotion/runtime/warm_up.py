@@ -4,7 +4,10 @@ Compiling takes many seconds on the first start on a machine, and is kept on dis
 this, the first updates would be late by as much.
 """
 
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +31,8 @@ _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _FEW_FRAMES = 12
-STEPS = len(_SCENES) * (_FRAMES // _FRAMES_PER_UPDATE)
-"""Steps of a complete warm-up."""
+STEPS = len(_SCENES) * (_FRAMES // _FRAMES_PER_UPDATE + _FEW_FRAMES // _FRAMES_PER_UPDATE)
+"""Most steps of :func:`prepare`."""
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
@@ -37,21 +40,59 @@ _FIRST_STAMP_NS = 1_000_000_000_000
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Load what an earlier warm-up has compiled, or warm up; yields now and then.
+    """Load what a warm-up has compiled, an earlier one or one in another process; yields now and then.
+
+    Where nothing can be kept on disk, or the other process fails, this one compiles.
 
     Parameters
     ----------
     config
         Parameters of the fusion that is about to start.
     """
-    if config.method != "comotion":
-        Fusion(config).make_method(SpaceSpec("any", "m", 3))  # imports it
-    if known_kernels.load(config.method):
-        # Libraries prepare themselves at their first use.
-        yield from warm_up(config, _FEW_FRAMES)
-    else:
-        yield from warm_up(config)
+    _import(config)
+    loaded = known_kernels.load(config.method)
+    if not loaded and known_kernels.can_be_kept(config.method):
+        yield from _compiled_apart(config)
+        loaded = known_kernels.load(config.method)
+    # Libraries prepare themselves at their first use.
+    yield from warm_up(config, _FEW_FRAMES if loaded else _FRAMES)
+    if not loaded:
         known_kernels.note(config.method)
+
+
+def compile_all() -> None:
+    """Warm up with the parameters on standard input (JSON), and keep the result; a line out for each step."""
+    config = FusionConfig.model_validate_json(sys.stdin.read())
+    _import(config)
+    for _ in warm_up(config):
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+    known_kernels.note(config.method)
+
+
+def _compiled_apart(config: FusionConfig) -> Iterator[None]:
+    """Warm up in another process: one that has compiled keeps some 300 MB more for as long as it lives."""
+    command = [sys.executable, "-P", "-c", f"from {__name__} import compile_all; compile_all()"]
+    try:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+    except OSError:
+        return
+    with process:
+        assert process.stdin is not None  # noqa: S101 - as asked
+        assert process.stdout is not None  # noqa: S101 - as asked
+        with suppress(OSError):
+            process.stdin.write(config.model_dump_json())
+            process.stdin.close()
+        try:
+            for _ in process.stdout:
+                yield
+        finally:
+            process.terminate()
+
+
+def _import(config: FusionConfig) -> None:
+    if config.method != "comotion":
+        Fusion(config).make_method(SpaceSpec("any", "m", 3))
 
 
 def warm_up(config: FusionConfig, frames: int = _FRAMES) -> Iterator[None]:
