@@ -27,7 +27,7 @@ demo: setup  ## router, three sources, service and watch; a summary and a plot a
 
 test: setup  ## the whole test suite, on two cores
 	@$(BIN)/python -m compileall -q service sources schemas clients experiments deploy
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup
 
 test-long: setup  ## the tests that take a minute or more each
 	$(BIN)/python -m pytest -m long
