@@ -1,5 +1,6 @@
 """Options and checks of the commands of ``comotion reproduce``."""
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -67,6 +68,32 @@ def cache_folder() -> Path:
     """Return the default folder of caches."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "comotion"
+
+
+def write_report(out: Path, name: str, text: str, values: object) -> tuple[str, str]:
+    """Write the report of an experiment as Markdown and its values as JSON.
+
+    Parameters
+    ----------
+    out
+        Folder; made if it is missing.
+    name
+        Name of both files, without a suffix.
+    text
+        The report.
+    values
+        What the JSON file holds.
+
+    Returns
+    -------
+    tuple of str
+        The values as JSON, and a line that says where both files are.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    page, data, written = out / f"{name}.md", out / f"{name}.json", json.dumps(values, indent=2)
+    page.write_text(text, encoding="utf-8")
+    data.write_text(written + "\n", encoding="utf-8")
+    return written, f"written: {page}, {data}"
 
 
 @contextmanager

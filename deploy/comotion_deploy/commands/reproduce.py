@@ -1,6 +1,5 @@
 """``comotion reproduce``: runs the experiments of the project."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +9,7 @@ from typer.core import TyperGroup
 from .. import options
 from ..fusion_options import fusion_config
 from . import reproduce_figures, reproduce_joints, reproduce_links, reproduce_regions, reproduce_stress
-from .experiments import Cache, Period, cache_folder, check, check_folder, known_parts, progress
+from .experiments import Cache, Period, cache_folder, check, check_folder, known_parts, progress, write_report
 
 if TYPE_CHECKING:
     from comotion_experiments.fusion import Results
@@ -151,10 +150,7 @@ def pixels(
             cross_validate=cross_validate and not quick,
             progress=note,
         )
-    values = json.dumps(found.as_json(), indent=2)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "pixels.md").write_text(report.markdown(found))
-    (out / "pixels.json").write_text(values + "\n")
+    values, written = write_report(out, "pixels", report.markdown(found), found.as_json())
     if json_:
         print(values)
         return
@@ -162,7 +158,7 @@ def pixels(
     console.print(report.table(found))
     for line in report.lines(found):
         console.print(line, highlight=False)
-    console.print(f"written: {out / 'pixels.md'}, {out / 'pixels.json'}", highlight=False)
+    console.print(written, highlight=False)
 
 
 @app.command("accuracy", epilog=ACCURACY_EPILOG)
@@ -225,9 +221,9 @@ def _report(results: "Results", out: Path, *, as_json: bool) -> None:
     from comotion_experiments.fusion import report
 
     report.save_picture(out / "fusion.png", results)
-    values = json.dumps(report.as_json(results), indent=2)
-    (out / "fusion.json").write_text(values + "\n")
-    (out / "fusion.md").write_text(report.markdown(results, "fusion.png"))
+    values, written = write_report(
+        out, "fusion", report.markdown(results, "fusion.png"), report.as_json(results)
+    )
     if as_json:
         print(values)
         return
@@ -235,4 +231,4 @@ def _report(results: "Results", out: Path, *, as_json: bool) -> None:
     console.print(report.table(results))
     for line in report.lines(results):
         console.print(line, highlight=False)
-    console.print(f"written: {out / 'fusion.md'}, .png and .json", highlight=False)
+    console.print(f"{written}, {out / 'fusion.png'}", highlight=False)

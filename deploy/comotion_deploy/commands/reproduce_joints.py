@@ -1,13 +1,12 @@
 """``comotion reproduce joints``: joints between bodies, and a camera that moves."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .. import options
-from .experiments import Cache, cache_folder, check_folder, known_parts, progress
+from .experiments import Cache, cache_folder, check_folder, known_parts, progress, write_report
 
 EPILOG = """
 Examples:
@@ -62,9 +61,6 @@ def joints(
     wanted = study.Experiment(chosen, numbers, 10 if quick else 50, data, cache or cache_folder() / "joints")
     with progress() as note:
         results = study.run_experiment(wanted, progress=note)
-    values = json.dumps(report.as_json(results), indent=2)
     text = report.markdown(results)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "joints.md").write_text(text)
-    (out / "joints.json").write_text(values + "\n")
-    print(values if json_ else f"{text}\nwritten: {out / 'joints.md'}, {out / 'joints.json'}")
+    values, written = write_report(out, "joints", text, report.as_json(results))
+    print(values if json_ else f"{text}\n{written}")

@@ -1,6 +1,5 @@
 """``comotion reproduce links``: the gain of linking a camera without depth to bodies in 3-D."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,7 @@ import typer
 
 from .. import options
 from ..fusion_options import fusion_config
-from .experiments import Cache, Period, cache_folder, check_folder, progress
+from .experiments import Cache, Period, cache_folder, check_folder, progress, write_report
 
 EPILOG = """
 Examples:
@@ -67,14 +66,11 @@ def links(
         results = study.run_experiment(
             scenes, numbers, config, setup=setup, cache=kept, period=period, turned=turned, progress=note
         )
-    values = json.dumps(report.as_json(results), indent=2)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "links.md").write_text(report.markdown(results))
-    (out / "links.json").write_text(values + "\n")
+    values, written = write_report(out, "links", report.markdown(results), report.as_json(results))
     study.save_picture(out / "links.jpg", scenes[0], numbers[0], config, setup=setup, cache=kept)
     if json_:
         print(values)
         return
     console = Console(width=max(170, Console().width))
     console.print(report.table(results))
-    console.print(f"written: {out / 'links.md'}, {out / 'links.json'}", highlight=False)
+    console.print(written, highlight=False)

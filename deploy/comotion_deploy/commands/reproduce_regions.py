@@ -1,15 +1,14 @@
 """``comotion reproduce regions``: dense regions of an image from labelled features."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .. import options
-from ..errors import missing_extra
+from ..errors import require_dense
 from ..fusion_options import fusion_config
-from .experiments import check_folder, progress
+from .experiments import check_folder, progress, write_report
 
 EPILOG = """
 Examples:
@@ -57,22 +56,6 @@ def regions(
         results = study.run_experiment(
             workcell or study.SCENES, numbers, config, duration=6.0 if quick else None, progress=note
         )
-    values, text = json.dumps(report.as_json(results), indent=2), report.markdown(results)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "regions.md").write_text(text)
-    (out / "regions.json").write_text(values + "\n")
-    print(values if json_ else f"{text}\nwritten: {out / 'regions.md'}, {out / 'regions.json'}")
-
-
-def require_dense() -> None:
-    """Check that scikit-image is installed.
-
-    Raises
-    ------
-    UserError
-        If it is not.
-    """
-    try:
-        import skimage.segmentation  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("dense", error) from None
+    text = report.markdown(results)
+    values, written = write_report(out, "regions", text, report.as_json(results))
+    print(values if json_ else f"{text}\n{written}")

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import options
-from ..errors import UserError
+from ..errors import UserError, require_dense
 from ..fusion_options import fusion_config
 from . import camera_options as camera
-from .reproduce_regions import require_dense
 
 if TYPE_CHECKING:
     from comotion_experiments.segment import Progress, Segmented

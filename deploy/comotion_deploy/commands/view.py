@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import options
-from ..errors import UserError, missing_extra
-from .reproduce_regions import require_dense
+from ..errors import UserError, missing_extra, require_dense
 
 if TYPE_CHECKING:
     from comotion_clients.viewing.process import ViewOptions
