@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.kernels.assignment import carry, closing_losses
-from comotion.rigid.kernels.correlation import variograms
+from comotion.rigid.kernels.correlation import newest_frames, variograms
 from comotion.rigid.kernels.differences import difference_noise, last_differences
 from comotion.rigid.kernels.distances import (
     deviation_from,
@@ -228,6 +228,15 @@ def test_the_variogram_of_distances_is_that_of_the_definition(rng):
     found = variograms(y, w, np.array([0]), np.array([1]), lags, 8)[0]
     expected = [((d[lag:] - d[:-lag]) ** 2).mean() / 2 if len(d) - lag >= 8 else np.nan for lag in lags]
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@few
+@given(seeds)
+def test_newest_frames_are_the_last_observed(rng):
+    w = (rng.random((5, 12)) < 0.2).astype(float)
+    rows = np.array([4, 0, 2])
+    expected = [max(np.flatnonzero(w[i] > 0), default=11) for i in rows]
+    assert newest_frames(w, rows).tolist() == expected
 
 
 @few

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion
 from comotion.hypotheses.extent import _MOST_POINTS, _SMALLER, Extents, Members
 from comotion.partition import PoseReference
-from comotion_schemas import Hypothesis, ObservationBatch, Pose
+from comotion_schemas import ObservationBatch
 
 S = 1_000_000_000
 HALF = np.array([0.3, 0.2, 0.1])
@@ -35,14 +35,8 @@ class Body:
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
         sure = np.ones(count, bool) if sure is None else np.array(sure)
-        rotation = [0.0, 0.0, 0.0, 1.0] if self.dim == 3 else 0.0
-        pose = Pose(translation=[0.0] * self.dim, rotation=rotation) if self.posed else None
-        listed = Hypothesis(
-            id=1, space="world", size=count, born_ns=0, state="moving", centroid=[0.0] * self.dim, pose=pose
-        )
         members = Members(keys, labels, points @ R.T + t, sure)
-        (found,) = self.extents.measured(stamp_ns, [listed], members, {1: self.reference})
-        return found.box
+        return self.extents.box(stamp_ns, 1, members, self.reference if self.posed else None)
 
 
 def matrix(box):

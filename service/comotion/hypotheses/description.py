@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from comotion_schemas import Hypothesis
+from comotion_schemas import Box, Hypothesis
 
 from ..arrays import Labels
 from ..partition import NO_HYPOTHESIS, Partition, PoseReference
@@ -18,6 +18,7 @@ def describe(
     labels: Labels,
     references: Mapping[int, PoseReference],
     confirmed: Callable[[int], bool],
+    box: Callable[[int, bool], Box],
 ) -> list[Hypothesis]:
     """Hypotheses that have a current member, by id.
 
@@ -35,6 +36,8 @@ def describe(
         Of every hypothesis in `ids`; brought up to date.
     confirmed
         Whether a hypothesis is confirmed.
+    box
+        Box of a hypothesis by its id and whether it has a pose.
     """
     found = []
     for group, one in zip(partition.described, ids.tolist(), strict=True):
@@ -58,6 +61,7 @@ def describe(
                 twist=group.twist,
                 noise=group.noise,
                 confirmed=confirmed(one),
+                box=box(one, pose is not None),
             )
         )
     return sorted(found, key=lambda h: h.id)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from comotion_schemas import Box, Hypothesis
+from comotion_schemas import Box
 
 from ..arrays import Bools, Floats, Labels, Stamps, find
 from ..partition import PoseReference
@@ -78,41 +78,37 @@ class Extents:
     def __init__(self) -> None:
         self._known: dict[int, _Extent] = {}
 
-    def measured(
+    def box(
         self,
         stamp_ns: int,
-        listed: list[Hypothesis],
+        one: int,
         members: Members,
-        references: Mapping[int, PoseReference],
+        reference: PoseReference | None,
         *,
         seek: bool = True,
-    ) -> list[Hypothesis]:
-        """Hypotheses with current members, each with its box.
+    ) -> Box:
+        """Box of a hypothesis with current members.
 
         Parameters
         ----------
         stamp_ns
             The watermark.
-        listed
-            As they are described, with their poses.
+        one
+            The hypothesis.
         members
             The current trajectories.
-        references
-            The poses, by hypothesis.
+        reference
+            Its pose; None where none is known.
         seek
-            Whether the axes of the boxes may be sought, which takes most of the time.
+            Whether the axes of the box may be sought, which takes most of the time.
         """
-        found = []
-        for one in listed:
-            dim = members.positions.shape[1]
-            R, t = np.eye(dim), np.zeros(dim)
-            if one.pose is not None:
-                R, t = references[one.id].R[:dim, :dim], references[one.id].t[:dim]
-            elif one.id in self._known:
-                self._known[one.id] = self._known[one.id].without_points()
-            extent = self._seen(stamp_ns, one.id, members, (R, t), seek)
-            found.append(replace(one, box=_box(extent, R, t)))
-        return found
+        dim = members.positions.shape[1]
+        R, t = np.eye(dim), np.zeros(dim)
+        if reference is not None:
+            R, t = reference.R[:dim, :dim], reference.t[:dim]
+        elif one in self._known:
+            self._known[one] = self._known[one].without_points()
+        return _box(self._seen(stamp_ns, one, members, (R, t), seek), R, t)
 
     def keep(self, kept: Mapping[int, object]) -> None:
         """Forget all hypotheses but some."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from comotion_schemas import Event, Hypothesis
+from comotion_schemas import Box, Event, Hypothesis
 
 from ..arrays import Floats, Labels, Slots, Stamps
 from ..config import HypothesesConfig
@@ -132,6 +132,12 @@ class Registry:
             self.labels.refer(window, stamp_ns)
         events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
         self.labels.retire(self._lifecycle.lives)
+        members = Members(found.keys, found.labels, found.positions, partition.confidence >= _SURE)
+
+        def box(one: int, posed: bool) -> Box:
+            reference = self.labels.references[one] if posed else None
+            return self._extents.box(stamp_ns, one, members, reference, seek=boxes)
+
         listed = describe(
             self._space,
             partition,
@@ -139,9 +145,8 @@ class Registry:
             found.labels,
             self.labels.references,
             self._lifecycle.confirmed,
+            box,
         )  # 4
-        members = Members(found.keys, found.labels, found.positions, partition.confidence >= _SURE)
-        listed = self._extents.measured(stamp_ns, listed, members, self.labels.references, seek=boxes)
         self._remember(stamp_ns, partition, found, listed)  # 5
         return found.labels, self._with_absent(listed, found), events
 

@@ -103,11 +103,12 @@ def follow(
     reference.R = now.R @ R.T
     reference.t = now.t - reference.R @ t
     reference.stamp_ns = int(frames.stamps[-1])
-    known = np.isin(names, reference.rows)
     if reference.born_ns >= int(frames.stamps[0]):
         reference.rows, reference.points = names, body.template @ R.T + t
     else:
-        kept = np.isin(reference.rows, names)
+        # Sorting is faster than the table of all names between the least and the largest.
+        known = np.isin(names, reference.rows, assume_unique=True, kind="sort")
+        kept = np.isin(reference.rows, names, assume_unique=True, kind="sort")
         reference.rows = np.concatenate([reference.rows[kept], names[~known]])
         reference.points = np.concatenate([reference.points[kept], body.template[~known] @ R.T + t])
 
@@ -123,7 +124,7 @@ def _from_birth(
     if last is not None:
         # x(last) = reference.R x(born) + reference.t and x(last) = last.R b + last.t.
         R, t = reference.R.T @ last.R, reference.R.T @ (last.t - reference.t)
-    shared, mine, theirs = np.intersect1d(names, reference.rows, return_indices=True)
+    shared, mine, theirs = np.intersect1d(names, reference.rows, assume_unique=True, return_indices=True)
     if len(shared) >= min(frames.dim, max(len(names), 2)):
         return align(body.template[mine], reference.points[theirs], frames.dim, R)
     return R, t

@@ -88,7 +88,7 @@ def noise_variance(
     """
     estimate = squared / _CHI2_MEDIAN[tracks.dim]
     source = tracks.source[own]
-    extent = tracks.extent()
+    extent = tracks.extent
     known = count > 0
     scene = float(np.median(estimate[known])) if known.any() else (_FIRST_GUESS * extent) ** 2
     variance = np.zeros(len(own))

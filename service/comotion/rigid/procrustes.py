@@ -58,7 +58,7 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     """Fit a body to rows intp [m]: generalised Procrustes with missing data and robust weights."""
     count = len(frames.stamps)
     w = frames.w[rows]
-    R = np.tile(np.eye(3), (count, 1, 1))
+    R = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
     t = np.zeros((count, 3))
     posed = np.zeros(count, np.bool_)
     poses = PoseArrays(R, t, posed)

@@ -65,7 +65,7 @@ class Registration:
         if large:
             frames, groups = _excerpt(frames, groups)
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
-        extent, pivot = tracks.extent(), np.median(tracks.newest, 0)
+        extent, pivot = tracks.extent, np.median(tracks.newest, 0)
         for source, mine in groups.items():
             if bodies and mine and source != self.reference:
                 before = self.found.get(source) or Offset.none(pivot)

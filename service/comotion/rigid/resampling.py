@@ -168,7 +168,7 @@ def make_frames(
     life = np.zeros(len(tracks.key), np.intp)
     np.maximum.at(life, owner, seen)
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
-    tolerance = noise + _deformation(squared, tracks.extent(), config)
+    tolerance = noise + _deformation(squared, tracks.extent, config)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
     return Frames(tracks.dim, stamps, y, w, owner, weight, noise, tolerance, spectrum, life, tracks.current)
 
@@ -250,7 +250,7 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
         orientations = Rotation.from_matrix(tracks.turn[owner]) * orientations
         positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
     found = []
-    for arm in _ARMS * _ARM_LENGTH * tracks.extent():
+    for arm in _ARMS * _ARM_LENGTH * tracks.extent:
         ends = Observations(times, positions + orientations.apply(arm), start, stop)
         squared, count = difference_noise(ends, gap[own], NOISE_OBSERVATIONS)
         found.append(_Curves(True, own, ends, squared, count))

@@ -54,7 +54,7 @@ def with_sliders(
 
 
 def _count(frames: Frames, body: Body) -> int:
-    return len(np.unique(frames.owner[body.rows]))
+    return int(np.count_nonzero(np.bincount(frames.owner[body.rows])))
 
 
 def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats) -> Ints:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaincinv
 
 from ..arrays import Floats, Ints, thinned
-from .kernels.correlation import variograms
+from .kernels.correlation import newest_frames, variograms
 
 # Rows of a source that are looked at, evenly drawn, and nearest rows to compare each with: a median needs no
 # more, and beyond three pairs more and more span two bodies.
@@ -127,7 +127,6 @@ def _typical(freedom: Floats) -> Floats:
 
 def _nearest(y: Floats, w: Floats, rows: Ints, some: Ints) -> Ints:
     """The rows whose newest positions are nearest to those of each of `some`, intp [n, 3]."""
-    last = w.shape[1] - 1 - np.argmax(w[rows, ::-1] > 0, axis=1)
-    at = y[rows, last]
+    at = y[rows, newest_frames(w, rows)]
     found = cKDTree(at).query(at[np.searchsorted(rows, some)], _NEAREST + 1)[1]
     return np.asarray(rows[found[:, 1:]], np.intp)

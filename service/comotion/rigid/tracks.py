@@ -1,6 +1,7 @@
 """In a window, out every trajectory that has an observation in it (step 1), without a copy."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -68,6 +69,7 @@ class Tracks:
         """The observations as kernels take them."""
         return Observations(self.times, self.positions, self.start, self.stop)
 
+    @cached_property
     def extent(self) -> float:
         """Root mean square distance of the current trajectories from their median: the scale of the scene.
 

@@ -1,9 +1,29 @@
-"""Compiled: in pairs of rows, out by how much their distance changes within a time."""
+"""Compiled: in rows, out their newest frames, and by how much distances of pairs change within a time."""
 
 import numpy as np
 
 from ...arrays import Floats, Ints
 from ...compiled import compiled
+
+
+@compiled()
+def newest_frames(w: Floats, rows: Ints) -> Ints:
+    """Newest frame in which each of `rows` is observed, intp [n]; the last frame if there is none.
+
+    Parameters
+    ----------
+    w
+        float64 [P, F] (0: unobserved).
+    rows
+        intp [n].
+    """
+    found = np.full(len(rows), w.shape[1] - 1)
+    for n in range(len(rows)):
+        for f in range(w.shape[1] - 1, -1, -1):
+            if w[rows[n], f] > 0:
+                found[n] = f
+                break
+    return found
 
 
 @compiled()
