@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.cluster import SpectralClustering
 
 from comotion.config import ThesisConfig
 from comotion.thesis.affinity import Affinity
@@ -34,6 +33,9 @@ def spectral(matrix: Floats, count: int) -> Labels:
     """Spectral clustering (scikit-learn), the number of objects given."""
     if count < 2 or len(matrix) <= count:
         return np.zeros(len(matrix), np.intp)
+    # Slow to import, and few evaluations have the comparator.
+    from sklearn.cluster import SpectralClustering
+
     # Without any affinity between groups the graph falls apart, which is no defect here.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -11,8 +11,6 @@ from ...arrays import Floats
 from ...config import Clustering
 from ..affinity import INCOMPARABLE, Affinity
 from .divisive_kmeans import DivisiveKMeans
-from .eigengap import cut_spectrum
-from .gmm_bic import best_mixture
 
 Labels = NDArray[np.intp]
 
@@ -40,6 +38,10 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     if name == "divisive-kmeans":
         divide = DivisiveKMeans(stop_affinity)
         return lambda affinity: _named(*divide(affinity))
+    # They import scikit-learn, which takes half a second and the default does not need.
+    from .eigengap import cut_spectrum  # noqa: PLC0415
+    from .gmm_bic import best_mixture  # noqa: PLC0415
+
     known: dict[Clustering, Callable[[Floats], Labels]] = {
         "gmm-bic": best_mixture,
         "eigengap": partial(cut_spectrum, normalized=False),
