@@ -38,7 +38,8 @@ ten random starts. Switches: tracks per 100 whose hypothesis differs from that o
 fig. 4.3 and 3.3 and with the late mover (3d_late) the truth separates bodies that have not moved yet, so NMI
 cannot reach 1.
 
-The methods are described [here](../method.md)."""
+The methods are described [here](../method.md). The recordings are those on which the default was developed;
+[27 others](unseen.md) came after."""
 
 
 def _head(results: Results) -> str:
