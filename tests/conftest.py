@@ -19,10 +19,11 @@ settings.load_profile("repeated")
 
 _E2E = Path(__file__).parent / "e2e"
 _EVERY_KERNEL = Path(__file__).parent / "reference" / "every_kernel.py"
-# About half of the time that all end-to-end tests take.
+# About half of the time that all tests of processes take.
 _OF_SERVICES = {
-    f"test_{name}" for name in ("service", "fleet", "standby", "soak", "evaluate", "demo", "watch", "sources")
-}
+    f"tests/e2e/test_{name}.py"
+    for name in ("service", "fleet", "standby", "soak", "evaluate", "demo", "watch", "sources")
+} | {"tests/unit/test_kernel_cache.py"}
 # Two processes compile at a time; the pixels come first, for the other one needs them last.
 _TOGETHER = (("pixels", "thesis"), ("metres",))
 # Of some 200 kernels; one that the other process had compiled a moment before may be loaded.
@@ -44,15 +45,30 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of real processes run one after another in each of two groups: more at once starve each other."""
+    """Let tests of real processes take long on a loaded machine: each of their waits has its own deadline."""
     for item in items:
         if item.path.is_relative_to(_E2E):
-            group = "services" if item.path.stem in _OF_SERVICES else "other processes"
-            item.add_marker(pytest.mark.xdist_group(group))
-            # Several waits of one test may be long on a loaded machine; each has a deadline of its own.
             item.add_marker(pytest.mark.timeout(600))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep a module on one worker, which starts what its tests share once.
+
+    Tests of real processes run one after another in each of two groups: more at once starve each other.
+    Groups of xdist itself are marks, which it loses with pytest 9.2.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByModule(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            module = nodeid.partition("::")[0]
+            if module in _OF_SERVICES:
+                return "services"
+            return "other processes" if module.startswith("tests/e2e/") else module
+
+    return ByModule(config, log)
 
 
 @pytest.hookimpl(optionalhook=True)
