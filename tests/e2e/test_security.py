@@ -277,9 +277,13 @@ def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in
     publisher = log_in("cam").declare_publisher(KEYS.stream("obs", "cam"))
     heard(publisher)
     publisher.put(bytes(5 * 1024 * 1024))
-    time.sleep(1.5 / RATE)  # not the rate limit is to be tested
-    publisher.put(b"small")
-    assert arrived.recv().payload.to_bytes() == b"small"
+    until = time.monotonic() + DEADLINE
+    while (sample := arrived.try_recv()) is None:
+        assert time.monotonic() < until
+        time.sleep(1.5 / RATE)
+        # Again, for the limit of the rate may meet it where the router is late.
+        publisher.put(b"small")
+    assert sample.payload.to_bytes() == b"small"
 
 
 def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) -> None:
