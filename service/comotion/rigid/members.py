@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
 from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
-from .memory import continues
+from .memory import continued_by
 from .subset import Scene
 
 # nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and what the
@@ -73,9 +73,8 @@ def leaving_costs(scene: Scene, owners: list[Ints]) -> Floats:
 
     `owners` are the trajectories that each of the K bodies was fitted to; none for the static one.
     """
-    cost = np.zeros((len(scene.before), len(owners)))
+    cost, continued = np.zeros((len(scene.before), len(owners))), continued_by(scene, owners)
     for one in np.unique(scene.before[scene.clear]).tolist():
         members = scene.clear & (scene.before == one)
-        others = [k for k, own in enumerate(owners) if not continues(scene, own, one)]
-        cost[np.ix_(members, others)] = _LEAVING
+        cost[np.ix_(members, continued != one)] = _LEAVING
     return cost

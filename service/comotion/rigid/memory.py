@@ -116,21 +116,29 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
     evidence = np.zeros((len(before), len(owners)))
     dof = 3 if scene.frames.dim == 2 else 6
     price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
+    continued = continued_by(scene, owners)
     for one in np.unique(before[scene.separate]).tolist():
         members = before == one
         gain = (found.body[members, :1] - found.body[members]).sum(0)
-        rests = np.flatnonzero(gain <= _CLEARLY * found.opening)
-        others = [k for k in rests.tolist() if not continues(scene, owners[k], one)]
+        others = np.flatnonzero((gain <= _CLEARLY * found.opening) & (continued != one))
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
     return evidence
 
 
-def continues(scene: Scene, owners: Ints, hypothesis: int) -> bool:
-    """Whether a body continues a hypothesis: nearly all trajectories that it was fitted to had it.
+def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
+    """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
 
-    `owners` intp [m] are these trajectories; none for the static body.
+    Nearly all trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
+    none for the static body.
     """
-    if not len(owners):
-        return hypothesis == scene.static
-    return float((scene.before[owners] == hypothesis).mean()) >= _PURE
+    static = NO_HYPOTHESIS if scene.static is None else scene.static
+    return np.array([_usual(scene.before[own]) if len(own) else static for own in owners], np.int64)
+
+
+def _usual(labels: Labels) -> int:
+    """The hypothesis of nearly all of labels int64 [m], m > 0."""
+    # What more than half of them have is in the middle when they are sorted.
+    middle = len(labels) // 2
+    one = int(np.partition(labels, middle)[middle])
+    return one if np.count_nonzero(labels == one) / len(labels) >= _PURE else NO_HYPOTHESIS

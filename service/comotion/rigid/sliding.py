@@ -73,7 +73,7 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     x = np.einsum("fji,nfj->nfi", host.R, frames.y[rows] - host.t)
     total = np.maximum(w.sum(1), 1e-300)
     x -= (np.einsum("nf,nfi->ni", w, x) / total[:, None])[:, None]
-    line = np.linalg.eigh(np.einsum("nf,nfi,nfj->nij", w, x, x))[1][:, :, -1]
+    line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
     along = np.einsum("nfi,ni->nf", x, line)
     across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
     paid = np.minimum(across / (_ACROSS * frames.noise[rows, None]), cap).sum(1)
