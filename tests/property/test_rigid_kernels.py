@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.assignment import carry, closing_losses
 from comotion.rigid.kernels.correlation import newest_frames, variograms
 from comotion.rigid.kernels.differences import difference_noise, last_differences
@@ -22,7 +23,6 @@ from comotion.rigid.kernels.records import (
     Limits,
     Observations,
     PoseArrays,
-    PoseStack,
     RowArrays,
 )
 from comotion.rigid.kernels.registration import move_rows, normal_equations, pose_information
@@ -36,6 +36,7 @@ from comotion.rigid.kernels.rotation import (
     rotation_vectors,
     spatial_rotation,
 )
+from comotion.rigid.procrustes import Body
 
 from ..reference import rigid as plain
 
@@ -66,11 +67,9 @@ def poses_of(rng, frames):
     return PoseArrays(R, np.cumsum(rng.normal(0, 1e-3, (frames, 3)), 0), posed)
 
 
-def stacked(bodies):
-    """Poses as the kernels of costs take them."""
-    R = np.stack([R.reshape(-1, 9).T for R, _, _ in bodies])
-    t = np.stack([t.T for _, t, _ in bodies])
-    return PoseStack(R, t, np.array([posed for _, _, posed in bodies], float))
+def body_of(poses):
+    """A body that was fitted to nothing."""
+    return Body(np.zeros(0, int), np.zeros((0, 3)), *poses, 6)
 
 
 def observations_of(rng, count):
@@ -182,7 +181,7 @@ def test_costs_are_those_of_the_definition(rng, bodies, spectrum):
     rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(3, 50)
     cost, squared = np.zeros((2, 3, bodies))
     arrays = arrays_of(y, w, tolerance, spectrum)
-    body_costs(arrays, rows, stacked(moves), wider, unposed, 3, 16.0, 1, cost, squared)
+    body_costs(arrays, rows, stacked(list(map(body_of, moves))), wider, unposed, 3, 16.0, 1, cost, squared)
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):
             v = tolerance[i] + wider[k]
@@ -197,7 +196,7 @@ def test_own_residuals_are_those_of_the_definition(rng):
     moves = [poses_of(rng, 20) for _ in range(2)]
     rows, first = np.array([3, 1, 5, 0, 2]), np.array([0, 2, 5])
     excess = np.zeros(2)
-    own_residuals(arrays_of(y, w, tolerance), rows, first, stacked(moves), 3, 9.0, excess)
+    own_residuals(arrays_of(y, w, tolerance), rows, first, stacked(list(map(body_of, moves))), 3, 9.0, excess)
     for k, poses in enumerate(moves):
         own = rows[first[k] : first[k + 1]]
         each = [plain.row_cost(y[i], w[i], tolerance[i], poses, 1.0, 0.0)[1] / tolerance[i] / 3 for i in own]
@@ -213,7 +212,7 @@ def test_costs_at_rest_are_those_of_a_body_that_never_moves(rng, spectrum):
     arrays = arrays_of(y, w, tolerance, spectrum)
     rest_costs(arrays, np.arange(4), wider, 3, 16.0, at_rest)
     still = PoseArrays(np.tile(np.eye(3), (20, 1, 1)), np.zeros((20, 3)), np.ones(20, bool))
-    body_costs(arrays, np.arange(4), stacked([still] * 3), wider, 9.0, 3, 16.0, 1, cost, squared)
+    body_costs(arrays, np.arange(4), stacked([body_of(still)] * 3), wider, 9.0, 3, 16.0, 1, cost, squared)
     # The robust mean is that of the row's own tolerance, so that only the first column is exact.
     np.testing.assert_allclose(at_rest[:, 0], cost[:, 0], rtol=1e-9)
     np.testing.assert_allclose(at_rest, cost, rtol=0.2)

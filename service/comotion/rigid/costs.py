@@ -6,7 +6,6 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
-from .kernels.records import PoseStack
 from .kernels.residuals import body_costs, own_residuals, rest_costs
 from .procrustes import Body, static_body
 from .resampling import Frames
@@ -171,16 +170,20 @@ def _residuals(
     cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, _stacked(bodies), *terms, stride, cost, squared)
+    body_costs(frames.arrays, rows, stacked(bodies), *terms, stride, cost, squared)
     return cost, squared
 
 
-def _stacked(bodies: list[Body]) -> PoseStack:
-    count = len(bodies[0].t)
-    # Always in one layout: a kernel is compiled anew for each.
-    R = np.ascontiguousarray([body.R.reshape(count, 9).T for body in bodies])
-    t = np.ascontiguousarray([body.t.T for body in bodies])
-    return PoseStack(R, t, np.array([body.posed for body in bodies], np.float64))
+def stacked(bodies: list[Body]) -> Floats:
+    """Poses of K bodies as kernels of costs take them, float64 [K, F, 13].
+
+    Each is R row by row, t, and whether the frame has a pose: 1 or 0.
+    """
+    found = np.empty((len(bodies), len(bodies[0].t), 13))
+    for k, body in enumerate(bodies):
+        found[k, :, :9], found[k, :, 9:12] = body.R.reshape(-1, 9), body.t
+        found[k, :, 12] = body.posed
+    return found
 
 
 def _looseness(frames: Frames, bodies: list[Body], config: RigidConfig) -> Floats:
@@ -192,7 +195,7 @@ def _looseness(frames: Frames, bodies: list[Body], config: RigidConfig) -> Float
     first = np.cumsum([0, *(len(body.rows) for body in bodies)])
     rows = np.concatenate([body.rows for body in bodies])
     excess = np.zeros(len(bodies))
-    own_residuals(frames.arrays, rows, first, _stacked(bodies), frames.dim, _MOST_EXCESS, excess)
+    own_residuals(frames.arrays, rows, first, stacked(bodies), frames.dim, _MOST_EXCESS, excess)
     static = np.array([body.static for body in bodies])
     owners = np.repeat(np.arange(len(bodies)), np.diff(first))
     mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)

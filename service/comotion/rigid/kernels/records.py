@@ -50,14 +50,6 @@ class PoseArrays(NamedTuple):
     posed: Bools
 
 
-class PoseStack(NamedTuple):
-    """Poses of K bodies, frames last: `R` float64 [K, 9, F], `t` [K, 3, F], `posed` [K, F] (1 or 0)."""
-
-    R: Floats
-    t: Floats
-    posed: Floats
-
-
 class DifferenceMemory(NamedTuple):
     """Third differences of trajectories, one entry per slot of the window.
 

@@ -5,7 +5,7 @@ import numpy as np
 from ...arrays import Floats, Slots
 from ...compiled import compiled
 from .procrustes import SOFT
-from .records import PoseStack, RowArrays
+from .records import RowArrays
 
 LEAST_COVERED = 0.6
 """Share of a row's frames in which a body must be posed to be charged the expected residual elsewhere."""
@@ -20,7 +20,7 @@ _NEAR_FACTOR, _NEAR_NATS = 3.0, 100.0
 def body_costs(
     arrays: RowArrays,
     rows: Slots,
-    poses: PoseStack,
+    poses: Floats,
     wider: Floats,
     unposed: float,
     dim: int,
@@ -37,6 +37,8 @@ def body_costs(
     ----------
     rows
         intp [n], rows to take.
+    poses
+        float64 [K, F, 13], of :func:`~comotion.rigid.costs.stacked`.
     wider
         float64 [K], by how much the tolerance of a body exceeds that of a row: v = tolerance + wider.
     unposed
@@ -49,56 +51,31 @@ def body_costs(
         Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
     """
     y, w, tolerance, spectrum = arrays
-    R, t, posed = poses
-    count, bodies = w.shape[1], len(R)
-    row, x, gains = np.empty((4, count)), np.empty((5, count)), np.empty((2, count))
-    first_R, first_t = np.ascontiguousarray(R[:, :, ::stride]), np.ascontiguousarray(t[:, :, ::stride])
-    first_posed = np.ascontiguousarray(posed[:, ::stride])
+    count, bodies = w.shape[1], len(poses)
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
+    some = np.ascontiguousarray(poses[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
         first, stop = _observed_span(w[i])
         reach = np.inf
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
-            seen = _copy_row(y[i], w[i], stride, row)
-            _filter_gains(row[3], spectrum[i], stride, gains)
+            seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
+            _filter_gains(w[i], spectrum[i], stride, gains)
             for k in range(bodies):
+                inverse = 1.0 / (tolerance[i] + wider[k])
                 cost[n, k], squared[n, k] = _body_cost(
-                    row,
-                    first_R[k],
-                    first_t[k],
-                    first_posed[k],
-                    0,
-                    first_posed.shape[1],
-                    1.0 / (tolerance[i] + wider[k]),
-                    dim,
-                    cap,
-                    unposed,
-                    x,
-                    gains,
-                    spectrum[i, 2] ** stride,
+                    row, some[k], 0, some.shape[1], inverse, dim, cap, unposed, x, gains, persistence
                 )
             cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
             reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
         else:
             _copy_row(y[i], w[i], 1, row)
-        _filter_gains(row[3], spectrum[i], 1, gains)
+        _filter_gains(w[i], spectrum[i], 1, gains)
         for k in range(bodies):
             if reach == np.inf or cost[n, k] < reach:
-                v = tolerance[i] + wider[k]
+                inverse = 1.0 / (tolerance[i] + wider[k])
                 cost[n, k], squared[n, k] = _body_cost(
-                    row,
-                    R[k],
-                    t[k],
-                    posed[k],
-                    first,
-                    stop,
-                    1.0 / v,
-                    dim,
-                    cap,
-                    unposed,
-                    x,
-                    gains,
-                    spectrum[i, 2],
+                    row, poses[k], first, stop, inverse, dim, cap, unposed, x, gains, spectrum[i, 2]
                 )
 
 
@@ -107,7 +84,7 @@ def own_residuals(
     arrays: RowArrays,
     rows: Slots,
     first: Slots,
-    poses: PoseStack,
+    poses: Floats,
     dim: int,
     most: float,
     excess: Floats,
@@ -118,22 +95,21 @@ def own_residuals(
     ----------
     rows, first
         intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of body k.
+    poses
+        As of :func:`body_costs`.
     excess
         Out: float64 [K], mean squared residual in tolerances and dimensions, that of each row at most `most`.
     """
     y, w, tolerance, spectrum = arrays
-    R, t, posed = poses
     count = w.shape[1]
-    row, x, gains = np.empty((4, count)), np.empty((5, count)), np.empty((2, count))
-    for k in range(len(R)):
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
+    for k in range(len(poses)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
             _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
-            _filter_gains(row[3], spectrum[i], 1, gains)
-            _, squared = _body_cost(
-                row, R[k], t[k], posed[k], 0, count, inverse, dim, 1.0, 0.0, x, gains, spectrum[i, 2]
-            )
+            _filter_gains(w[i], spectrum[i], 1, gains)
+            _, squared = _body_cost(row, poses[k], 0, count, inverse, dim, 1.0, 0.0, x, gains, spectrum[i, 2])
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
 
 
@@ -163,28 +139,28 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
     """
     y, w, tolerance, spectrum = arrays
     count = w.shape[1]
-    row, squared, gains = np.empty((4, count)), np.empty(count), np.empty((2, count))
+    row, gains = np.empty((count, 5)), np.empty((count, 2))
     for n in range(len(rows)):
         i = rows[n]
         _copy_row(y[i], w[i], 1, row)
-        _filter_gains(row[3], spectrum[i], 1, gains)
+        _filter_gains(w[i], spectrum[i], 1, gains)
         soft = 1.0 / (SOFT * dim * tolerance[i])
-        mean = _robust_mean(row, 0, count, soft)
-        _squares(row, 0, count, mean, gains, spectrum[i, 2], soft, squared)
+        mean = _robust_mean(row, count, soft)
+        _squares(row, count, mean, gains, spectrum[i, 2], soft)
         for k in range(len(wider)):
             inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
             for f in range(count):
-                paid += min(squared[f] * inverse, cap * dim)
+                paid += min(row[f, 4] * inverse, cap * dim)
             cost[n, k] = 0.5 * paid
 
 
 @compiled()
 def _copy_row(y: Floats, w: Floats, stride: int, row: Floats) -> int:
-    """Copy every stride-th frame of a row to [4, F]; return in how many of them it is observed."""
+    """Copy every stride-th frame of a row to [F, 4]; return in how many of them it is observed."""
     seen = 0
     for f in range(0, len(w), stride):
         k = f // stride
-        row[0, k], row[1, k], row[2, k], row[3, k] = y[f, 0], y[f, 1], y[f, 2], w[f]
+        row[k, 0], row[k, 1], row[k, 2], row[k, 3] = y[f, 0], y[f, 1], y[f, 2], w[f]
         seen += w[f] > 0
     return seen
 
@@ -192,9 +168,7 @@ def _copy_row(y: Floats, w: Floats, stride: int, row: Floats) -> int:
 @compiled()
 def _body_cost(
     row: Floats,
-    R: Floats,
-    t: Floats,
-    posed: Floats,
+    poses: Floats,
     first: int,
     stop: int,
     inverse: float,
@@ -207,91 +181,82 @@ def _body_cost(
 ) -> tuple[float, float]:
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
-    `row` [4, F] holds y and w; `gains` [2, F] are those of its slow noise; `x` [5, F] is room.
+    `row` [F, 4] holds y and w, `poses` [F, 13] those of the body; `gains` [F, 2] are those of the row's slow
+    noise; `x` [F, 5] is room.
     """
-    y0, y1, y2, w = row[0, first:stop], row[1, first:stop], row[2, first:stop], row[3, first:stop]
-    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
-    r0, r1, r2 = R[0, first:stop], R[1, first:stop], R[2, first:stop]
-    r3, r4, r5 = R[3, first:stop], R[4, first:stop], R[5, first:stop]
-    r6, r7, r8 = R[6, first:stop], R[7, first:stop], R[8, first:stop]
-    t0, t1, t2, p = t[0, first:stop], t[1, first:stop], t[2, first:stop], posed[first:stop]
-    seen, held = 0.0, 0.0
-    for f in range(len(w)):
-        z0, z1, z2 = y0[f] - t0[f], y1[f] - t1[f], y2[f] - t2[f]
-        x0[f] = r0[f] * z0 + r3[f] * z1 + r6[f] * z2
-        x1[f] = r1[f] * z0 + r4[f] * z1 + r7[f] * z2
-        x2[f] = r2[f] * z0 + r5[f] * z1 + r8[f] * z2
-        a[f] = w[f] * p[f]
-        seen += 1.0 if w[f] > 0 else 0.0
-        held += 1.0 if a[f] > 0 else 0.0
+    seen, held, count = 0.0, 0.0, stop - first
+    for f in range(count):
+        p, r = poses[first + f], row[first + f]
+        z0, z1, z2 = r[0] - p[9], r[1] - p[10], r[2] - p[11]
+        x[f, 0] = p[0] * z0 + p[3] * z1 + p[6] * z2
+        x[f, 1] = p[1] * z0 + p[4] * z1 + p[7] * z2
+        x[f, 2] = p[2] * z0 + p[5] * z1 + p[8] * z2
+        x[f, 3] = r[3] * p[12]
+        seen += 1.0 if r[3] > 0 else 0.0
+        held += 1.0 if x[f, 3] > 0 else 0.0
     missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
-    soft, d2 = inverse / (SOFT * dim), x[4, first:stop]
-    mean = _robust_mean(x, first, stop, soft)
-    _squares(x, first, stop, mean, gains, persistence, soft, d2)
+    soft = inverse / (SOFT * dim)
+    _squares(x, count, _robust_mean(x, count, soft), gains[first:], persistence, soft)
     paid, squared, most = 0.0, 0.0, cap * dim
-    for f in range(len(w)):
-        squared += d2[f]
-        paid += min(d2[f] * inverse, most)
+    for f in range(count):
+        squared += x[f, 4]
+        paid += min(x[f, 4] * inverse, most)
     return missing + 0.5 * paid, squared / held
 
 
 @compiled()
-def _robust_mean(x: Floats, first: int, stop: int, soft: float) -> tuple[float, float, float]:
-    """Mean of points [4, first:stop], three coordinates and a weight.
+def _robust_mean(x: Floats, count: int, soft: float) -> tuple[float, float, float]:
+    """Mean of points [count, 4 or more], three coordinates and a weight.
 
     A squared distance of 1 / soft from the plain mean halves a weight.
     """
-    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
     total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
-    for f in range(len(a)):
-        total += a[f]
-        m0 += a[f] * x0[f]
-        m1 += a[f] * x1[f]
-        m2 += a[f] * x2[f]
+    for f in range(count):
+        a = x[f, 3]
+        total += a
+        m0 += a * x[f, 0]
+        m1 += a * x[f, 1]
+        m2 += a * x[f, 2]
     m0, m1, m2 = m0 / total, m1 / total, m2 / total
     total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
-    for f in range(len(a)):
-        d2 = (x0[f] - m0) ** 2 + (x1[f] - m1) ** 2 + (x2[f] - m2) ** 2
-        g = a[f] / (1.0 + soft * a[f] * d2)
+    for f in range(count):
+        d2 = (x[f, 0] - m0) ** 2 + (x[f, 1] - m1) ** 2 + (x[f, 2] - m2) ** 2
+        g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
         total += g
-        b0 += g * x0[f]
-        b1 += g * x1[f]
-        b2 += g * x2[f]
+        b0 += g * x[f, 0]
+        b1 += g * x[f, 1]
+        b2 += g * x[f, 2]
     return b0 / total, b1 / total, b2 / total
 
 
 @compiled()
 def _squares(
     x: Floats,
-    first: int,
-    stop: int,
+    count: int,
     mean: tuple[float, float, float],
     gains: Floats,
     persistence: float,
     soft: float,
-    squared: Floats,
 ) -> None:
-    """Weighted squared distances of points [4, first:stop] from their mean, to [stop - first].
+    """Weighted squared distances of points [count, 5] from their mean, to the last column.
 
     With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
     (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
     """
-    x0, x1, x2, a = x[0, first:stop], x[1, first:stop], x[2, first:stop], x[3, first:stop]
-    gain, precision = gains[0, first:stop], gains[1, first:stop]
     if persistence == 0.0:
-        for f in range(len(a)):
-            d2 = (x0[f] - mean[0]) ** 2 + (x1[f] - mean[1]) ** 2 + (x2[f] - mean[2]) ** 2
-            squared[f] = a[f] * d2
+        for f in range(count):
+            d2 = (x[f, 0] - mean[0]) ** 2 + (x[f, 1] - mean[1]) ** 2 + (x[f, 2] - mean[2]) ** 2
+            x[f, 4] = x[f, 3] * d2
         return
     s0, s1, s2 = mean
-    for f in range(len(a)):
-        squared[f] = 0.0
-        if a[f] > 0:
-            e0, e1, e2 = x0[f] - s0, x1[f] - s1, x2[f] - s2
-            squared[f] = a[f] * precision[f] * (e0 * e0 + e1 * e1 + e2 * e2)
-            g = gain[f] / (1.0 + soft * squared[f])
+    for f in range(count):
+        x[f, 4] = 0.0
+        if x[f, 3] > 0:
+            e0, e1, e2 = x[f, 0] - s0, x[f, 1] - s1, x[f, 2] - s2
+            x[f, 4] = x[f, 3] * gains[f, 1] * (e0 * e0 + e1 * e1 + e2 * e2)
+            g = gains[f, 0] / (1.0 + soft * x[f, 4])
             s0, s1, s2 = s0 + g * e0, s1 + g * e1, s2 + g * e2
         s0 = mean[0] + persistence * (s0 - mean[0])
         s1 = mean[1] + persistence * (s1 - mean[1])
@@ -300,17 +265,18 @@ def _squares(
 
 @compiled()
 def _filter_gains(w: Floats, spectrum: Floats, stride: int, gains: Floats) -> None:
-    """Gain of a Kalman filter of a row's slow noise, and inverse variance of its innovations, to [2, F].
+    """Gain of a Kalman filter of a row's slow noise, and inverse variance of its innovations, to [F, 2].
 
     The latter are in tolerances, and relative to the weight of the observation. `spectrum` [3] is that of
-    :class:`~.records.RowArrays`, of frames `stride` times as dense as those of `w`.
+    :class:`~.records.RowArrays`, of frames as dense as those of `w`; every stride-th is taken.
     """
     white, slow, persistence = spectrum[0], spectrum[1], spectrum[2] ** stride
     if slow == 0.0:
         return
     variance = slow
-    for f in range((len(w) + stride - 1) // stride):
-        gain = variance * w[f] / (variance * w[f] + white)
-        gains[0, f], gains[1, f] = gain, 1.0 / (variance * w[f] + white)
+    for k in range((len(w) + stride - 1) // stride):
+        a = w[k * stride]
+        gain = variance * a / (variance * a + white)
+        gains[k, 0], gains[k, 1] = gain, 1.0 / (variance * a + white)
         variance -= gain * variance
         variance = persistence * persistence * variance + (1.0 - persistence * persistence) * slow
