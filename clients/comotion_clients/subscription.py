@@ -24,8 +24,8 @@ from comotion_schemas.qos import Kind
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.transport import declare_subscriber
 
+from .active_session import ActiveSession
 from .inbox import Closed, Inbox
-from .speaker import Speaker
 
 M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview)
 
@@ -105,7 +105,7 @@ class Subscription(Generic[M]):
         self._message: type[M] = message
         self._scene = scene
         self._sequences = SequenceCounter()
-        self._speaker = Speaker()
+        self._active = ActiveSession()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
@@ -202,7 +202,7 @@ class Subscription(Generic[M]):
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
         # A service that was cut off and returns is not heard: another has spoken since.
-        if isinstance(message, HypothesisUpdate) and not self._speaker.accepts(message, time.monotonic()):
+        if isinstance(message, HypothesisUpdate) and not self._active.accepts(message, time.monotonic()):
             self.counters.stale += 1
             return False
         lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)

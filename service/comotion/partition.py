@@ -185,7 +185,7 @@ class Method(Protocol):
         """How its groups continue hypotheses; see :mod:`comotion.matching`."""
 
     @property
-    def elders(self) -> bool:
+    def established(self) -> bool:
         """Whether members of long standing decide which hypothesis a group continues, or all alike."""
 
     def observed(self, window: Window, rows: Rows) -> None:

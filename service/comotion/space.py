@@ -96,7 +96,7 @@ class Space:
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         self._index = TrackIndex(self._window)
         self._method = method
-        self._hypotheses = Registry(spec.name, ids, config.hypotheses, elders=method.elders)
+        self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None

@@ -131,13 +131,13 @@ def test_renaming_is_simultaneous_and_one_id_stands_for_one_group():
     assert memory.ids.tolist() == [3, 1]
 
 
-@pytest.mark.parametrize(("elders", "voices"), [(True, [5, 5, 7]), (False, [7, 5, 5])])
-def test_a_state_without_elders_makes_some_only_where_elders_vote(elders, voices):
+@pytest.mark.parametrize(("established", "supported"), [(True, [5, 5, 7]), (False, [7, 5, 5])])
+def test_a_state_without_established_members_makes_some_only_where_they_vote(established, supported):
     window = Window(3, 10_000_000_000, 1_000_000_000)
     slots = window.open(3, 1)
-    memory = LabelMemory(IdAllocator(), elders=elders)
+    memory = LabelMemory(IdAllocator(), established=established)
     state = {"tracks": window.key[slots], "labels": np.array([5, 5, 7]), "ids": np.array([5, 7])}
     memory.load(state | {"references": []}, window)
     assert memory.labels[slots].tolist() == [5, 5, 7]
     memory.labels[slots] = [7, 5, 5]
-    assert memory.voices(slots).tolist() == voices
+    assert memory.supported(slots).tolist() == supported

@@ -74,11 +74,13 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
     sources
         The sources, with what they say that they have sent.
     """
-    told = {(one.name, one.account["session"]): one.account for one in sources if "session" in one.account}
+    declared = {
+        (one.name, one.account["session"]): one.account for one in sources if "session" in one.account
+    }
     # A source whose session is not known has overflowed before anything of it was read.
-    known = told.keys() | {(name, "") for name, _ in told}
+    known = declared.keys() | {(name, "") for name, _ in declared}
     mine = [one for one in reply["accounts"] if (one["source"], one["session"]) in known]
-    sent = {key: account["sent"] + account["repeated"] for key, account in told.items()}
+    sent = {key: account["sent"] + account["repeated"] for key, account in declared.items()}
     heard: dict[str, int] = {}
     for one in mine:
         heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + one["lost"]

@@ -73,7 +73,7 @@ class Account:
     paused: bool = False
     late: deque[bytes] = field(default_factory=deque)
 
-    def told(self, session: str) -> str:
+    def declared(self, session: str) -> str:
         """As a line of JSON."""
         found = {"session": session, "sent": self.sent, "repeated": self.repeated, "paused": self.paused}
         return json.dumps(found)
@@ -196,7 +196,7 @@ def main() -> None:
                 publisher.put(account.late.popleft())
             if now - said > _ACCOUNT_S:
                 said, account.paused = now, source.faults.paused
-                print(account.told(source.session), flush=True)
+                print(account.declared(source.session), flush=True)
 
 
 if __name__ == "__main__":

@@ -13,15 +13,16 @@ from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..trajectories.window import Window
 
-# ns. A member for so long is an elder: it votes for its hypothesis for as long again when it changes groups.
+# ns. A member for so long is established: it votes for its hypothesis as long again when it changes groups.
 # After a gap in all data all may be one group at first, and two halves of a body that a wrong clock has split
 # become one again feature by feature: neither tells whose id it is.
 _TENURE_NS = 2_000_000_000
-# Votes of an elder for the hypothesis in which it became one, and for that in which it is now; others have as
-# many for the latter. The first part settles it, the second one keeps two halves from trading an id.
-_ELDER_VOTES, _VOTES = 3, 1
+# Votes of an established member for the hypothesis in which it became one, and for that in which it is now;
+# others have as many for the latter. The first part settles it, the second one keeps two halves from trading
+# an id.
+_ESTABLISHED_VOTES, _VOTES = 3, 1
 # So many older ones must there be, as many as confirm a hypothesis by default.
-_ELDERS = 3
+_ENOUGH_ESTABLISHED = 3
 _LONG_AGO_NS = -(2**62)
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
 ID_GAP = 1000
@@ -54,7 +55,7 @@ class LabelMemory:
     ----------
     ids
         Where new hypotheses get their ids.
-    elders
+    established
         Whether members of long standing decide which hypothesis a group continues.
 
     Attributes
@@ -67,14 +68,14 @@ class LabelMemory:
         By hypothesis that has a trajectory in the window.
     """
 
-    def __init__(self, ids: IdAllocator, *, elders: bool = True) -> None:
+    def __init__(self, ids: IdAllocator, *, established: bool = True) -> None:
         self._allocator = ids
-        self._has_elders = elders
+        self._established_decide = established
         self.labels: Labels = np.zeros(0, np.int64)
         # When each slot got its label, ns.
         self._since: Stamps = np.zeros(0, np.int64)
-        # In which hypothesis each slot became an elder, negative for none.
-        self._elder_of: Labels = np.zeros(0, np.int64)
+        # In which hypothesis each slot became an established member, negative for none.
+        self._established_in: Labels = np.zeros(0, np.int64)
         self.ids: Labels = np.zeros(0, np.int64)
         self.references: dict[int, PoseReference] = {}
 
@@ -86,12 +87,12 @@ class LabelMemory:
     def forget(self, window: Window, slots: Slots) -> None:
         """Slots are about to be freed."""
         self._fit(window)
-        self.labels[slots] = self._elder_of[slots] = NO_HYPOTHESIS
+        self.labels[slots] = self._established_in[slots] = NO_HYPOTHESIS
 
-    def voices(self, slots: Slots) -> Labels:
+    def supported(self, slots: Slots) -> Labels:
         """The hypotheses for which slots intp [n] vote, int64 [n]."""
-        elder_of = self._elder_of[slots]
-        return np.where(elder_of == NO_HYPOTHESIS, self.labels[slots], elder_of)
+        established_in = self._established_in[slots]
+        return np.where(established_in == NO_HYPOTHESIS, self.labels[slots], established_in)
 
     def name(
         self, window: Window, partition: Partition, current: Slots, matching: Matching, stamp_ns: int
@@ -101,41 +102,44 @@ class LabelMemory:
         slots, groups, count = partition.slots, partition.groups, len(partition.described)
         known = self.labels[slots].copy()
         vote = partition.deciding & ~self._overruled(window, partition, current)
-        votes = Votes(self.voices(slots)[vote], known[vote], groups[vote])
+        votes = Votes(self.supported(slots)[vote], known[vote], groups[vote])
         self.ids = name_groups(votes, count, matching, self._allocator.next)
         before = self.labels[current]
         self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
         self._since[slots[self.labels[slots] != known]] = stamp_ns
         now = self.labels[current]
         self._lead_outdated(window, slots, before, now)
-        if self._has_elders:
-            self._take_up_elders(window, slots, stamp_ns)
+        if self._established_decide:
+            self._establish(window, slots, stamp_ns)
         return now
 
-    def _take_up_elders(self, window: Window, slots: Slots, stamp_ns: int) -> None:
-        """Let slots whose label has lasted, and that the window knows for so long, become elders in it."""
+    def _establish(self, window: Window, slots: Slots, stamp_ns: int) -> None:
+        """Establish slots whose label has lasted, and that the window knows for as long."""
         tenure_ns = min(_TENURE_NS, window.span_ns // 2)
         held = window.stop[slots] > window.start[slots]
         first_ns = window.times[slots, np.minimum(window.start[slots], window.times.shape[1] - 1)]
         since_ns = np.maximum(self._since[slots], first_ns)
         settled = slots[held & (since_ns <= stamp_ns - tenure_ns)]
-        self._elder_of[settled] = self.labels[settled]
+        self._established_in[settled] = self.labels[settled]
 
     def _overruled(self, window: Window, partition: Partition, current: Slots) -> Bools:
         """Trajectories that have no say in which hypothesis a group continues, bool [N].
 
-        These are late members, and trajectories out of sight, of a source that has no elder, where those
+        These are late members, and trajectories out of sight, of a source without an established
+        member, where those
         of others have enough: in the hypothesis, or in the group. So a crowd of a new source does not take
         the id of a body along.
         """
         slots, groups = partition.slots, partition.groups
-        known, old = self.labels[slots], self._elder_of[slots] != NO_HYPOTHESIS
+        known, old = self.labels[slots], self._established_in[slots] != NO_HYPOTHESIS
         seen, sources = np.isin(slots, current), window.source[slots]
-        if not self._has_elders or (old & seen).all():
+        if not self._established_decide or (old & seen).all():
             return np.zeros(len(slots), np.bool_)
-        elders = old & seen & partition.deciding & (groups >= 0)
-        late = ~old & _left_to_others(known, sources, elders)
-        return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, elders)))
+        established = old & seen & partition.deciding & (groups >= 0)
+        late = ~old & _left_to_others(known, sources, established)
+        return np.asarray(
+            late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, established))
+        )
 
     def rename(self, names: dict[int, int]) -> None:
         """Give the members of some hypotheses other ids, {present: other}, all at once.
@@ -143,7 +147,7 @@ class LabelMemory:
         Trajectories of the other ids that the method has kept apart from them have no hypothesis any more:
         one id would stand for two groups.
         """
-        for array in (self.labels, self._elder_of, self.ids):
+        for array in (self.labels, self._established_in, self.ids):
             before = array.copy()
             array[np.isin(before, list(names.values()))] = NO_HYPOTHESIS
             for present, other in names.items():
@@ -151,18 +155,18 @@ class LabelMemory:
 
     def retire(self, living: Collection[int]) -> None:
         """Nobody votes for any other hypothesis any more: an id that has ended does not come back."""
-        voting = self._elder_of != NO_HYPOTHESIS
-        self._elder_of[voting & ~np.isin(self._elder_of, list(living))] = NO_HYPOTHESIS
+        voting = self._established_in != NO_HYPOTHESIS
+        self._established_in[voting & ~np.isin(self._established_in, list(living))] = NO_HYPOTHESIS
 
     def drop(self, hypothesis: int) -> None:
         """Leave the members of a hypothesis without any."""
         self.labels[self.labels == hypothesis] = NO_HYPOTHESIS
-        self._elder_of[self._elder_of == hypothesis] = NO_HYPOTHESIS
+        self._established_in[self._established_in == hypothesis] = NO_HYPOTHESIS
         self.ids[self.ids == hypothesis] = NO_HYPOTHESIS
 
     def refer(self, window: Window, stamp_ns: int) -> None:
-        """Keep the references of the hypotheses that have a trajectory or an elder in the window alone."""
-        present = np.unique([self.labels[window.used], self._elder_of[window.used]])
+        """Forget the references of hypotheses without a trajectory or an established member in the window."""
+        present = np.unique([self.labels[window.used], self._established_in[window.used]])
         self.references = {
             h: self.references.get(h) or PoseReference.new(stamp_ns)
             for h in present.tolist()
@@ -176,7 +180,7 @@ class LabelMemory:
         return {
             "tracks": window.key[slots],
             "labels": self.labels[slots],
-            "elders": self._elder_of[slots],
+            "established": self._established_in[slots],
             "ids": self.ids.copy(),
             "references": [[h, dict(vars(reference))] for h, reference in self.references.items()],
         }
@@ -190,10 +194,10 @@ class LabelMemory:
         row_of = {key: row for row, key in enumerate(state["tracks"].tolist())}
         rows = [row_of.get(key, -1) for key in window.key[slots].tolist()]
         self.labels[slots] = np.append(state["labels"], NO_HYPOTHESIS)[rows]
-        if self._has_elders:
-            # States of former versions have no elders.
-            elders = state.get("elders", state["labels"])
-            self._elder_of[slots] = np.append(elders, NO_HYPOTHESIS)[rows]
+        if self._established_decide:
+            # States of former versions call them elders, or have none.
+            established = state.get("established", state.get("elders", state["labels"]))
+            self._established_in[slots] = np.append(established, NO_HYPOTHESIS)[rows]
         self.ids = state["ids"]
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
 
@@ -203,7 +207,7 @@ class LabelMemory:
         if extra:
             self.labels = np.pad(self.labels, (0, extra), constant_values=NO_HYPOTHESIS)
             self._since = np.pad(self._since, (0, extra), constant_values=_LONG_AGO_NS)
-            self._elder_of = np.pad(self._elder_of, (0, extra), constant_values=NO_HYPOTHESIS)
+            self._established_in = np.pad(self._established_in, (0, extra), constant_values=NO_HYPOTHESIS)
 
     def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Let outdated trajectories follow the current ones, which went from `before` to `now`."""
@@ -220,7 +224,7 @@ class Votes:
     int64 [N], int64 [N] and intp [N].
     """
 
-    voices: Labels
+    supported: Labels
     before: Labels
     groups: Ints
 
@@ -239,21 +243,21 @@ def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable
     allocate
         Gives a fresh id, for a group that continues none.
     """
-    before = np.concatenate([np.tile(votes.voices, _ELDER_VOTES), np.tile(votes.before, _VOTES)])
-    matched = continued(before, np.tile(votes.groups, _ELDER_VOTES + _VOTES), count, matching)
+    before = np.concatenate([np.tile(votes.supported, _ESTABLISHED_VOTES), np.tile(votes.before, _VOTES)])
+    matched = continued(before, np.tile(votes.groups, _ESTABLISHED_VOTES + _VOTES), count, matching)
     ids = np.full(count, NO_HYPOTHESIS)
     for k in np.unique(votes.groups[votes.groups >= 0]).tolist():
         ids[k] = matched[k] if k in matched else allocate()
     return ids
 
 
-def _left_to_others(sets: Labels, sources: Slots, elders: Bools) -> Bools:
-    """Whose set has enough elders, none of them of its own source; bool [N], as are all arguments."""
+def _left_to_others(sets: Labels, sources: Slots, established: Bools) -> Bools:
+    """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
     names, row = np.unique(sets, return_inverse=True)
     owners, column = np.unique(sources, return_inverse=True)
     counts = np.zeros((len(names), len(owners)), np.intp)
-    np.add.at(counts, (row[elders], column[elders]), 1)
-    return np.asarray((counts.sum(1)[row] >= _ELDERS) & (counts[row, column] == 0))
+    np.add.at(counts, (row[established], column[established]), 1)
+    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, column] == 0))
 
 
 def follow(before: Labels, now: Labels, outdated: Labels) -> Labels:

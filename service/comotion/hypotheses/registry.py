@@ -67,7 +67,7 @@ class Registry:
         Where new hypotheses get their ids.
     config
         Of confirmation and memory.
-    elders
+    established
         Whether members of long standing decide which hypothesis a group continues.
 
     Attributes
@@ -77,7 +77,7 @@ class Registry:
     """
 
     def __init__(
-        self, space: str, ids: IdAllocator, config: HypothesesConfig, *, elders: bool = True
+        self, space: str, ids: IdAllocator, config: HypothesesConfig, *, established: bool = True
     ) -> None:
         self._space = space
         self._config = config
@@ -86,7 +86,7 @@ class Registry:
         self._extents = Extents()
         # Recalled by their place, and not yet confirmed to have returned.
         self._recalled: list[int] = []
-        self.labels = LabelMemory(ids, elders=elders)
+        self.labels = LabelMemory(ids, established=established)
 
     def previous(self, window: Window) -> Previous:
         """What a method is told of the last update."""
@@ -191,23 +191,23 @@ class Registry:
         sizes, least = found.sizes(), self._least(found)
         missing = [one for one in self._memory.traces if one not in sizes]
         self._recalled = [one for one in self._recalled if one in sizes and self._lifecycle.absent(one)]
-        young = [
+        unconfirmed = [
             one
             for one in sizes
             if (missing or self._recalled) and sizes[one] >= least and not self._lifecycle.confirmed(one)
         ]
-        if not young and not self._recalled:
+        if not unconfirmed and not self._recalled:
             return False
-        groups = self._newcomers(partition, found, [*young, *self._recalled])
+        groups = self._newcomers(partition, found, [*unconfirmed, *self._recalled])
         heirs = {one: self._memory.heir(one, found.keys, found.labels) for one in missing}
-        names = {heir: one for one, heir in heirs.items() if heir in young and not groups[heir].static}
+        names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and not groups[heir].static}
         lost = [one for one in missing if heirs[one] is None] + self._recalled
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
         first = {
             one: None if group.static else appearance(window, found.slots[found.labels == one])
             for one, group in groups.items()
         }
-        for some, margin in ((young, _CLEAR), (due, _LIKELY)):
+        for some, margin in ((unconfirmed, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
             free = [one for one in lost if one not in names.values()]
             wanted = self._memory.recognised(free, left, margin)
@@ -248,9 +248,9 @@ class Registry:
         known = self._lifecycle.lives
         origins = {one: _origin(before[found.labels == one]) for one in sizes if one not in known}
         heirs: dict[int, int] = {}
-        voices = self.labels.voices(found.slots)
+        supported = self.labels.supported(found.slots)
         for one in self._memory.traces:
-            if one not in sizes and (heir := self._memory.heir(one, found.keys, voices)) is not None:
+            if one not in sizes and (heir := self._memory.heir(one, found.keys, supported)) is not None:
                 heirs[one] = heir
         return Count(sizes, self._least(found), origins, heirs)
 

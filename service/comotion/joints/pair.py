@@ -138,16 +138,16 @@ class Pair:
     def _decide(self, verdict: Verdict, seconds: float) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
         apart = verdict.turn >= self._config.least_turn or verdict.shift >= self._config.least_shift
-        told = self._together if kind == "fixed" else apart
-        told &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
+        decided = self._together if kind == "fixed" else apart
+        decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         sigmas = _sigmas(verdict, kind, seconds)
         most = self._config.most_axis_sigma * (_KEPT if kind == self.known.kind else 1)
-        told &= sigmas is None or sigmas.axis <= most
+        decided &= sigmas is None or sigmas.axis <= most
         own = verdict.probability.get(self.known.kind, 0.0)
         if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - self._config.least_confidence:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif told and chance >= self._config.least_confidence:
+        elif decided and chance >= self._config.least_confidence:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
             if kind not in JOINTS:

@@ -121,7 +121,7 @@ class PixelMethod:
     """
 
     matching = staticmethod(largest_first)
-    elders = True
+    established = True
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels

@@ -91,7 +91,7 @@ class RigidMethod:
     """
 
     matching = staticmethod(largest_total)
-    elders = True
+    established = True
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         self._config = config.rigid

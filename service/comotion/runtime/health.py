@@ -97,8 +97,8 @@ class Health:
         )
         trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection), *_describe(silent)]
         # The texts are in `problems`.
-        told = [f"{one.kind} of {one.source}" if one.source else one.kind for one in lasting]
-        trouble += [one for one in told if not one.startswith(("silent", "no-data"))]
+        named = [f"{one.kind} of {one.source}" if one.source else one.kind for one in lasting]
+        trouble += [one for one in named if not one.startswith(("silent", "no-data"))]
         live = [s.name for s in sources if s.sending]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:

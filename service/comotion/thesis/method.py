@@ -49,7 +49,7 @@ class ThesisMethod:
 
     matching = staticmethod(largest_first)
     # Section 3.3 propagates the labels of the last update, those of all features alike.
-    elders = False
+    established = False
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec, cluster: ClusterFunction | None = None) -> None:
         self._sigma_switch = config.thesis.switch_for(spec.unit)

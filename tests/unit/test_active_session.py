@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 from comotion import Fusion
-from comotion_clients.speaker import Speaker
+from comotion_clients.active_session import ActiveSession
 
 UPDATE = Fusion().update(0)
 
 
 def accepted(*heard: tuple[str, int, float]) -> list[bool]:
-    speaker = Speaker()
+    active = ActiveSession()
     return [
-        speaker.accepts(replace(UPDATE, session=session * 16, epoch=epoch), now)
+        active.accepts(replace(UPDATE, session=session * 16, epoch=epoch), now)
         for session, epoch, now in heard
     ]
 

@@ -1,6 +1,6 @@
 """Objects keep their ids through faults that leave the grouping without evidence for a while.
 
-The sources are those of the soak, with seeds at which ids changed before elders had votes.
+The sources are those of the soak, with seeds at which ids changed before established members had votes.
 """
 
 import heapq

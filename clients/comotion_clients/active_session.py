@@ -13,7 +13,7 @@ _SILENT_PERIODS = 3
 _REMEMBERED = 64
 
 
-class Speaker:
+class ActiveSession:
     """Follows one session of the services of a scene."""
 
     def __init__(self) -> None:
