@@ -50,6 +50,11 @@ def inverses(matrices: Floats) -> Floats:
         return np.asarray(np.linalg.inv(matrices + _RIDGE * size * np.eye(matrices.shape[1])), np.float64)
 
 
+def identities(count: int) -> Floats:
+    """So many rotations by nothing, float64 [count, 3, 3]."""
+    return np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+
+
 def thinned(indices: Ints, count: int) -> Ints:
     """At most `count` of the indices, intp [n], evenly drawn."""
     return indices[:: max(-(-len(indices) // count), 1)]

@@ -68,8 +68,9 @@ def costs(
         Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
     """
     rows = np.arange(len(frames.owner))
-    wider = _looseness(frames, bodies, config)
-    row_costs, _ = _residuals(frames, bodies, rows, wider, config, stride)
+    poses = stacked(bodies)
+    wider = _looseness(frames, bodies, poses, config)
+    row_costs, _ = _residuals(frames, poses, rows, wider, config, stride)
     tolerance = frames.tolerance[:, None]
     row_costs += 0.5 * _LOOSE_PRICE * frames.dim * np.log((tolerance + wider) / tolerance)
     row_costs += _REST_SHARE * _gain_at_rest(frames, wider, config)
@@ -121,7 +122,7 @@ def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: Rigi
 
 def mean_squared_residuals(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> Floats:
     """Mean squared residual of rows intp [n] under a body, float64 [n], squared units of the space."""
-    return _residuals(frames, [body], np.ascontiguousarray(rows), np.zeros(1), config)[1][:, 0]
+    return _residuals(frames, stacked([body]), np.ascontiguousarray(rows), np.zeros(1), config)[1][:, 0]
 
 
 def _gain_at_rest(frames: Frames, wider: Floats, config: RigidConfig) -> Floats:
@@ -153,24 +154,24 @@ def _opening(body: Body, config: RigidConfig, stretch: float) -> float:
 
 def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:
     """By how much a body's own rows are cheaper under it than at rest, both at its tolerance."""
-    both = [static_body(len(frames.stamps)), body]
+    both = stacked([static_body(len(frames.stamps)), body])
     cost, _ = _residuals(frames, both, body.rows, np.full(2, wider), config)
     return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
 
 
 def _residuals(
     frames: Frames,
-    bodies: list[Body],
+    poses: Floats,
     rows: Ints,
     wider: Floats,
     config: RigidConfig,
     stride: int = 1,
 ) -> tuple[Floats, Floats]:
-    """Cost and mean squared residual of rows [n] under each body, [n, K] each."""
-    cost, squared = np.zeros((len(rows), len(bodies))), np.zeros((len(rows), len(bodies)))
+    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each."""
+    cost, squared = np.zeros((len(rows), len(poses))), np.zeros((len(rows), len(poses)))
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, stacked(bodies), *terms, stride, cost, squared)
+    body_costs(frames.arrays, rows, poses, *terms, stride, cost, squared)
     return cost, squared
 
 
@@ -186,8 +187,8 @@ def stacked(bodies: list[Body]) -> Floats:
     return found
 
 
-def _looseness(frames: Frames, bodies: list[Body], config: RigidConfig) -> Floats:
-    """Variance that each body adds to the tolerance, [K].
+def _looseness(frames: Frames, bodies: list[Body], poses: Floats, config: RigidConfig) -> Floats:
+    """Variance that each body, with its :func:`stacked` poses, adds to the tolerance, [K].
 
     Soft things are bodies too. A body that fits its own rows worse than the noise says has a wider
     tolerance, for all trajectories alike, at the price of a log per coordinate.
@@ -195,7 +196,7 @@ def _looseness(frames: Frames, bodies: list[Body], config: RigidConfig) -> Float
     first = np.cumsum([0, *(len(body.rows) for body in bodies)])
     rows = np.concatenate([body.rows for body in bodies])
     excess = np.zeros(len(bodies))
-    own_residuals(frames.arrays, rows, first, stacked(bodies), frames.dim, _MOST_EXCESS, excess)
+    own_residuals(frames.arrays, rows, first, poses, frames.dim, _MOST_EXCESS, excess)
     static = np.array([body.static for body in bodies])
     owners = np.repeat(np.arange(len(bodies)), np.diff(first))
     mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)

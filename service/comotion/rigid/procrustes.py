@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Bools, Floats, Ints, identities
 from .kernels.procrustes import fit_poses, weighted_pose
 from .kernels.records import PoseArrays
 from .resampling import Frames
@@ -49,16 +49,17 @@ class Body:
 
 def static_body(count: int) -> Body:
     """The body at rest over `count` frames."""
-    rotations = np.tile(np.eye(3), (count, 1, 1))
     nothing = np.zeros(0, np.intp)
-    return Body(nothing, np.zeros((0, 3)), rotations, np.zeros((count, 3)), np.ones(count, np.bool_), 0)
+    return Body(
+        nothing, np.zeros((0, 3)), identities(count), np.zeros((count, 3)), np.ones(count, np.bool_), 0
+    )
 
 
 def fit_body(frames: Frames, rows: Ints) -> Body:
     """Fit a body to rows intp [m]: generalised Procrustes with missing data and robust weights."""
     count = len(frames.stamps)
     w = frames.w[rows]
-    R = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+    R = identities(count)
     t = np.zeros((count, 3))
     posed = np.zeros(count, np.bool_)
     poses = PoseArrays(R, t, posed)

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Ints, Slots, Stamps, identities
 from ..trajectories.window import Window
 from .kernels.records import Observations
 from .kernels.resampling import stop_at
@@ -142,7 +142,7 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
         period=_periods(times, start, stop, source),
         newest=newest,
         delay_ns=np.zeros(len(slots), np.int64),
-        turn=np.tile(np.eye(3), (len(slots), 1, 1)),
+        turn=identities(len(slots)),
         shift=np.zeros((len(slots), 3)),
     )
 

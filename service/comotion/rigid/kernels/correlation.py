@@ -4,6 +4,7 @@ import numpy as np
 
 from ...arrays import Floats, Ints
 from ...compiled import compiled
+from .residuals import observed_span
 
 
 @compiled()
@@ -17,12 +18,9 @@ def newest_frames(w: Floats, rows: Ints) -> Ints:
     rows
         intp [n].
     """
-    found = np.full(len(rows), w.shape[1] - 1)
+    found = np.empty(len(rows), np.intp)
     for n in range(len(rows)):
-        for f in range(w.shape[1] - 1, -1, -1):
-            if w[rows[n], f] > 0:
-                found[n] = f
-                break
+        found[n] = observed_span(w[rows[n]])[1] - 1
     return found
 
 

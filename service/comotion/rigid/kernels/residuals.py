@@ -56,7 +56,7 @@ def body_costs(
     some = np.ascontiguousarray(poses[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
-        first, stop = _observed_span(w[i])
+        first, stop = observed_span(w[i])
         reach = np.inf
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
@@ -114,7 +114,7 @@ def own_residuals(
 
 
 @compiled()
-def _observed_span(w: Floats) -> tuple[int, int]:
+def observed_span(w: Floats) -> tuple[int, int]:
     """First frame in which a row is observed, and one past the last."""
     first, stop = 0, len(w)
     while first < stop and w[first] <= 0:
