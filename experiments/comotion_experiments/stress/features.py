@@ -115,6 +115,22 @@ def heavy(
     return [_noisy(seed, room(seed, 3, 10, sigma), noise, duration)]
 
 
+def depth_camera(
+    seed: int,
+    *,
+    bodies: int = 0,
+    ratio: float = 3.0,
+    flying: float = 0.0,
+    published: bool = False,
+    sigma: float = 0.0015,
+    duration: float = 12.0,
+) -> list[Scene]:
+    """What an RGB-D camera sees: its noise along the ray is a multiple of that across it."""
+    all_bodies = [background(40, sigma), *room(seed, bodies, 12, sigma)[1:]]
+    noise = Noise(ray=ratio, flying=flying, published=published)
+    return [_noisy(seed, all_bodies, noise, duration)]
+
+
 def gaps(
     seed: int,
     *,
@@ -140,7 +156,7 @@ def gaps(
 def _noisy(seed: int, bodies: list[Body], noise: Noise, duration: float) -> Scene:
     moving = len(bodies) > 1
     spans = respawning(bodies, duration, seed) if moving else None
-    largest = bodies[0].sigma * (noise.outlier_factor * noise.outliers + 1.0)
+    largest = bodies[0].sigma * (noise.outlier_factor * noise.outliers + noise.ray)
     return Scene(
         bodies=bodies,
         lives=lives_of(bodies, seed, spans),

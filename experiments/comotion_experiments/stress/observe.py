@@ -1,7 +1,7 @@
 """Messages of a scene: what its sources publish, with the truth of every feature. Pure, deterministic."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -94,7 +94,8 @@ class _View:
             if t >= scene.start and not any(begin <= t < end for begin, end in source.off):
                 lost = np.setdiff1d(before, alive)
                 ended = self._id[lost[self._session[lost] == session]]
-                yield self._batch(number, session, t, self._id[seen], positions, ended)
+                batch = self._batch(number, session, t, self._id[seen], positions, ended)
+                yield Arrived(replace(batch, covariance=self._covariance(seen, positions)), in_ns(t))
                 before = alive
 
     def _alive(self, t: float, session: int) -> NDArray[np.intp]:
@@ -109,7 +110,7 @@ class _View:
         local = scene.lives.local[rows] + self._slipped(rows, t) + self._drifted(seen)
         exact: Array = np.einsum("nij,nj->ni", rotations[body], local) + translations[body]
         sigma = np.array([b.sigma for b in scene.bodies])[body]
-        noisy: Array = exact + self._noise(seen, sigma[:, None]) + self._depth_noise(exact)
+        noisy: Array = exact + self._noise(seen, sigma[:, None]) + self._noise_along_ray(exact, sigma)
         if self._source.rotation is not None:
             noisy = np.asarray(noisy @ self._source.rotation.T, np.float64)
         return noisy if self._source.translation is None else noisy + self._source.translation
@@ -143,13 +144,28 @@ class _View:
         self._correlated[seen] = state
         return sigma * state
 
-    def _depth_noise(self, exact: Array) -> Array:
+    def _noise_along_ray(self, exact: Array, sigma: Array) -> Array:
         noise = self._scene.noise
-        if not noise.depth:
+        if not (noise.depth or noise.flying or noise.ray != 1.0):
             return np.zeros_like(exact)
         ray = exact - noise.camera
-        along = noise.depth * ray[:, 2] ** 2 * self._rng.normal(size=len(ray))
+        scale = noise.depth * ray[:, 2] ** 2 + sigma * np.sqrt(noise.ray**2 - 1.0)
+        along = scale * self._rng.normal(size=len(ray))
+        if noise.flying:
+            behind = noise.reach * self._rng.uniform(size=len(ray))
+            along = np.where(self._rng.uniform(size=len(ray)) < noise.flying, behind, along)
         return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True) * along[:, None], np.float64)
+
+    def _covariance(self, seen: NDArray[np.intp], positions: Array) -> NDArray[np.float32] | None:
+        """What the source says of its noise, float32 [N, 6]: along the rays to the features and across."""
+        noise, body = self._scene.noise, self._scene.lives.body[self._rows[seen]]
+        if not noise.published:
+            return None
+        ray = positions - noise.camera
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        across = np.array([b.sigma for b in self._scene.bodies])[body, None, None] ** 2
+        found = across * (np.eye(3) + (noise.ray**2 - 1.0) * ray[:, :, None] * ray[:, None])
+        return np.asarray(found[:, *np.triu_indices(3)], np.float32)
 
     def _batch(
         self,
@@ -159,9 +175,9 @@ class _View:
         ids: NDArray[np.uint64],
         positions: Array,
         ended: NDArray[np.uint64],
-    ) -> Arrived:
+    ) -> ObservationBatch:
         error = [by for begin, by in self._source.clock if begin <= t]
-        batch = ObservationBatch(
+        return ObservationBatch(
             source=self._source.name,
             session=_session_name(session),
             seq=number,
@@ -173,7 +189,6 @@ class _View:
             positions=positions.astype(np.float32),
             ended=ended if len(ended) else None,
         )
-        return Arrived(batch, in_ns(t))
 
 
 def _session_name(number: int) -> str:

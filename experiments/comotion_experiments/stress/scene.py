@@ -93,6 +93,12 @@ class Noise:
         m/√s; random walk of a feature on its body.
     depth
         1/m; noise along the viewing ray is depth · z² beside the white noise. 0: none.
+    ray
+        White noise along the viewing ray, as a multiple of that across it. 1: as much.
+    flying, reach
+        Share of the observations that are somewhere between a feature and so many m behind it, along the ray.
+    published
+        Whether sources publish the covariance of the white noise.
     camera
         float64 [3], where the rays start; z is the distance along the third axis.
     """
@@ -102,6 +108,10 @@ class Noise:
     outlier_factor: float = 10.0
     walk: float = 0.0
     depth: float = 0.0
+    ray: float = 1.0
+    flying: float = 0.0
+    reach: float = 0.3
+    published: bool = False
     camera: Array = field(default_factory=lambda: np.array([0.0, 0.0, -2.0]))
 
 
