@@ -8,7 +8,14 @@ from typer.core import TyperGroup
 
 from .. import options
 from ..fusion_options import fusion_config
-from . import reproduce_figures, reproduce_joints, reproduce_links, reproduce_regions, reproduce_stress
+from . import (
+    reproduce_ablation,
+    reproduce_figures,
+    reproduce_joints,
+    reproduce_links,
+    reproduce_regions,
+    reproduce_stress,
+)
 from .experiments import Cache, Period, cache_folder, check, check_folder, known_parts, progress, write_report
 
 if TYPE_CHECKING:
@@ -73,6 +80,7 @@ app.command("figures", epilog=reproduce_figures.EPILOG)(reproduce_figures.figure
 app.command("joints", epilog=reproduce_joints.EPILOG)(reproduce_joints.joints)
 app.command("links", epilog=reproduce_links.EPILOG)(reproduce_links.links)
 app.command("regions", epilog=reproduce_regions.EPILOG)(reproduce_regions.regions)
+app.command("ablation", epilog=reproduce_ablation.EPILOG)(reproduce_ablation.ablation)
 app.command("stress", epilog=reproduce_stress.EPILOG)(reproduce_stress.stress)
 
 
