@@ -25,6 +25,7 @@ from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
     Count,
+    CovarianceColumn,
     F8Column,
     Finite,
     I4Column,
@@ -76,6 +77,19 @@ Sigma = Annotated[
 ]
 
 
+# Share of the largest eigenvalue of a matrix in single precision that may be missing from the least.
+_ROUNDING = 1e-5
+
+
+def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrices [N, dim, dim] of their upper triangles [N, 6] (3-D) or [N, 3] (2-D), row by row."""
+    dim = 3 if upper.shape[1] == 6 else 2
+    rows, columns = np.triu_indices(dim)
+    found = np.zeros((len(upper), dim, dim))
+    found[:, rows, columns] = found[:, columns, rows] = upper
+    return found
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
 class ObservationBatch:
     """Observations of one source: newest states of its features (``comotion.ObservationBatch/1``).
@@ -96,6 +110,10 @@ class ObservationBatch:
         int64 [N] or None: acquisition time per row.
     sigma
         One-sigma isotropic noise in `unit`: a number, float32 [N], or None when unknown.
+    covariance
+        float32 [N, 6] (xx, xy, xz, yy, yz, zz), in 2-D [N, 3] (xx, xy, yy), or None: covariance of the white
+        noise of a position in the axes of the space, m², positive semidefinite. Metric spaces only; it counts
+        before sigma.
     quaternions
         float32 [N, 4] (x, y, z, w) or None; a row of NaN is a point. 3-D only.
     ended
@@ -121,6 +139,7 @@ class ObservationBatch:
     positions: PositionColumn
     stamps_ns: StampColumn | None = None
     sigma: Sigma | None = None
+    covariance: CovarianceColumn | None = None
     quaternions: QuaternionColumn | None = None
     ended: IdColumn | None = None
     moving: Annotated[bool, Field(strict=True)] | None = None
@@ -131,6 +150,7 @@ class ObservationBatch:
         self._check_stamps()
         if isinstance(self.sigma, np.ndarray):
             require_rows("sigma", self.sigma, len(self.ids))
+        self._check_covariance()
         self._check_quaternions()
         if self.ended is not None and has_duplicates(self.ended):
             raise reject("duplicate-id", "an id occurs twice in ended")
@@ -166,6 +186,22 @@ class ObservationBatch:
             raise reject("range", "stamps_ns must not decrease within an id")
         if (same & (stamps[1:] == stamps[:-1])).any():
             raise reject("duplicate-id", "an id occurs twice in one instant")
+
+    def _check_covariance(self) -> None:
+        if self.covariance is None:
+            return
+        if self.unit != "m":
+            raise reject("schema", "a covariance needs a metric space")
+        entries = self.dim * (self.dim + 1) // 2
+        if self.covariance.size != len(self.ids) * entries:
+            raise reject(
+                "length", f"covariance holds {self.covariance.size} numbers, not {entries} for each id"
+            )
+        # Assign although frozen: the width is known only here.
+        object.__setattr__(self, "covariance", self.covariance.reshape(len(self.ids), entries))
+        least, *_, most = np.linalg.eigvalsh(symmetric(self.covariance.astype(np.float64))).T
+        if (least < -_ROUNDING * most).any():
+            raise reject("range", "a covariance is not positive semidefinite")
 
     def _check_quaternions(self) -> None:
         if self.quaternions is None:

@@ -161,6 +161,12 @@ class Space:
             quaternions = _take(batch.quaternions, rows).astype(np.float64)
         positions = _take(batch.positions, rows).astype(np.float64)
         stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, quaternions)
+        if batch.covariance is not None:
+            # In 2-D without z.
+            entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
+            told = np.zeros((len(rows), 6))
+            told[:, entries] = _take(batch.covariance, rows)
+            self._window.covariance[slots] = np.clip(told, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
         if stored.any():

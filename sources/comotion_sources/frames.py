@@ -78,6 +78,7 @@ class MessageBuilder:
         ids: ArrayLike,
         positions: ArrayLike,
         sigma: float | ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
         quaternions: ArrayLike | None = None,
         ended: ArrayLike | None = None,
         stamps_ns: ArrayLike | None = None,
@@ -100,6 +101,7 @@ class MessageBuilder:
             ids=np.asarray(ids),
             positions=np.asarray(positions, np.float32),
             sigma=sigma if sigma is None or np.isscalar(sigma) else np.asarray(sigma, np.float32),  # type: ignore[arg-type]
+            covariance=None if covariance is None else np.asarray(covariance, np.float32),
             quaternions=None if quaternions is None else np.asarray(quaternions, np.float32),
             ended=None if ended is None else np.asarray(ended),
             stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns),

@@ -158,6 +158,7 @@ class SourcePublisher:
         positions: ArrayLike,
         stamp_ns: int | None = None,
         sigma: float | ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
         quaternions: ArrayLike | None = None,
         ended: ArrayLike | None = None,
         stamps_ns: ArrayLike | None = None,
@@ -174,6 +175,10 @@ class SourcePublisher:
             Acquisition time, nanoseconds since the Unix epoch; None: now.
         sigma
             One-sigma noise of a position in the unit of the source, a number or float [N]; None: unknown.
+        covariance
+            Float [N, 6] (xx, xy, xz, yy, yz, zz), in 2-D [N, 3] (xx, xy, yy), m²: covariance of the noise of
+            a position in the axes of the space, as of a depth camera that knows its rays; it counts before
+            `sigma`.
         quaternions
             float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points; None: only points.
         ended
@@ -199,6 +204,7 @@ class SourcePublisher:
                 ids=rows.ids,
                 positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
                 sigma=rows.sigma,
+                covariance=None if covariance is None else np.asarray(covariance)[rows.kept],
                 quaternions=None if quaternions is None else np.asarray(quaternions)[rows.kept],
                 ended=ended,
                 stamps_ns=stamps,

@@ -115,7 +115,7 @@ def count_instants(batch: ObservationBatch) -> int:
 
 def size_of(batch: ObservationBatch) -> int:
     """Bytes that a batch holds."""
-    columns = batch.ids, batch.positions, batch.stamps_ns, batch.sigma, batch.quaternions, batch.ended
+    columns = vars(batch).values()
     return _OBJECT_BYTES + sum(column.nbytes for column in columns if isinstance(column, np.ndarray))
 
 

@@ -15,7 +15,7 @@ from ..arrays import Bools, Floats, Slots, Stamps
 from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "_complete")
+_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "covariance", "_complete")
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -69,6 +69,8 @@ class Window:
         self.source: Slots = np.zeros(0, np.intp)
         self.key: Stamps = np.zeros(0, np.int64)
         self.last_ns: Stamps = np.zeros(0, np.int64)
+        # xx, xy, xz, yy, yz, zz of the newest observation as its source says; NaN: it does not.
+        self.covariance: Floats = np.zeros((0, 6))
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
 
@@ -105,6 +107,7 @@ class Window:
         self._next_key += count
         self.start[slots] = self.stop[slots] = 0
         self.last_ns[slots] = np.iinfo(np.int64).min
+        self.covariance[slots] = np.nan
         self._complete[slots] = True
         return slots
 
@@ -233,7 +236,7 @@ class Window:
         self._grow_columns(self.capacity + extra, self._rows)
         for name in _PER_SLOT:
             column = getattr(self, name)
-            setattr(self, name, np.concatenate([column, np.zeros(extra, column.dtype)]))
+            setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
         self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
         self.capacity += extra
 
@@ -259,6 +262,7 @@ class Window:
             "source": self.source[slots],
             "key": self.key[slots],
             "last_ns": self.last_ns[slots],
+            "covariance": self.covariance[slots],
         }
         spans = list(zip(slots.tolist(), self.start[slots].tolist(), self.stop[slots].tolist(), strict=True))
         for name in _COLUMNS:
@@ -285,6 +289,7 @@ class Window:
         self.start[slots], self.stop[slots] = 0, counts
         self._complete[slots], self.ended[slots] = state["whole"], state["ended"]
         self.source[slots], self.key[slots] = state["source"], state["key"]
+        self.covariance[slots] = state["covariance"]
         self.last_ns[slots] = state["last_ns"]
         self._next_key = state["next_key"]
         return slots
