@@ -52,9 +52,6 @@ class RigidConfig(BaseModel):
         default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
     )
     prior_floor: Positive = Field(default=6.0, description="nat; most that the spatial prior may cost")
-    noise_pool: Positive = Field(
-        default=6.0, description="samples that the noise of a source is worth beside a trajectory's own"
-    )
     min_samples: Annotated[int, Field(ge=2, le=100)] = Field(
         default=5, description="frames from which on a trajectory takes part in finding hypotheses"
     )

@@ -55,7 +55,7 @@ from .costs import Costs, costs, excess_costs, moving_bodies
 from .members import ClearMembers, leaving_costs
 from .memory import Separation
 from .motions import describe_bodies
-from .noise import Differences
+from .noise import NoiseEstimates
 from .poses import Poses, poses_of
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
@@ -100,7 +100,7 @@ class RigidMethod:
         self._keys: Stamps = np.zeros(0, np.int64)
         self._excess: Floats = np.zeros(0)
         self._registration = Registration()
-        self._differences = Differences()
+        self._noise = NoiseEstimates(spec.dim)
         self._separation = Separation()
         self._members = ClearMembers()
         self._chances: Floats = np.zeros((0, 1))
@@ -114,7 +114,7 @@ class RigidMethod:
             return self._nothing()
         tracks = self._registration.correct(tracks)  # 2
         spans = window.span_ns, window.gap_ns
-        frames = make_frames(tracks, self._differences, stamp_ns, *spans, self._config)  # 3, 4
+        frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         result = search(self._scene(tracks, frames, previous), self._config, fully=self.searching)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
@@ -129,10 +129,7 @@ class RigidMethod:
         return Partition(tracks.slot, groups, np.ones(len(groups), np.bool_), confidence, position, described)
 
     def observed(self, window: Window, rows: Rows) -> None:
-        """Forget differences between observations that others came between; all else is read at updates."""
-        del window
-        if not rows.in_order:
-            self._differences.rewritten(rows.slots)
+        """Nothing to do: all is read at updates."""
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Nothing to do."""

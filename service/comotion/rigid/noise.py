@@ -1,104 +1,195 @@
-"""In trajectories, out the noise variance of each (step 4): published, else from its own observations."""
+"""In trajectories, out the noise of each (step 4): published, else from its own observations."""
 
 import numpy as np
+from scipy.special import digamma, polygamma
 
-from ..arrays import Floats, Ints, Slots, Stamps
-from .kernels.differences import last_differences
-from .kernels.records import DifferenceMemory
+from comotion_schemas.messages import symmetric
+
+from ..arrays import Floats, Ints, Stamps
+from .kernels.differences import direction_variances
 from .kernels.resampling import mean_square
 from .tracks import Tracks
 
-# Median of a chi-squared variable with dim degrees of freedom.
-_CHI2_MEDIAN = {2: 1.386, 3: 2.366}
-# The weight of a trajectory's own estimate no longer grows beyond so many differences; chosen on the scenes
-# of docs/research/accuracy.md.
-_MOST_DIFFERENCES = 60
-NOISE_OBSERVATIONS = 4 * _MOST_DIFFERENCES
-"""The noise of a trajectory is estimated on so many of its newest observations."""
+MOST_DIFFERENCES = 60
+"""The noise of a trajectory is estimated from so many differences at most, over its newest observations."""
+# An estimate is renewed after this share of the time that it was made from.
+_RENEWED = 0.1
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions
 # are sent.
 _LEAST_NOISE = 1e-6
 # Share of the scene's extent that is taken for the noise before there is any estimate; chosen on the scenes
 # of docs/research/accuracy.md.
 _FIRST_GUESS = 1e-3
+# Noise is taken for the same in all directions where the largest variance is at most so many times the least: a
+# ratio of 1.5 of the standard deviations, which costs nothing. And the least variance, as a share of the largest,
+# that an estimate may have in any direction.
+_ROUND, _FLATTEST = 2.25, 0.01
+# Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
+_CURVATURES = (0.0, *(side * one for one in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
+# Degrees of freedom that the prior of a source's variances has at least and at most.
+_LEAST_PRIOR, _MOST_PRIOR = 4.0, 1e4
+_HALF = np.sqrt(0.5)
+DIRECTIONS = {
+    2: np.array([[1.0, 0], [0, 1], [_HALF, _HALF]]),
+    3: np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [_HALF, _HALF, 0], [_HALF, 0, _HALF], [0, _HALF, _HALF]]),
+}
+"""By dimension: the axes, then the directions between two of them. Their variances make the covariance."""
 
 
-class Differences:
-    """Median squared third difference of every trajectory; computes each difference once.
+class NoiseEstimates:
+    """Noise of every trajectory in each of :data:`DIRECTIONS`, from its own observations.
 
-    The memory has one entry for each slot of the window. Turn, shift and delay of a source change no
-    difference.
+    One entry for each slot of the window, renewed now and then. Turn, shift and delay of a source matter little.
     """
 
-    def __init__(self) -> None:
-        self._memory = DifferenceMemory(
-            key=np.zeros(0, np.int64),
-            newest=np.zeros(0, np.int64),
-            written=np.zeros(0, np.intp),
-            squares=np.zeros((0, NOISE_OBSERVATIONS)),
-            median=np.zeros(0),
-            used=np.zeros(0, np.intp),
-            read=np.zeros(0, np.intp),
-        )
+    def __init__(self, dim: int) -> None:
+        self._directions = DIRECTIONS[dim]
+        self._key: Stamps = np.zeros(0, np.int64)
+        self._made: Stamps = np.zeros(0, np.int64)
+        self._variance: Floats = np.zeros((0, len(self._directions)))
+        self._count: Floats = np.zeros(0)
 
-    def rewritten(self, slots: Slots) -> None:
-        """Forget the differences of these slots, intp [n]: observations came between others."""
-        key = self._memory.key
-        key[slots[slots < len(key)]] = -1
+    def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Floats]:
+        """Variances float64 [N, D], and how many independent differences they are worth, [N].
 
-    def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Ints]:
-        """Median squared third difference and the count of differences, float64 [N] and intp [N].
-
-        Takes the newest :data:`NOISE_OBSERVATIONS` observations, and no difference across a gap longer than
-        `gap_ns` int64 [N].
+        No difference is taken across a gap longer than `gap_ns` int64 [N].
         """
-        self._grow(int(tracks.slot.max(initial=-1)) + 1)
-        last_differences(tracks.observations, gap_ns, tracks.slot, tracks.key, self._memory)
-        return self._memory.median[tracks.slot], self._memory.used[tracks.slot]
+        slot = tracks.slot
+        self._grow(int(slot.max(initial=-1)) + 1)
+        newest, oldest = tracks.times[tracks.stop - 1], tracks.times[tracks.start]
+        known = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
+        due = np.flatnonzero(~known | (newest - self._made[slot] > _RENEWED * (newest - oldest)))
+        some = slot[due]
+        self._variance[some], self._count[some] = direction_variances(
+            tracks.observations, gap_ns, due, self._directions, MOST_DIFFERENCES
+        )
+        self._key[some], self._made[some] = tracks.key[due], newest[due]
+        return self._variance[slot], self._count[slot]
 
     def _grow(self, capacity: int) -> None:
-        known = len(self._memory.key)
-        if capacity > known:
-            extra = max(capacity - known, known)
-            grown = [np.concatenate([c, np.zeros((extra, *c.shape[1:]), c.dtype)]) for c in self._memory]
-            self._memory = DifferenceMemory(*grown)
-            self._memory.key[known:] = -1
+        extra = max(capacity - len(self._key), 0)
+        if extra:
+            extra = max(extra, len(self._key))
+            self._key = np.append(self._key, np.full(extra, -1, np.int64))
+            self._made = np.append(self._made, np.zeros(extra, np.int64))
+            self._variance = np.concatenate([self._variance, np.zeros((extra, self._variance.shape[1]))])
+            self._count = np.append(self._count, np.zeros(extra))
 
 
-def noise_variance(
-    tracks: Tracks, squared: Floats, count: Ints, own: Ints, pool: float, *, on_arm: bool
-) -> Floats:
-    """Noise variance of a coordinate for trajectories `own`, float64 [n].
+def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints, *, on_arm: bool) -> Floats:
+    """Covariance of the white noise of trajectories `own`, float64 [n, 3, 3].
 
-    It is the median squared third divided difference of a trajectory's own observations (never of
-    interpolated positions), over the median of chi-squared. With few observations it is drawn towards the
-    median of its source. A published sigma replaces it; but at the end of an arm a published sigma is only
-    a lower bound, as the orientation is noisy too.
+    The less the estimates of a source differ beyond their own error, the more each is drawn towards what is usual
+    there. Where that is about the same in all directions, so is the covariance. A published sigma or covariance
+    replaces it; but at the end of an arm it is only a lower bound, as the orientation is noisy too. In 2-D the third
+    coordinate has the mean of the others.
 
     Parameters
     ----------
-    squared, count
-        float64 [n] and intp [n], median squared third difference, and the count of differences.
+    estimate, count
+        float64 [n, D] and [n], of :meth:`NoiseEstimates.read`.
     own
         intp [n], indices of trajectories.
-    pool
-        Differences that the median of the source is worth.
     on_arm
         Whether the differences are those of the ends of arms (see :mod:`comotion.rigid.resampling`).
     """
-    estimate = squared / _CHI2_MEDIAN[tracks.dim]
-    source = tracks.source[own]
-    extent = tracks.extent
-    known = count > 0
-    scene = float(np.median(estimate[known])) if known.any() else (_FIRST_GUESS * extent) ** 2
-    variance = np.zeros(len(own))
+    source, known = tracks.source[own], count > 0
+    first = (_FIRST_GUESS * tracks.extent) ** 2
+    scene = np.median(estimate[known], 0) if known.any() else np.full(estimate.shape[1], first)
+    found = np.zeros((len(own), 3, 3))
     for one in np.unique(source).tolist():
-        mine = source == one
-        pooled = float(np.median(estimate[mine & known])) if (mine & known).any() else scene
-        n = np.minimum(count[mine], _MOST_DIFFERENCES)
-        variance[mine] = (pool * pooled + n * estimate[mine]) / (pool + n)
+        mine = np.flatnonzero(source == one)
+        found[mine] = _covariances(estimate[mine], count[mine], scene, tracks.newest[own[mine]])
     published = mean_square(tracks.sigma, tracks.start[own], tracks.stop[own])
+    told = np.isfinite(published)
     if on_arm:
-        published = np.maximum(published, variance)
-    variance = np.where(np.isfinite(published), published, variance)
-    return np.maximum(variance, (_LEAST_NOISE * extent) ** 2)
+        published = np.maximum(published, np.trace(found, axis1=1, axis2=2) / 3)
+    found[told] = published[told, None, None] * np.eye(3)
+    if not on_arm:
+        told = np.isfinite(tracks.covariance[own, 0])
+        found[told] = symmetric(tracks.covariance[own[told]])
+        found[told, 2, 2] += 0.0 if tracks.dim == 3 else np.trace(found[told], axis1=1, axis2=2) / 2
+    return np.asarray(found + (_LEAST_NOISE * tracks.extent) ** 2 * np.eye(3))
+
+
+def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Floats) -> Floats:
+    """Covariances [n, 3, 3] of the noise of one source.
+
+    Where it is not round, a sensor with rays explains it: each feature has a variance along its ray and one across.
+    Both follow from the estimates without the bias that the least eigenvalue of a rough matrix has.
+
+    Parameters
+    ----------
+    estimate, count, scene
+        float64 [n, D], [n] and [D], variances in :data:`DIRECTIONS`, of the source and of the scene.
+    position
+        float64 [n, 3].
+    """
+    known = count > 0
+    pooled = np.median(estimate[known], 0) if known.any() else scene
+    dim = 2 if len(pooled) == 3 else 3
+    size, axes = np.linalg.eigh(_matrices(pooled[None], dim)[0][:dim, :dim])
+    if size[-1] <= _ROUND * size[0]:
+        mean = shrunk(estimate[:, :dim].mean(1), dim * count, float(scene[:dim].mean()))
+        return np.asarray(mean[:, None, None] * np.eye(3))
+    matrices = _matrices(estimate, dim)[:, :dim, :dim]
+    ray = _rays(position[:, :dim], matrices, count, axes[:, -1])
+    along = np.einsum("ni,nij,nj->n", ray, matrices, ray)
+    across = np.maximum((np.trace(matrices, axis1=1, axis2=2) - along) / (dim - 1), _FLATTEST * along)
+    least, most = float(size[:-1].mean()), float(size[-1])
+    along, across = shrunk(along, count, most), shrunk(across, (dim - 1) * count, least)
+    found = np.zeros((len(ray), 3, 3))
+    found[:] = across[:, None, None] * np.eye(3)
+    found[:, :dim, :dim] += (along - across)[:, None, None] * ray[:, :, None] * ray[:, None]
+    return found
+
+
+def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
+    """Posterior variances [n] of estimates [n] with so many degrees of freedom [n] (Smyth 2004).
+
+    Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: they vary by the error
+    of the estimates and by what the true variances differ. `otherwise` is taken where there are no estimates.
+    """
+    known = (freedom > 0) & (variance > 0)
+    if not known.any():
+        return np.full(len(variance), otherwise)
+    half = freedom[known] / 2
+    logs = np.log(variance[known]) - digamma(half) + np.log(half)
+    weight = 1 / polygamma(1, half)
+    mean = float(weight @ logs / weight.sum())
+    beyond = float(weight @ ((logs - mean) ** 2 - 1 / weight) / weight.sum())
+    # The inverse of the trigamma function, within a tenth: x is about 1/y + 1/2 where it is large.
+    prior = 2 * (1 / beyond + 0.5) if beyond > 0 else np.inf
+    prior = min(max(prior, _LEAST_PRIOR), _MOST_PRIOR)
+    usual = float(np.exp(mean + digamma(prior / 2) - np.log(prior / 2)))
+    return np.asarray((prior * usual + freedom * variance) / (prior + freedom))
+
+
+def _rays(position: Floats, matrices: Floats, weight: Floats, axis: Floats) -> Floats:
+    """Directions [n, dim] from the place of the sensor along which the noise is largest.
+
+    The place is sought on the line through the features along the main axis of their noise, at either side and at
+    infinity.
+    """
+    centre = np.median(position, 0)
+    extent = np.sqrt(((position - centre) ** 2).sum(1).mean()) + 1e-300
+    best, most = np.tile(axis, (len(position), 1)), -np.inf
+    share = weight / np.maximum(np.trace(matrices, axis1=1, axis2=2), 1e-300)
+    for curvature in _CURVATURES:
+        ray = axis + curvature / extent * (position - centre)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        total = float(share @ np.einsum("ni,nij,nj->n", ray, matrices, ray))
+        if total > most:
+            best, most = ray, total
+    return best
+
+
+def _matrices(variance: Floats, dim: int) -> Floats:
+    """Symmetric matrices [n, 3, 3] of variances [n, D] along the axes and between two of them."""
+    found = np.zeros((len(variance), 3, 3))
+    for c in range(3):
+        found[:, c, c] = variance[:, c] if c < dim else variance[:, :dim].mean(1)
+    pairs = [(0, 1), (0, 2), (1, 2)][: 3 if dim == 3 else 1]
+    for (c, d), between in zip(pairs, variance[:, dim:].T, strict=True):
+        found[:, c, d] = found[:, d, c] = between - (variance[:, c] + variance[:, d]) / 2
+    return found

@@ -67,7 +67,8 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     # The inner loops of the kernel run over the rows of a frame.
     y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
     inverse = 1 / frames.tolerance[rows]
-    fit_poses(y, np.ascontiguousarray(w.T), inverse, frames.dim, _ITERATIONS, template, poses)
+    noise = inverse, frames.metric[rows]
+    fit_poses(y, np.ascontiguousarray(w.T), *noise, frames.dim, _ITERATIONS, template, poses)
     pair = int((w > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
     return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps
 from ..config import RigidConfig
-from .kernels.differences import difference_noise
-from .kernels.records import Limits, Observations, RowArrays
+from .kernels.differences import direction_variances
+from .kernels.records import ROUND, Limits, Observations, RowArrays
 from .kernels.resampling import all_finite, correct, resample, spread
-from .noise import NOISE_OBSERVATIONS, Differences, noise_variance
+from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import slow_noise
 from .tracks import Tracks, ranges
 
@@ -48,6 +48,8 @@ class Frames:
     noise, tolerance
         float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
         and slow noise.
+    metric
+        float64 [P, 6], by how much each direction counts, of :class:`~.kernels.records.RowArrays`.
     spectrum
         float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
         from frame to frame.
@@ -65,6 +67,7 @@ class Frames:
     weight: Floats
     noise: Floats
     tolerance: Floats
+    metric: Floats
     spectrum: Floats
     life: NDArray[np.intp]
     current: Bools
@@ -72,7 +75,7 @@ class Frames:
     @property
     def arrays(self) -> RowArrays:
         """The rows as kernels take them."""
-        return RowArrays(self.y, self.w, self.tolerance, self.spectrum)
+        return RowArrays(self.y, self.w, self.tolerance, self.spectrum, self.metric)
 
     @property
     def independent(self) -> Floats:
@@ -101,6 +104,7 @@ class Frames:
             weight=self.weight[rows],
             noise=self.noise[rows],
             tolerance=self.tolerance[rows],
+            metric=self.metric[rows],
             spectrum=self.spectrum[rows],
             life=self.life[tracks],
             current=self.current[tracks],
@@ -126,20 +130,20 @@ class Frames:
 class _Curves:
     """Observations of one kind of rows: of points, or of the ends of one arm.
 
-    `own` intp [n] are their trajectories; `squared` and `count` are what
-    :func:`~comotion.rigid.noise.noise_variance` takes.
+    `own` intp [n] are their trajectories; `estimate` and `count` are what
+    :func:`~comotion.rigid.noise.noise_covariances` takes.
     """
 
     on_arm: bool
     own: Ints
     observations: Observations
-    squared: Floats
-    count: Ints
+    estimate: Floats
+    count: Floats
 
 
 def make_frames(
     tracks: Tracks,
-    differences: Differences,
+    estimates: NoiseEstimates,
     stamp_ns: int,
     span_ns: int,
     gap_ns: int,
@@ -153,24 +157,45 @@ def make_frames(
 
     Parameters
     ----------
-    differences
-        Memory of the space for the noise of its trajectories.
+    estimates
+        Of the noise of the trajectories of the space.
     stamp_ns, span_ns
         The watermark, and the length of the window before it.
     """
     stamps = _stamps(tracks, stamp_ns, span_ns, config)
     limits = _limits(tracks, gap_ns, config)
-    curves = _curves(tracks, differences, limits.gap)
+    curves = _curves(tracks, estimates, limits.gap)
     owner = np.concatenate([c.own for c in curves])
-    y, w, noise = _interpolated(tracks, curves, stamps, limits, config.noise_pool)
+    y, w, covariance = _interpolated(tracks, curves, stamps, limits)
     seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
     spread(y, w, seen, squared)
     life = np.zeros(len(tracks.key), np.intp)
     np.maximum.at(life, owner, seen)
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
-    tolerance = noise + _deformation(squared, tracks.extent, config)
+    noise = _mean_variance(covariance, tracks.dim)
+    covariance += _deformation(squared, tracks.extent, config)[:, None, None] * np.eye(3)
+    tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
-    return Frames(tracks.dim, stamps, y, w, owner, weight, noise, tolerance, spectrum, life, tracks.current)
+    terms = noise, tolerance, metric, spectrum
+    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, life, tracks.current)
+
+
+def _mean_variance(covariance: Floats, dim: int) -> Floats:
+    """Variance of a coordinate on average, [P], of covariances [P, 3, 3]."""
+    return np.asarray(np.trace(covariance[:, :dim, :dim], axis1=1, axis2=2) / dim)
+
+
+def _metrics(covariance: Floats, dim: int) -> Floats:
+    """Inverse covariances in units of the inverse mean variance, [P, 6]."""
+    found = np.tile(ROUND, (len(covariance), 1))
+    flat = covariance[:, *np.triu_indices(3)]
+    odd = np.flatnonzero(
+        (flat[:, [1, 2, 4]] != 0).any(1) | (flat[:, 0] != flat[:, 3]) | (flat[:, 0] != flat[:, 5])
+    )
+    if len(odd):
+        inverse = np.linalg.inv(covariance[odd]) * _mean_variance(covariance[odd], dim)[:, None, None]
+        found[odd] = inverse[:, *np.triu_indices(3)]
+    return found
 
 
 def _with_slow_noise(
@@ -206,11 +231,12 @@ def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
 
 
 def _interpolated(
-    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits, pool: float
+    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits
 ) -> tuple[Floats, Floats, Floats]:
-    """Positions [P, F, 3] and weights [P, F] of all rows, and their noise variance [P]."""
+    """Positions [P, F, 3] and weights [P, F] of all rows, and the covariance of their noise [P, 3, 3]."""
     total = sum(len(c.own) for c in curves)
-    y, w, noise = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps))), np.zeros(total)
+    y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
+    noise = np.zeros((total, 3, 3))
     first, corrected = 0, tracks.corrected
     for c in curves:
         rows, own = slice(first, first + len(c.own)), c.own
@@ -220,19 +246,19 @@ def _interpolated(
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
             correct(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
-        noise[rows] = noise_variance(tracks, c.squared, c.count, own, pool, on_arm=c.on_arm)
+        noise[rows] = noise_covariances(tracks, c.estimate, c.count, own, on_arm=c.on_arm)
     return y, w, noise
 
 
-def _curves(tracks: Tracks, differences: Differences, gap: Stamps) -> list[_Curves]:
+def _curves(tracks: Tracks, estimates: NoiseEstimates, gap: Stamps) -> list[_Curves]:
     """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
-    squared, count = differences.read(tracks, gap)
+    estimate, count = estimates.read(tracks, gap)
     six = np.zeros(len(tracks.key), np.bool_)
     if tracks.quaternions is not None and tracks.dim == 3:
         six = all_finite(tracks.quaternions, tracks.start, tracks.stop)
     own = np.flatnonzero(~six)
     observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
-    points = _Curves(False, own, observations, squared[own], count[own])
+    points = _Curves(False, own, observations, estimate[own], count[own])
     return [points, *_arms(tracks, np.flatnonzero(six), gap)] if six.any() else [points]
 
 
@@ -252,8 +278,9 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
     found = []
     for arm in _ARMS * _ARM_LENGTH * tracks.extent:
         ends = Observations(times, positions + orientations.apply(arm), start, stop)
-        squared, count = difference_noise(ends, gap[own], NOISE_OBSERVATIONS)
-        found.append(_Curves(True, own, ends, squared, count))
+        every = np.arange(len(own))
+        noise = direction_variances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
+        found.append(_Curves(True, own, ends, *noise))
     return found
 
 

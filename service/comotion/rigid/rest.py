@@ -64,5 +64,6 @@ def _settled(frames: Frames, body: Body) -> tuple[Body, Bools]:
     # Not the tolerance: what moves slowly, within its slack, does not rest.
     inverse = 1 / frames.noise[body.rows]
     template = np.ascontiguousarray(body.template.T)
-    settle(w, inverse, template, frames.dim, body.dof, still.poses, rests)
+    noise = inverse, frames.metric[body.rows]
+    settle(w, *noise, template, frames.dim, body.dof, still.poses, rests)
     return still, rests

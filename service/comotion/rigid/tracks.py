@@ -34,6 +34,8 @@ class Tracks:
         2 or 3.
     times, positions, sigma, quaternions
         int64 [M] ns, float64 [M, dim], [M] (NaN: unknown), [M, 4] (NaN: a point) or None.
+    covariance
+        float64 [N, 6], of the newest observation as its source says: xx, xy, xz, yy, yz, zz (NaN: unknown).
     start, stop
         intp [N].
     slot, key, source, current
@@ -52,6 +54,7 @@ class Tracks:
     positions: Floats
     sigma: Floats
     quaternions: Floats | None
+    covariance: Floats
     start: Ints
     stop: Ints
     slot: Slots
@@ -133,6 +136,7 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
         positions=positions,
         sigma=window.sigma.reshape(-1),
         quaternions=None if window.quaternions is None else window.quaternions.reshape(-1, 4),
+        covariance=window.covariance[slots],
         start=start,
         stop=stop,
         slot=slots,

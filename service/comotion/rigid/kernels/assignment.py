@@ -49,7 +49,7 @@ def carry(arrays: RowArrays, rows: Ints, tracks: Ints, poses: PoseArrays, positi
     position
         Out: float64 [N, 3], of which the entries `tracks` are written.
     """
-    y, w, _, _ = arrays
+    y, w, _, _, _ = arrays
     R, t, posed = poses
     now = len(posed) - 1
     while not posed[now]:

@@ -1,130 +1,78 @@
-"""Compiled: in observations of each trajectory, out the median squared third difference, which is noise.
+"""Compiled: in observations of each trajectory, out the variance of their noise in six directions.
 
 The contrast sum_j c_j x_j of four successive observations, with c_j proportional to
 1 / prod_{k != j} (t_j - t_k) and sum_j c_j^2 = 1, vanishes on any quadratic motion whatever the
-spacing. What is left is noise.
+spacing. What is left is noise, with the covariance of one observation.
 """
 
 import numpy as np
 
-from ...arrays import Floats, Ints, Slots, Stamps
+from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
-from .records import DifferenceMemory, Observations
+from .records import Observations
 
-# The median is first sought step by step from the last one, up to so many ranks away.
-_RANKS = 8
+# Median of a chi-squared variable with one degree of freedom; so many medians are three standard deviations, and
+# the mean of what is below them.
+_CHI2_MEDIAN = 0.4549364231195727
+# Sum of the squared autocorrelations of third differences that begin one, two, three or more observations apart.
+_OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
+_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.9733
 
 
 @compiled()
-def last_differences(
-    observations: Observations, gap: Stamps, slot: Slots, key: Stamps, memory: DifferenceMemory
-) -> None:
-    """Find what :func:`difference_noise` finds, but compute each difference once.
+def direction_variances(
+    observations: Observations, gap: Stamps, chosen: Ints, directions: Floats, most: int
+) -> tuple[Floats, Floats]:
+    """Variance of the noise in each direction: the mean squared third difference without the wild ones.
+
+    Each direction is taken alone: where the noise is not round, what is wild by the median of a sum over coordinates
+    would be wrong.
 
     Parameters
     ----------
     gap
-        As in :func:`difference_noise`.
-    slot, key
-        intp [N] and int64 [N], entry of the memory for each trajectory, and its stable number.
-    memory
-        In and out; `median` and `used` are the result, over as many observations as the ring takes.
-    """
-    times, positions, start, stop = observations
-    known, newest, written, squares, median, used, read = memory
-    most = squares.shape[1]
-    kept = np.empty(most)
-    for i in range(len(start)):
-        s, last = slot[i], stop[i]
-        if known[s] != key[i]:
-            known[s], newest[s], written[s], read[s] = key[i], times[start[i]] - 1, 0, -1
-        m = last
-        while m > start[i] and times[m - 1] > newest[s]:
-            m -= 1
-        for j in range(max(m, start[i] + 3), last):
-            value = _contrast(times, positions, j - 3) if _unbroken(times, j - 3, gap[i]) else np.nan
-            squares[s, written[s] % most] = value
-            written[s] += 1
-        now = max(min(last - start[i], most) - 3, 0)
-        if m == last and now == read[s]:
-            continue
-        newest[s], read[s] = times[last - 1], now
-        k = 0
-        for j in range(written[s] - now, written[s]):
-            if not np.isnan(squares[s, j % most]):
-                kept[k] = squares[s, j % most]
-                k += 1
-        median[s], used[s] = (_median(kept[:k], median[s]) if k > 0 else 0.0), k
-
-
-@compiled()
-def _median(values: Floats, guess: float) -> float:
-    """Median of values [n]; fast where it is a few ranks from the guess."""
-    low, high = (len(values) - 1) // 2, len(values) // 2
-    v = guess
-    below, equal = _rank(values, v)
-    for _ in range(_RANKS):
-        if below > low:
-            v = _next_below(values, v)
-        elif below + equal <= low:
-            v = _next_above(values, v)
-        else:
-            return v if below + equal > high else 0.5 * (v + _next_above(values, v))
-        below, equal = _rank(values, v)
-    return float(np.median(values))
-
-
-@compiled()
-def _rank(values: Floats, v: float) -> tuple[int, int]:
-    """How many values are below v, and how many equal it."""
-    below, equal = 0, 0
-    for k in range(len(values)):
-        below += values[k] < v
-        equal += values[k] == v
-    return below, equal
-
-
-@compiled()
-def _next_above(values: Floats, v: float) -> float:
-    """The least value above v; infinity where there is none."""
-    found = np.inf
-    for k in range(len(values)):
-        found = min(found, values[k] if values[k] > v else np.inf)
-    return found
-
-
-@compiled()
-def _next_below(values: Floats, v: float) -> float:
-    """The largest value below v; minus infinity where there is none."""
-    found = -np.inf
-    for k in range(len(values)):
-        found = max(found, values[k] if values[k] < v else -np.inf)
-    return found
-
-
-@compiled()
-def difference_noise(observations: Observations, gap: Stamps, most: int) -> tuple[Floats, Ints]:
-    """Median squared third difference of the newest `most` observations, and the count of differences.
-
-    No difference is taken across a gap longer than `gap` int64 [N] ns.
+        int64 [N], ns; no difference is taken across a longer one.
+    chosen
+        intp [n], the trajectories to take.
+    directions
+        float64 [D, dim], unit vectors.
+    most
+        Differences at most: as many, evenly drawn, of the newest four times as many observations.
 
     Returns
     -------
-    float64 [N] (0 where there is no difference) and intp [N].
+    float64 [n, D] (0 where there is no difference) and [n], how many independent differences they are worth.
     """
     times, positions, start, stop = observations
-    median, count = np.zeros(len(start)), np.zeros(len(start), np.intp)
-    for i in range(len(start)):
-        first = max(start[i], stop[i] - most)
-        squares = np.empty(max(stop[i] - first, 0))
+    found, count = np.zeros((len(chosen), len(directions))), np.zeros(len(chosen))
+    contrasts, squares = np.empty((most + 4, positions.shape[1])), np.empty(most + 4)
+    for n in range(len(chosen)):
+        i = chosen[n]
+        seen = min(stop[i] - start[i], 4 * most)
+        step = max((seen - 3) // most, 1)
         k = 0
-        for m in range(first, stop[i] - 3):
-            if _unbroken(times, m, gap[i]):
-                squares[k] = _contrast(times, positions, m)
+        for m in range(stop[i] - 4, stop[i] - seen - 1, -step):
+            if k < most and _unbroken(times, m, gap[i]):
+                _contrast(times, positions, m, contrasts[k])
                 k += 1
+        count[n] = k / _OVERLAP[min(step, 4) - 1]
         if k > 0:
-            median[i], count[i] = np.median(squares[:k]), k
-    return median, count
+            for d in range(len(directions)):
+                for j in range(k):
+                    squares[j] = (contrasts[j] * directions[d]).sum() ** 2
+                found[n, d] = _trimmed_mean(squares[:k])
+    return found, count
+
+
+@compiled()
+def _trimmed_mean(squares: Floats) -> float:
+    """Mean of squares [n] of normal variables, those beyond three standard deviations by the median left out."""
+    limit, total, count = _WILD * np.median(squares), 0.0, 0
+    for square in squares:
+        if square <= limit:
+            total += square
+            count += 1
+    return total / (_BELOW_WILD * count)
 
 
 @compiled()
@@ -138,18 +86,16 @@ def _unbroken(times: Stamps, m: int, gap: int) -> bool:
 
 
 @compiled()
-def _contrast(times: Stamps, positions: Floats, m: int) -> float:
-    """Squared length of the normalised third divided difference of observations m to m + 3."""
+def _contrast(times: Stamps, positions: Floats, m: int, contrast: Floats) -> None:
+    """The normalised third divided difference of observations m to m + 3, to [dim]."""
     c = np.ones(4)
     for j in range(4):
         for k in range(4):
             if k != j:
                 # In units of 10 ms, which keep the coefficients near 1; their scale cancels.
                 c[j] /= (times[m + j] - times[m + k]) * 1e-7
-    squared = 0.0
+    c /= np.sqrt((c * c).sum())
     for d in range(positions.shape[1]):
-        value = 0.0
+        contrast[d] = 0.0
         for j in range(4):
-            value += c[j] * positions[m + j, d]
-        squared += value * value
-    return float(squared / (c * c).sum())
+            contrast[d] += c[j] * positions[m + j, d]

@@ -4,8 +4,9 @@ import numpy as np
 
 from ...arrays import Floats
 from ...compiled import compiled
+from .metric import is_round_metric, quadratic, solved, turned_metric
 from .records import PoseArrays
-from .rotation import newton_rotation, planar_rotation, spatial_rotation
+from .rotation import newton_rotation, planar_rotation, rotation_matrix, spatial_rotation
 
 SOFT = 9.0
 """A squared residual of so many tolerances per dimension halves the weight of an observation."""
@@ -19,17 +20,26 @@ _SLIGHT_PULL = 1e-6
 
 @compiled()
 def fit_poses(
-    y: Floats, w: Floats, inverse: Floats, dim: int, iterations: int, b: Floats, poses: PoseArrays
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    metric: Floats,
+    dim: int,
+    iterations: int,
+    b: Floats,
+    poses: PoseArrays,
 ) -> None:
     """Fit a template b and poses x = R b + t to rows, in place.
 
     Grows from the frame with most rows, newest frame first: poses from what is known of the template, then
-    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)).
+    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)). Where the noise of a row is not the same in
+    all directions, a step of Gauss-Newton with its metric ends the fit of each pose.
 
     Parameters
     ----------
-    y, w, inverse
-        float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance 1 / v.
+    y, w, inverse, metric
+        float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance 1 / v, and [m, 6], of
+        :class:`~.records.RowArrays`.
     b, poses
         Out: float64 [3, m], and the poses of the frames that have one.
     """
@@ -41,8 +51,12 @@ def fit_poses(
     started = np.zeros(count, np.bool_)
     weights, H, work, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
     soft, identity = 1.0 / (SOFT * dim), np.eye(3)
+    all_round = True
+    for i in range(m):
+        all_round &= is_round_metric(metric[i])
     for iteration in range(iterations):
-        sums = np.zeros((4, m))
+        weighed = not all_round and iteration == iterations - 1
+        sums = np.zeros((9 if weighed else 4, m))
         neighbour = -1
         for f in range(count - 1, -1, -1):
             robust = soft if iteration > 0 and posed[f] else 0.0
@@ -59,8 +73,15 @@ def fit_poses(
                 _translation(R[f], centres, t[f])
                 started[f] = True
                 neighbour = f
-                _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
-        _update(sums, b, known)
+                if weighed:
+                    _step(y[f], weights, metric, b, dim, R[f], t[f])
+                    _collect_metric(y[f], w[f] * inverse, metric, b, known, R[f], t[f], soft, sums)
+                else:
+                    _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
+        if weighed:
+            _update_metric(sums, b, known)
+        else:
+            _update(sums, b, known)
         if iteration < iterations - 1:
             _bridge(y, w, inverse, need, b, known, poses, work)
 
@@ -275,3 +296,83 @@ def _update(sums: Floats, b: Floats, known: Floats) -> None:
             known[i] = 1.0
             for c in range(3):
                 b[c, i] = sums[c, i] / sums[3, i]
+
+
+@compiled()
+def _step(y: Floats, weights: Floats, metric: Floats, b: Floats, dim: int, R: Floats, t: Floats) -> None:
+    """One step of Gauss-Newton of a frame's pose: R exp([s]x), t + u, by residuals under their metrics."""
+    left, right = np.zeros((6, 6)), np.zeros(6)
+    J, MJ = np.zeros((3, 6)), np.zeros((3, 6))
+    for c in range(3):
+        J[c, 3 + c] = 1.0
+    for i in range(len(weights)):
+        if weights[i] > 0:
+            m = metric[i]
+            for c in range(3):
+                # The columns of -R [b]x.
+                J[c, 0] = R[c, 2] * b[1, i] - R[c, 1] * b[2, i]
+                J[c, 1] = R[c, 0] * b[2, i] - R[c, 2] * b[0, i]
+                J[c, 2] = R[c, 1] * b[0, i] - R[c, 0] * b[1, i]
+            for q in range(6):
+                MJ[0, q] = m[0] * J[0, q] + m[1] * J[1, q] + m[2] * J[2, q]
+                MJ[1, q] = m[1] * J[0, q] + m[3] * J[1, q] + m[4] * J[2, q]
+                MJ[2, q] = m[2] * J[0, q] + m[4] * J[1, q] + m[5] * J[2, q]
+            for c in range(3):
+                r = y[c, i] - t[c] - R[c, 0] * b[0, i] - R[c, 1] * b[1, i] - R[c, 2] * b[2, i]
+                for p in range(6):
+                    right[p] += weights[i] * MJ[c, p] * r
+            for p in range(6):
+                for q in range(6):
+                    a = MJ[0, p] * J[0, q] + MJ[1, p] * J[1, q] + MJ[2, p] * J[2, q]
+                    left[p, q] += weights[i] * a
+    turns = left[0, 0] + left[1, 1] + left[2, 2]
+    for p in range(6):
+        # What the points leave open stays as it is; in 2-D all but the turn about z and the shift in the plane.
+        left[p, p] += _PULL * turns + 1e-300 if p < 3 else _SLIGHT_PULL * left[p, p] + 1e-300
+    if dim == 2:
+        for p in (0, 1, 5):
+            left[p, :] = 0.0
+            left[:, p] = 0.0
+            left[p, p], right[p] = 1.0, 0.0
+    step = np.linalg.solve(left, right)
+    R[:] = R @ rotation_matrix(step[:3])
+    t += step[3:]
+
+
+@compiled()
+def _collect_metric(
+    y: Floats,
+    a: Floats,
+    metric: Floats,
+    b: Floats,
+    known: Floats,
+    R: Floats,
+    t: Floats,
+    soft: float,
+    sums: Floats,
+) -> None:
+    """As :func:`_collect`, by the information [6] and the weighted point [3] of each row, to [9, m]."""
+    flat, turned = R.copy().ravel(), np.empty(6)
+    for i in range(len(a)):
+        if a[i] > 0:
+            z0, z1, z2 = y[0, i] - t[0], y[1, i] - t[1], y[2, i] - t[2]
+            x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
+            x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
+            x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
+            turned_metric(metric[i], flat, turned)
+            r2 = quadratic(turned, x0 - b[0, i], x1 - b[1, i], x2 - b[2, i])
+            g = a[i] / (1.0 + soft * known[i] * r2 * a[i])
+            for c in range(6):
+                sums[c, i] += g * turned[c]
+            sums[6, i] += g * (turned[0] * x0 + turned[1] * x1 + turned[2] * x2)
+            sums[7, i] += g * (turned[1] * x0 + turned[3] * x1 + turned[4] * x2)
+            sums[8, i] += g * (turned[2] * x0 + turned[4] * x1 + turned[5] * x2)
+
+
+@compiled()
+def _update_metric(sums: Floats, b: Floats, known: Floats) -> None:
+    """Template from the sums of :func:`_collect_metric`, in place."""
+    for i in range(sums.shape[1]):
+        if sums[0, i] > 0:
+            known[i] = 1.0
+            b[0, i], b[1, i], b[2, i] = solved(sums[:6, i], sums[6, i], sums[7, i], sums[8, i])

@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
-from ...arrays import Bools, Floats, Ints, Slots, Stamps
+from ...arrays import Bools, Floats, Ints, Stamps
+
+ROUND = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+"""Metric of noise that is the same in all directions."""
 
 
 class Observations(NamedTuple):
@@ -33,13 +36,15 @@ class RowArrays(NamedTuple):
     """P rows on F frames: `y` float64 [P, F, 3], `w` [P, F] (0: unobserved), `tolerance` [P].
 
     `spectrum` float64 [P, 3] are the white and the slow part of the noise, in tolerances, and the correlation
-    of the slow part from frame to frame.
+    of the slow part from frame to frame. `metric` float64 [P, 6] is the inverse covariance in units of the
+    inverse tolerance: xx, xy, xz, yy, yz, zz; that of :data:`ROUND` where the noise is the same in all directions.
     """
 
     y: Floats
     w: Floats
     tolerance: Floats
     spectrum: Floats
+    metric: Floats
 
 
 class PoseArrays(NamedTuple):
@@ -48,21 +53,3 @@ class PoseArrays(NamedTuple):
     R: Floats
     t: Floats
     posed: Bools
-
-
-class DifferenceMemory(NamedTuple):
-    """Third differences of trajectories, one entry per slot of the window.
-
-    `key` and `newest`, int64, are the trajectory that an entry belongs to and the time of its newest
-    observation; `written` intp counts the differences ever written; `squares` float64 [slots, most] holds the
-    newest of them, a ring; `median` float64 is the result, over `used` intp of the `read`
-    intp newest ones, less those across a gap.
-    """
-
-    key: Stamps
-    newest: Stamps
-    written: Slots
-    squares: Floats
-    median: Floats
-    used: Slots
-    read: Slots

@@ -52,7 +52,7 @@ def normal_equations(
     The squared residual before the step, in units of the rows' variances, and the coordinates it is the sum
     of, less those that the poses take up.
     """
-    y, w, tolerance, _ = arrays
+    y, w, tolerance, _, _ = arrays
     R, t, posed = poses
     squared, coordinates = 0.0, 0.0
     seen = np.empty(len(seconds), np.intp)
@@ -97,7 +97,7 @@ def pose_information(arrays: RowArrays, rows: Ints, template: Floats, dim: int, 
     information
         In and out: float64 [F, 6, 6], rotation vector and shift.
     """
-    _, w, tolerance, _ = arrays
+    _, w, tolerance, _, _ = arrays
     for m in range(len(rows)):
         J = _pose_columns(template[m], dim)
         once = J.T @ J / tolerance[rows[m]]
@@ -231,7 +231,7 @@ def move_rows(
     out
         Out: float64 [P, F, 3], of which the seen frames of `rows` are written.
     """
-    y, w, _, _ = arrays
+    y, w, _, _, _ = arrays
     seen, moved = np.empty(len(seconds), np.intp), np.empty(3)
     for i in rows:
         count = 0

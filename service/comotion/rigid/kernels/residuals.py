@@ -4,6 +4,7 @@ import numpy as np
 
 from ...arrays import Floats, Slots
 from ...compiled import compiled
+from .metric import is_round_metric, quadratic, solved, turned_metric
 from .procrustes import SOFT
 from .records import RowArrays
 
@@ -50,9 +51,9 @@ def body_costs(
     cost, squared
         Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
     """
-    y, w, tolerance, spectrum = arrays
+    y, w, tolerance, spectrum, metric = arrays
     count, bodies = w.shape[1], len(poses)
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 11)), np.empty((count, 2))
     some = np.ascontiguousarray(poses[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
@@ -64,7 +65,18 @@ def body_costs(
             for k in range(bodies):
                 inverse = 1.0 / (tolerance[i] + wider[k])
                 cost[n, k], squared[n, k] = _body_cost(
-                    row, some[k], 0, some.shape[1], inverse, dim, cap, unposed, x, gains, persistence
+                    row,
+                    some[k],
+                    0,
+                    some.shape[1],
+                    inverse,
+                    dim,
+                    cap,
+                    unposed,
+                    metric[i],
+                    x,
+                    gains,
+                    persistence,
                 )
             cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
             reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
@@ -75,7 +87,18 @@ def body_costs(
             if reach == np.inf or cost[n, k] < reach:
                 inverse = 1.0 / (tolerance[i] + wider[k])
                 cost[n, k], squared[n, k] = _body_cost(
-                    row, poses[k], first, stop, inverse, dim, cap, unposed, x, gains, spectrum[i, 2]
+                    row,
+                    poses[k],
+                    first,
+                    stop,
+                    inverse,
+                    dim,
+                    cap,
+                    unposed,
+                    metric[i],
+                    x,
+                    gains,
+                    spectrum[i, 2],
                 )
 
 
@@ -100,16 +123,18 @@ def own_residuals(
     excess
         Out: float64 [K], mean squared residual in tolerances and dimensions, that of each row at most `most`.
     """
-    y, w, tolerance, spectrum = arrays
+    y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 11)), np.empty((count, 2))
     for k in range(len(poses)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
             _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
             _filter_gains(w[i], spectrum[i], 1, gains)
-            _, squared = _body_cost(row, poses[k], 0, count, inverse, dim, 1.0, 0.0, x, gains, spectrum[i, 2])
+            _, squared = _body_cost(
+                row, poses[k], 0, count, inverse, dim, 1.0, 0.0, metric[i], x, gains, spectrum[i, 2]
+            )
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
 
 
@@ -137,16 +162,18 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
     cost
         Out: float64 [n, K], nat.
     """
-    y, w, tolerance, spectrum = arrays
+    y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, gains = np.empty((count, 5)), np.empty((count, 2))
+    row, gains = np.empty((count, 11)), np.empty((count, 2))
     for n in range(len(rows)):
         i = rows[n]
         _copy_row(y[i], w[i], 1, row)
         _filter_gains(w[i], spectrum[i], 1, gains)
         soft = 1.0 / (SOFT * dim * tolerance[i])
-        mean = _robust_mean(row, count, soft)
-        _squares(row, count, mean, gains, spectrum[i, 2], soft)
+        is_round = is_round_metric(metric[i])
+        row[:, 5:] = metric[i]
+        mean = _robust_mean(row, count, soft, is_round)
+        _squares(row, count, mean, gains, spectrum[i, 2], soft, is_round)
         for k in range(len(wider)):
             inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
             for f in range(count):
@@ -175,6 +202,7 @@ def _body_cost(
     dim: int,
     cap: float,
     unposed: float,
+    metric: Floats,
     x: Floats,
     gains: Floats,
     persistence: float,
@@ -182,9 +210,10 @@ def _body_cost(
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
     `row` [F, 4] holds y and w, `poses` [F, 13] those of the body; `gains` [F, 2] are those of the row's slow
-    noise; `x` [F, 5] is room.
+    noise, `metric` [6] that of its noise; `x` [F, 11] is room.
     """
     seen, held, count = 0.0, 0.0, stop - first
+    is_round = is_round_metric(metric)
     for f in range(count):
         p, r = poses[first + f], row[first + f]
         z0, z1, z2 = r[0] - p[9], r[1] - p[10], r[2] - p[11]
@@ -194,11 +223,14 @@ def _body_cost(
         x[f, 3] = r[3] * p[12]
         seen += 1.0 if r[3] > 0 else 0.0
         held += 1.0 if x[f, 3] > 0 else 0.0
+        if not is_round:
+            turned_metric(metric, p, x[f, 5:])
     missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
     soft = inverse / (SOFT * dim)
-    _squares(x, count, _robust_mean(x, count, soft), gains[first:], persistence, soft)
+    mean = _robust_mean(x, count, soft, is_round)
+    _squares(x, count, mean, gains[first:], persistence, soft, is_round)
     paid, squared, most = 0.0, 0.0, cap * dim
     for f in range(count):
         squared += x[f, 4]
@@ -207,28 +239,42 @@ def _body_cost(
 
 
 @compiled()
-def _robust_mean(x: Floats, count: int, soft: float) -> tuple[float, float, float]:
-    """Mean of points [count, 4 or more], three coordinates and a weight.
+def _robust_mean(x: Floats, count: int, soft: float, is_round: bool) -> tuple[float, float, float]:
+    """Mean of points [count, 11], three coordinates, a weight, and from the sixth column on a metric.
 
     A squared distance of 1 / soft from the plain mean halves a weight.
     """
-    total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
-    for f in range(count):
-        a = x[f, 3]
-        total += a
-        m0 += a * x[f, 0]
-        m1 += a * x[f, 1]
-        m2 += a * x[f, 2]
-    m0, m1, m2 = m0 / total, m1 / total, m2 / total
+    m0, m1, m2 = _mean(x, count, 0.0, (0.0, 0.0, 0.0), is_round)
+    return _mean(x, count, soft, (m0, m1, m2), is_round)
+
+
+@compiled()
+def _mean(
+    x: Floats, count: int, soft: float, centre: tuple[float, float, float], is_round: bool
+) -> tuple[float, float, float]:
+    """Mean with weights 1 / (1 + soft d^2) by the distance d from a centre, under the metrics."""
     total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
+    if is_round:
+        for f in range(count):
+            d2 = (x[f, 0] - centre[0]) ** 2 + (x[f, 1] - centre[1]) ** 2 + (x[f, 2] - centre[2]) ** 2
+            g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
+            total += g
+            b0 += g * x[f, 0]
+            b1 += g * x[f, 1]
+            b2 += g * x[f, 2]
+        return b0 / total, b1 / total, b2 / total
+    information = np.zeros(6)
     for f in range(count):
-        d2 = (x[f, 0] - m0) ** 2 + (x[f, 1] - m1) ** 2 + (x[f, 2] - m2) ** 2
-        g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
-        total += g
-        b0 += g * x[f, 0]
-        b1 += g * x[f, 1]
-        b2 += g * x[f, 2]
-    return b0 / total, b1 / total, b2 / total
+        if x[f, 3] > 0:
+            m = x[f, 5:]
+            d2 = quadratic(m, x[f, 0] - centre[0], x[f, 1] - centre[1], x[f, 2] - centre[2])
+            g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
+            for c in range(6):
+                information[c] += g * m[c]
+            b0 += g * (m[0] * x[f, 0] + m[1] * x[f, 1] + m[2] * x[f, 2])
+            b1 += g * (m[1] * x[f, 0] + m[3] * x[f, 1] + m[4] * x[f, 2])
+            b2 += g * (m[2] * x[f, 0] + m[4] * x[f, 1] + m[5] * x[f, 2])
+    return solved(information, b0, b1, b2)
 
 
 @compiled()
@@ -239,28 +285,28 @@ def _squares(
     gains: Floats,
     persistence: float,
     soft: float,
+    is_round: bool,
 ) -> None:
-    """Weighted squared distances of points [count, 5] from their mean, to the last column.
+    """Weighted squared distances of points [count, 11] from their mean, to the fifth column.
 
     With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
     (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
     """
-    if persistence == 0.0:
-        for f in range(count):
-            d2 = (x[f, 0] - mean[0]) ** 2 + (x[f, 1] - mean[1]) ** 2 + (x[f, 2] - mean[2]) ** 2
-            x[f, 4] = x[f, 3] * d2
-        return
     s0, s1, s2 = mean
     for f in range(count):
         x[f, 4] = 0.0
         if x[f, 3] > 0:
             e0, e1, e2 = x[f, 0] - s0, x[f, 1] - s1, x[f, 2] - s2
-            x[f, 4] = x[f, 3] * gains[f, 1] * (e0 * e0 + e1 * e1 + e2 * e2)
-            g = gains[f, 0] / (1.0 + soft * x[f, 4])
-            s0, s1, s2 = s0 + g * e0, s1 + g * e1, s2 + g * e2
-        s0 = mean[0] + persistence * (s0 - mean[0])
-        s1 = mean[1] + persistence * (s1 - mean[1])
-        s2 = mean[2] + persistence * (s2 - mean[2])
+            d2 = e0 * e0 + e1 * e1 + e2 * e2 if is_round else quadratic(x[f, 5:], e0, e1, e2)
+            x[f, 4] = x[f, 3] * d2
+            if persistence > 0.0:
+                x[f, 4] *= gains[f, 1]
+                g = gains[f, 0] / (1.0 + soft * x[f, 4])
+                s0, s1, s2 = s0 + g * e0, s1 + g * e1, s2 + g * e2
+        if persistence > 0.0:
+            s0 = mean[0] + persistence * (s0 - mean[0])
+            s1 = mean[1] + persistence * (s1 - mean[1])
+            s2 = mean[2] + persistence * (s2 - mean[2])
 
 
 @compiled()

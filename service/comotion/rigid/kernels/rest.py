@@ -4,6 +4,7 @@ import numpy as np
 
 from ...arrays import Bools, Floats
 from ...compiled import compiled
+from .metric import quadratic
 from .procrustes import weighted_pose
 from .records import PoseArrays
 
@@ -16,7 +17,14 @@ _DEVIATIONS, _NATS = 2.0, 6.0
 
 @compiled()
 def settle(
-    w: Floats, inverse: Floats, b: Floats, dim: int, dof: int, poses: PoseArrays, rests: Bools
+    w: Floats,
+    inverse: Floats,
+    metric: Floats,
+    b: Floats,
+    dim: int,
+    dof: int,
+    poses: PoseArrays,
+    rests: Bools,
 ) -> None:
     """Give a body one pose in each run of frames in which it does not move beyond the noise, in place.
 
@@ -25,8 +33,8 @@ def settle(
 
     Parameters
     ----------
-    w, inverse, b
-        float64 [F, m] (0: unobserved), [m], inverse variance of the noise, and [3, m], template.
+    w, inverse, metric, b
+        float64 [F, m] (0: unobserved), [m], inverse variance of the noise, [m, 6], its metric, and [3, m], template.
     dof
         Degrees of freedom of a pose.
     poses
@@ -42,7 +50,7 @@ def settle(
             _place(b, R[f], t[f], places[f])
     stop = count
     while stop > 0:
-        begin, length = _run_before(places, w, inverse, dof, posed, stop)
+        begin, length = _run_before(places, w, inverse, metric, dof, posed, stop)
         if length >= _LEAST_FRAMES:
             _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
@@ -63,7 +71,7 @@ def _place(b: Floats, R: Floats, t: Floats, place: Floats) -> None:
 
 @compiled()
 def _run_before(
-    places: Floats, w: Floats, inverse: Floats, dof: int, posed: Bools, stop: int
+    places: Floats, w: Floats, inverse: Floats, metric: Floats, dof: int, posed: Bools, stop: int
 ) -> tuple[int, int]:
     """First frame of the longest run of rest that ends before `stop`, and its number of posed frames."""
     m = w.shape[1]
@@ -79,13 +87,13 @@ def _run_before(
             if a > 0:
                 if sums[0, i] == 0:
                     first[:, i] = places[f, :, i]
+                d = places[f, :, i] - first[:, i]
                 sums[0, i] += a
                 for c in range(3):
-                    d = places[f, c, i] - first[c, i]
-                    sums[1 + c, i] += a * d
-                    sums[4, i] += a * d * d
+                    sums[1 + c, i] += a * d[c]
+                sums[4, i] += a * quadratic(metric[i], d[0], d[1], d[2])
             if sums[0, i] > 0:
-                squared = sums[1, i] ** 2 + sums[2, i] ** 2 + sums[3, i] ** 2
+                squared = quadratic(metric[i], sums[1, i], sums[2, i], sums[3, i])
                 scatter += max(sums[4, i] - squared / sums[0, i], 0.0)
         expected = 0.5 * dof * length
         if 0.5 * scatter > expected + _DEVIATIONS * np.sqrt(expected) + _NATS:
