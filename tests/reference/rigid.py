@@ -82,22 +82,32 @@ def settled(w, noise, b, dof, poses):
     return R, t, rests
 
 
-def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0)):
+def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0)):
     """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses
+    M = np.zeros((3, 3))
+    M[np.triu_indices(3)] = metric
+    M += np.triu(M, 1).T
     seen, used = w > 0, (w > 0) & posed
     charge = 3 if used.sum() >= 0.6 * seen.sum() else unposed
     missing = 0.5 * charge * (seen & ~posed).sum()
     if not used.any():
         return missing, 0.0
     x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
-    mean = np.average(x, axis=0, weights=a)
-    b = np.average(x, axis=0, weights=a / (1 + a * ((x - mean) ** 2).sum(1) / (SOFT * 3 * v)))
-    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum)
+    turned = np.einsum("fji,jk,fkl->fil", R[used], M, R[used])
+    mean = weighted_mean(x, a[:, None, None] * turned)
+    squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
+    b = weighted_mean(x, (a / (1 + a * squared / (SOFT * 3 * v)))[:, None, None] * turned)
+    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum, turned)
     return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
 
 
-def squared_innovations(at, x, w, v, spectrum):
+def weighted_mean(x, information):
+    """Mean [3] of points [n, 3] with information matrices [n, 3, 3]."""
+    return np.linalg.solve(information.sum(0), np.einsum("nij,nj->i", information, x))
+
+
+def squared_innovations(at, x, w, v, spectrum, metrics):
     """Squared innovations [n], in v / v, of points [n, 3] at frames [n] of a row with weights w [F].
 
     The gain is that of all observed frames; an outlier moves the state less.
@@ -111,7 +121,7 @@ def squared_innovations(at, x, w, v, spectrum):
             precision = 1 / (variance + white / w[f])
         if f in at:
             error = x[list(at).index(f)] - state
-            found.append(precision * (error @ error))
+            found.append(precision * (error @ metrics[list(at).index(f)] @ error))
             state = state + gain / (1 + found[-1] / (SOFT * 3 * v)) * error
         state = memory * state
         variance = memory**2 * (1 - gain) * variance + (1 - memory**2) * slow

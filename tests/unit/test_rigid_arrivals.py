@@ -6,6 +6,7 @@ import pytest
 from comotion.partition import NO_HYPOTHESIS
 from comotion.rigid.arrivals import undecided
 from comotion.rigid.assignment import OUTLIER
+from comotion.rigid.kernels.records import ROUND
 from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import Scene
 
@@ -33,6 +34,7 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
         weight=ones,
         noise=ones * 1e-6,
         tolerance=ones * 1e-6,
+        metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         life=(w > 0).sum(1),
         current=current,

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.explanations import Offset, View, explained
+from comotion.rigid.kernels.records import ROUND
 from comotion.rigid.procrustes import fit_body
 from comotion.rigid.resampling import Frames
 
@@ -40,7 +41,8 @@ def frames_of(seconds, seen=NONE, moving=1.0, seed=0, dim=3):
     variance, n = np.full(16, SIGMA**2), len(t)
     return Frames(
         dim=dim, stamps=(t * 1e9).astype(np.int64), y=y, w=np.ones((16, n)), owner=np.arange(16),
-        weight=np.ones(16), noise=variance, tolerance=variance, spectrum=np.tile([1.0, 0.0, 0.0], (16, 1)),
+        weight=np.ones(16), noise=variance, tolerance=variance, metric=np.tile(ROUND, (16, 1)),
+        spectrum=np.tile([1.0, 0.0, 0.0], (16, 1)),
         life=np.full(16, n), current=np.ones(16, bool),
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ from comotion.config import RigidConfig
 from comotion.rigid import method
 from comotion.rigid import subset as subsets
 from comotion.rigid.costs import costs
+from comotion.rigid.kernels.records import ROUND
 from comotion.rigid.procrustes import Body, static_body
 from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import SUBSET_ROWS, Scene, choose_subset
@@ -136,7 +137,9 @@ def frames_of(count, length, seed=0):
     owner, life = np.arange(count), (w > 0).sum(1)
     current, ones = np.ones(count, np.bool_), np.ones(count)
     white = np.tile([1.0, 0.0, 0.0], (count, 1))
-    return Frames(3, stamps, y, w, owner, ones, variance, variance, white, life, current), steps
+    return Frames(
+        3, stamps, y, w, owner, ones, variance, variance, np.tile(ROUND, (count, 1)), white, life, current
+    ), steps
 
 
 def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():

@@ -4,19 +4,17 @@ import numpy as np
 from scipy.cluster.hierarchy import linkage
 from scipy.spatial.distance import squareform
 
-from ..arrays import Bools, Floats, Ints, Labels
+from ..arrays import Bools, Floats, Ints
 from ..partition import NO_HYPOTHESIS
-from .assignment import LEAST_ENDED_FRAMES
 from .kernels.distances import deviation_from, distance_deviation
 from .resampling import Frames
 from .subset import Scene
 
-# Cuts of the dendrograms, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
+# Cuts of the dendrogram, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
 # scenes of docs/research/accuracy.md.
-CUTS = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
+CUTS = (1.0, 2.0, 4.5)
 # Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
 _UNKNOWN = 3.0
-_LINKAGES = ("average", "complete")
 # Rows up to which a hypothesis may leave a rotation of its body open, so that a stray could belong to it
 # unnoticed.
 _SMALL = 3
@@ -52,30 +50,11 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools, *, clustering:
         by = explained_by[rows]
         if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
             groups.append(rows)
-            groups += _with_past(frames, before, rows, known)
     return groups
 
 
-def _with_past(frames: Frames, before: Labels, rows: Ints, known: list[int]) -> list[Ints]:
-    """A cluster of mostly other rows, and the ended ones of the hypothesis that it continues: one or none.
-
-    Where most features of a body are lost at once, those that are left have too few poses without the
-    newborn, and the newborn none before.
-    """
-    found, counts = np.unique(before[frames.owner[rows]], return_counts=True)
-    shared = {h: n for h, n in zip(found.tolist(), counts.tolist(), strict=True) if h in known}
-    heir = max(shared, key=lambda h: shared[h], default=NO_HYPOTHESIS)
-    if heir == NO_HYPOTHESIS or 2 * shared[heir] > len(rows):
-        return []
-    mine = before == heir
-    ended = frames.rows_of(mine & ~frames.current & (frames.life >= LEAST_ENDED_FRAMES))
-    if not len(ended) or 2 * shared[heir] < len(frames.rows_of(mine & frames.current)):
-        return []
-    return [np.union1d(rows, ended)]
-
-
 def clusters(frames: Frames, rows: Ints) -> list[Ints]:
-    """Distinct clusters of two rows or more, by average and complete linkage at several cuts.
+    """Clusters of two rows or more, by average linkage at several cuts.
 
     The distance of two rows is the standard deviation of their distance in space over the frames (the root
     of (3.3)), in units of their common tolerance sqrt(v_i + v_j). So each pair has its own scale, where the
@@ -89,11 +68,7 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
     if len(rows) < 2:
         return []
     condensed = squareform(_normalised_deviation(frames, rows), checks=False)
-    found: dict[bytes, Ints] = {}
-    for method in _LINKAGES:
-        for members in _cut_clusters(linkage(condensed, method)):
-            found.setdefault(members.tobytes(), members)
-    return [rows[members] for members in found.values()]
+    return [rows[members] for members in _cut_clusters(linkage(condensed, "average"))]
 
 
 def join_strays(frames: Frames, bodies: list[Ints], strays: Ints) -> list[Ints]:

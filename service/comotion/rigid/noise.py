@@ -20,9 +20,9 @@ _LEAST_NOISE = 1e-6
 # Share of the scene's extent that is taken for the noise before there is any estimate; chosen on the scenes
 # of docs/research/accuracy.md.
 _FIRST_GUESS = 1e-3
-# Noise is taken for the same in all directions where the largest variance is at most so many times the least: a
-# ratio of 1.5 of the standard deviations, which costs nothing. And the least variance, as a share of the largest,
-# that an estimate may have in any direction.
+# Noise is taken for the same in all directions where the largest variance is at most so many times the least:
+# a ratio of 1.5 of the standard deviations, which costs nothing. And the least variance, as a share of the
+# largest, that an estimate may have in any direction.
 _ROUND, _FLATTEST = 2.25, 0.01
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
 _CURVATURES = (0.0, *(side * one for one in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
@@ -39,7 +39,8 @@ DIRECTIONS = {
 class NoiseEstimates:
     """Noise of every trajectory in each of :data:`DIRECTIONS`, from its own observations.
 
-    One entry for each slot of the window, renewed now and then. Turn, shift and delay of a source matter little.
+    One entry for each slot of the window, renewed now and then. Turn, shift and delay of a source matter
+    little.
     """
 
     def __init__(self, dim: int) -> None:
@@ -79,10 +80,10 @@ class NoiseEstimates:
 def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints, *, on_arm: bool) -> Floats:
     """Covariance of the white noise of trajectories `own`, float64 [n, 3, 3].
 
-    The less the estimates of a source differ beyond their own error, the more each is drawn towards what is usual
-    there. Where that is about the same in all directions, so is the covariance. A published sigma or covariance
-    replaces it; but at the end of an arm it is only a lower bound, as the orientation is noisy too. In 2-D the third
-    coordinate has the mean of the others.
+    The less the estimates of a source differ beyond their own error, the more each is drawn towards what is
+    usual there. Where that is about the same in all directions, so is the covariance. A published sigma or
+    covariance replaces it; but at the end of an arm it is only a lower bound, as the orientation is noisy
+    too. In 2-D the third coordinate has the mean of the others.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
 def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Floats) -> Floats:
     """Covariances [n, 3, 3] of the noise of one source.
 
-    Where it is not round, a sensor with rays explains it: each feature has a variance along its ray and one across.
-    Both follow from the estimates without the bias that the least eigenvalue of a rough matrix has.
+    Where it is not round, a sensor with rays explains it: each feature has a variance along its ray and one
+    across. Both follow from the estimates without the bias that the least eigenvalue of a rough matrix has.
 
     Parameters
     ----------
@@ -147,8 +148,9 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
 def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
     """Posterior variances [n] of estimates [n] with so many degrees of freedom [n] (Smyth 2004).
 
-    Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: they vary by the error
-    of the estimates and by what the true variances differ. `otherwise` is taken where there are no estimates.
+    Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: they vary by
+    the error of the estimates and by what the true variances differ. `otherwise` is taken where there are no
+    estimates.
     """
     known = (freedom > 0) & (variance > 0)
     if not known.any():
@@ -168,8 +170,8 @@ def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
 def _rays(position: Floats, matrices: Floats, weight: Floats, axis: Floats) -> Floats:
     """Directions [n, dim] from the place of the sensor along which the noise is largest.
 
-    The place is sought on the line through the features along the main axis of their noise, at either side and at
-    infinity.
+    The place is sought on the line through the features along the main axis of their noise, at either side
+    and at infinity.
     """
     centre = np.median(position, 0)
     extent = np.sqrt(((position - centre) ** 2).sum(1).mean()) + 1e-300

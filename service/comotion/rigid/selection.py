@@ -11,9 +11,6 @@ from .subset import Scene
 
 STATIC = 0
 """Column of the static body, which is always open, at no price."""
-# Ended trajectories show how bodies have moved, but hypotheses are meant for current ones: weight of an ended
-# trajectory in the selection. Chosen on the scenes of docs/research/accuracy.md.
-_ENDED_WEIGHT = 0.5
 
 
 def select(costs: Costs) -> list[int]:
@@ -37,16 +34,15 @@ def select(costs: Costs) -> list[int]:
 
 
 def weighted(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Costs:
-    """Costs of the trajectories that count in the selection, by their weights.
+    """Costs of the trajectories that count in the selection.
 
     A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
     some always move alike by chance. A trajectory of a hypothesis that is known to be separate pays for
     leaving it. `owners` are the trajectories that each body was fitted to.
     """
     judged: Bools = scene.judged
-    weight = np.where(scene.frames.current, 1.0, _ENDED_WEIGHT)[judged]
     body = found.body + past_evidence(scene, owners, found, config) + membership_prices(scene, owners, config)
-    return Costs(body[judged] * weight[:, None], found.outlier[judged] * weight, found.opening)
+    return Costs(body[judged], found.outlier[judged], found.opening)
 
 
 def membership_prices(scene: Scene, owners: list[Ints], config: RigidConfig) -> Floats:

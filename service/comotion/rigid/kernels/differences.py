@@ -11,10 +11,11 @@ from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
 from .records import Observations
 
-# Median of a chi-squared variable with one degree of freedom; so many medians are three standard deviations, and
-# the mean of what is below them.
+# Median of a chi-squared variable with one degree of freedom; so many medians are three standard deviations,
+# and the mean of what is below them.
 _CHI2_MEDIAN = 0.4549364231195727
-# Sum of the squared autocorrelations of third differences that begin one, two, three or more observations apart.
+# Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
+# apart.
 _OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
 _WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.9733
 
@@ -25,8 +26,8 @@ def direction_variances(
 ) -> tuple[Floats, Floats]:
     """Variance of the noise in each direction: the mean squared third difference without the wild ones.
 
-    Each direction is taken alone: where the noise is not round, what is wild by the median of a sum over coordinates
-    would be wrong.
+    Each direction is taken alone: where the noise is not round, what is wild by the median of a sum over
+    coordinates would be wrong.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def direction_variances(
 
 @compiled()
 def _trimmed_mean(squares: Floats) -> float:
-    """Mean of squares [n] of normal variables, those beyond three standard deviations by the median left out."""
+    """Mean of squares [n] of normal variables without those beyond three standard deviations."""
     limit, total, count = _WILD * np.median(squares), 0.0, 0
     for square in squares:
         if square <= limit:

@@ -7,7 +7,7 @@ from ...compiled import compiled
 @compiled()
 def is_round_metric(metric: Floats) -> bool:
     """Whether the noise of a metric [6] is the same in all directions."""
-    return metric[0] == 1.0 and metric[3] == 1.0 and metric[5] == 1.0
+    return bool(metric[0] == 1.0 and metric[3] == 1.0 and metric[5] == 1.0)
 
 
 @compiled()
@@ -27,7 +27,8 @@ def turned_metric(m: Floats, R: Floats, turned: Floats) -> None:
 @compiled()
 def quadratic(m: Floats, a: float, b: float, c: float) -> float:
     """The square of a vector under a metric [6]."""
-    return m[0] * a * a + m[3] * b * b + m[5] * c * c + 2.0 * (m[1] * a * b + m[2] * a * c + m[4] * b * c)
+    across = m[1] * a * b + m[2] * a * c + m[4] * b * c
+    return float(m[0] * a * a + m[3] * b * b + m[5] * c * c + 2.0 * across)
 
 
 @compiled()

@@ -32,8 +32,8 @@ def fit_poses(
     """Fit a template b and poses x = R b + t to rows, in place.
 
     Grows from the frame with most rows, newest frame first: poses from what is known of the template, then
-    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)). Where the noise of a row is not the same in
-    all directions, a step of Gauss-Newton with its metric ends the fit of each pose.
+    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)). Where the noise of a row is not the
+    same in all directions, a step of Gauss-Newton with its metric ends the fit of each pose.
 
     Parameters
     ----------
@@ -301,42 +301,44 @@ def _update(sums: Floats, b: Floats, known: Floats) -> None:
 @compiled()
 def _step(y: Floats, weights: Floats, metric: Floats, b: Floats, dim: int, R: Floats, t: Floats) -> None:
     """One step of Gauss-Newton of a frame's pose: R exp([s]x), t + u, by residuals under their metrics."""
-    left, right = np.zeros((6, 6)), np.zeros(6)
-    J, MJ = np.zeros((3, 6)), np.zeros((3, 6))
-    for c in range(3):
-        J[c, 3 + c] = 1.0
+    left, right, J, MJ = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 6)), np.zeros((3, 6))
     for i in range(len(weights)):
         if weights[i] > 0:
-            m = metric[i]
-            for c in range(3):
-                # The columns of -R [b]x.
-                J[c, 0] = R[c, 2] * b[1, i] - R[c, 1] * b[2, i]
-                J[c, 1] = R[c, 0] * b[2, i] - R[c, 2] * b[0, i]
-                J[c, 2] = R[c, 1] * b[0, i] - R[c, 0] * b[1, i]
-            for q in range(6):
-                MJ[0, q] = m[0] * J[0, q] + m[1] * J[1, q] + m[2] * J[2, q]
-                MJ[1, q] = m[1] * J[0, q] + m[3] * J[1, q] + m[4] * J[2, q]
-                MJ[2, q] = m[2] * J[0, q] + m[4] * J[1, q] + m[5] * J[2, q]
+            _derivatives(b[:, i], R, metric[i], J, MJ)
             for c in range(3):
                 r = y[c, i] - t[c] - R[c, 0] * b[0, i] - R[c, 1] * b[1, i] - R[c, 2] * b[2, i]
                 for p in range(6):
                     right[p] += weights[i] * MJ[c, p] * r
-            for p in range(6):
-                for q in range(6):
-                    a = MJ[0, p] * J[0, q] + MJ[1, p] * J[1, q] + MJ[2, p] * J[2, q]
-                    left[p, q] += weights[i] * a
+                    for q in range(6):
+                        left[p, q] += weights[i] * MJ[c, p] * J[c, q]
     turns = left[0, 0] + left[1, 1] + left[2, 2]
     for p in range(6):
-        # What the points leave open stays as it is; in 2-D all but the turn about z and the shift in the plane.
-        left[p, p] += _PULL * turns + 1e-300 if p < 3 else _SLIGHT_PULL * left[p, p] + 1e-300
-    if dim == 2:
-        for p in (0, 1, 5):
+        # What the points leave open stays as it is; in 2-D all but a turn about z and a shift in the plane.
+        left[p, p] += (_PULL * turns if p < 3 else _SLIGHT_PULL * left[p, p]) + 1e-300
+        if dim == 2 and p in (0, 1, 5):
             left[p, :] = 0.0
             left[:, p] = 0.0
             left[p, p], right[p] = 1.0, 0.0
-    step = np.linalg.solve(left, right)
-    R[:] = R @ rotation_matrix(step[:3])
-    t += step[3:]
+    step: Floats = np.linalg.solve(left, right)
+    turn, old = rotation_matrix(step[:3]), R.copy()
+    for c in range(3):
+        t[c] += step[3 + c]
+        for d in range(3):
+            R[c, d] = old[c, 0] * turn[0, d] + old[c, 1] * turn[1, d] + old[c, 2] * turn[2, d]
+
+
+@compiled()
+def _derivatives(b: Floats, R: Floats, m: Floats, J: Floats, MJ: Floats) -> None:
+    """J = [-R [b]x, 1], the derivative of R exp([s]x) b + t, and M J by a metric [6], to [3, 6] each."""
+    for c in range(3):
+        J[c, 0] = R[c, 2] * b[1] - R[c, 1] * b[2]
+        J[c, 1] = R[c, 0] * b[2] - R[c, 2] * b[0]
+        J[c, 2] = R[c, 1] * b[0] - R[c, 0] * b[1]
+        J[c, 3 + c] = 1.0
+    for q in range(6):
+        MJ[0, q] = m[0] * J[0, q] + m[1] * J[1, q] + m[2] * J[2, q]
+        MJ[1, q] = m[1] * J[0, q] + m[3] * J[1, q] + m[4] * J[2, q]
+        MJ[2, q] = m[2] * J[0, q] + m[4] * J[1, q] + m[5] * J[2, q]
 
 
 @compiled()

@@ -37,7 +37,8 @@ class RowArrays(NamedTuple):
 
     `spectrum` float64 [P, 3] are the white and the slow part of the noise, in tolerances, and the correlation
     of the slow part from frame to frame. `metric` float64 [P, 6] is the inverse covariance in units of the
-    inverse tolerance: xx, xy, xz, yy, yz, zz; that of :data:`ROUND` where the noise is the same in all directions.
+    inverse tolerance: xx, xy, xz, yy, yz, zz; that of :data:`ROUND` where the noise is the same in all
+    directions.
     """
 
     y: Floats

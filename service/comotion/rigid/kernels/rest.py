@@ -34,7 +34,8 @@ def settle(
     Parameters
     ----------
     w, inverse, metric, b
-        float64 [F, m] (0: unobserved), [m], inverse variance of the noise, [m, 6], its metric, and [3, m], template.
+        float64 [F, m] (0: unobserved), [m], inverse variance of the noise, [m, 6], its metric, and [3, m],
+        template.
     dof
         Degrees of freedom of a pose.
     poses
