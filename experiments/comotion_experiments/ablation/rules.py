@@ -70,9 +70,8 @@ def _as_they_are(_scene: Any, labels: Any) -> Any:
     return labels
 
 
-def _unsettled(_frames: Any, bodies: Any, evidence: Any, *_: Any) -> Any:
-    settled = import_module("comotion.rigid.rest").Settled
-    return settled(evidence.body.copy(), np.zeros(len(bodies), np.bool_))
+def _unsettled(_frames: Any, body: Any) -> Any:
+    return body
 
 
 RULES: dict[str, Rule] = {
@@ -87,7 +86,7 @@ RULES: dict[str, Rule] = {
     "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
     "sliding": Rule("features that slide", {"costs.with_sliders": _no_sliders}),
     "arrivals": Rule("newborn amid newborn wait", {"method.undecided": _as_they_are}),
-    "settled": Rule("one pose for each rest", {"method.settled_costs": _unsettled}),
+    "settled": Rule("one pose for each rest", {"method.settled": _unsettled}),
     "strays": Rule("strays joined to bodies", {"candidates.join_strays": _nothing}),
     "motion_gain": Rule(
         "in large scenes, worth by motion alone",

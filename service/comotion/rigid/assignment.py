@@ -50,14 +50,13 @@ class SearchResult:
     """Bodies of a scene, the static one first, and the assignment of its N trajectories to them.
 
     `evidence` holds the costs before any prior; `excess` float64 [N] those of
-    :func:`~comotion.rigid.costs.excess_costs`; `settled` float64 [N, K] those with one pose for each rest.
+    :func:`~comotion.rigid.costs.excess_costs`.
     """
 
     bodies: list[Body]
     assignment: Assignment
     evidence: Costs
     excess: Floats
-    settled: Floats
 
 
 def without_sliders(labels: Ints, found: Costs) -> Ints:

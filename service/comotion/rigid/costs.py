@@ -32,7 +32,9 @@ _MOST_USUAL = 2.0
 
 @dataclass(frozen=True)
 class Costs:
-    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K].
+    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K], `restless` [K].
+
+    `restless` is what opening would cost if the body had never rested: what it must gain to move clearly.
 
     `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row; `slides` bool
     [N, K] whether a cost is that of a feature that slides on the body.
@@ -41,6 +43,7 @@ class Costs:
     body: Floats
     outlier: Floats
     opening: Floats
+    restless: Floats = field(default_factory=lambda: np.zeros(0))
     wider: Floats = field(default_factory=lambda: np.zeros(0))
     slides: Bools = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
 
@@ -48,7 +51,8 @@ class Costs:
         """The costs of some bodies only, by column."""
         wider = self.wider[chosen] if len(self.wider) else self.wider
         slides = self.slides[:, chosen] if self.slides.size else self.slides
-        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], wider, slides)
+        restless = self.restless[chosen] if len(self.restless) else self.restless
+        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], restless, wider, slides)
 
 
 def costs(
@@ -77,9 +81,10 @@ def costs(
     body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
-    opening = np.array([_opening(b, config, stretch) for b in bodies])
+    opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
+    restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
     body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
-    return Costs(body, outlier, opening, wider, slides)
+    return Costs(body, outlier, opening, restless, wider, slides)
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
@@ -145,11 +150,11 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, config: RigidConfig, stretch: float) -> float:
-    """Price of a body: of its poses, and of being one more."""
+def _opening(body: Body, poses: int, config: RigidConfig, stretch: float) -> float:
+    """Price of a body: of so many poses, and of being one more."""
     if body.static:
         return 0.0
-    return pose_costs(body.dof, stretch * int(body.posed.sum()), config) + config.birth_price
+    return pose_costs(body.dof, stretch * poses, config) + config.birth_price
 
 
 def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:

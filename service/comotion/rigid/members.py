@@ -37,7 +37,7 @@ class ClearMembers:
         keys, ids
             int64 [N], keys of its trajectories, and [K], hypotheses of its bodies.
         """
-        cost, labels = result.settled, result.assignment.labels
+        cost, labels = result.evidence.body, result.assignment.labels
         if cost.shape[1] < 2:
             return
         least = np.partition(cost, 1, axis=1)

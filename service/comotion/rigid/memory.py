@@ -54,7 +54,7 @@ class Separation:
         step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
         self._stamp_ns = stamp_ns
         evidence, labels = result.evidence, result.assignment.labels
-        clear = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.opening[k] for k in range(len(ids))]
+        clear = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.restless[k] for k in range(len(ids))]
         self._moving = {one for one, moves in zip(ids.tolist(), clear, strict=True) if moves}
         for k, one in enumerate(ids.tolist()):
             members = labels == k
@@ -102,7 +102,7 @@ def _contradicted(evidence: Costs, members: Bools, k: int, clear: list[bool]) ->
         return True
     others = [j for j, moves in enumerate(clear) if moves and j not in (0, k)]
     lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
-    return bool(min(lost, default=np.inf) < evidence.opening[k])
+    return bool(min(lost, default=np.inf) < evidence.restless[k])
 
 
 def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
@@ -120,7 +120,7 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
     for one in np.unique(before[scene.separate]).tolist():
         members = before == one
         gain = (found.body[members, :1] - found.body[members]).sum(0)
-        others = np.flatnonzero((gain <= _CLEARLY * found.opening) & (continued != one))
+        others = np.flatnonzero((gain <= _CLEARLY * found.restless) & (continued != one))
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
     return evidence

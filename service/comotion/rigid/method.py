@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
 from ..config import FusionConfig, RigidConfig
 from ..matching import continued, largest_total
 from ..partition import (
@@ -60,11 +60,13 @@ from .poses import Poses, poses_of
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
-from .rest import settled_costs
+from .rest import settled
 from .selection import STATIC, membership_prices, select, weighted
-from .subset import Scene, Subset, choose_subset, extended_rows
+from .subset import Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
 from .tracks import Tracks, read_tracks
 
+# Where the known bodies explain everything, others are sought when the evidence has changed by this share.
+_SEARCH_SHARE = 0.05
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
 # of docs/research/accuracy.md.
 _KEY_FRAMES = 50
@@ -106,6 +108,8 @@ class RigidMethod:
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
         self.searching = True
+        # When bodies were sought last, and the keys of what was not explained then.
+        self._searched: tuple[int, Stamps] = (0, np.zeros(0, np.int64))
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories."""
@@ -115,10 +119,12 @@ class RigidMethod:
         tracks = self._registration.correct(tracks)  # 2
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
-        result = search(self._scene(tracks, frames, previous), self._config, fully=self.searching)  # 5 to 9
+        scene = self._scene(tracks, frames, previous)
+        due = self._due(scene, tracks.key)
+        result = search(scene, self._config, fully=due)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
-        if self.searching:
+        if due:
             self._registration.learn(tracks, frames, groups)  # 2, for the next update
         self._keys, self._excess = tracks.key, result.excess
         self._last = (tracks, frames, result)
@@ -176,6 +182,16 @@ class RigidMethod:
             self._separation.load(state["separate"])
             self._members.load(state.get("members", []))
 
+    def _due(self, scene: Scene, keys: Stamps) -> bool:
+        """Whether to search for new bodies: where more is unexplained than at the last search, or seldom."""
+        stamps, odd = scene.frames.stamps, keys[unexplained(scene)]
+        last_ns, known = self._searched
+        old = int(stamps[-1]) - last_ns >= _SEARCH_SHARE * int(stamps[-1] - stamps[0])
+        if self.searching and (old or not np.isin(odd, known).all()):
+            self._searched = int(stamps[-1]), odd
+            return True
+        return False
+
     def _nothing(self) -> Partition:
         self._keys, self._excess = np.zeros(0, np.int64), np.zeros(0)
         self._last, self._chances = None, np.zeros((0, 1))
@@ -209,6 +225,10 @@ def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchRe
     the trajectories that were assigned to them. Unless `fully`, only bodies that are known take part.
     """
     subset = choose_subset(scene, config)
+    if not fully:
+        result = _compare_all(scene, known_rows(scene), config, exact=subset.complete)
+        labels = undecided(scene, result.assignment.labels)
+        return replace(result, assignment=replace(result.assignment, labels=labels))
     bodies, labels = _first_bodies(scene, subset, config, fully=fully)
     if subset.complete:
         rows = _assigned_rows(scene, bodies, labels, keep_own=True)
@@ -254,31 +274,37 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
         static_body(len(frames.stamps)),
         *(fit_body(frames, some) for some in rows if len(some) >= 2),
     ]  # 6
-    found = costs(frames, bodies, config, stride=stride)  # 7
+    still = [settled(frames, body) for body in bodies]
+    found = costs(frames, still, config, stride=stride)  # 7
     if not exact:
-        moving = moving_bodies(frames, bodies, found, config)
-        bodies, found = [bodies[k] for k in moving], found.of(moving)
+        moving = moving_bodies(frames, still, found, config)
+        bodies, still, found = [bodies[k] for k in moving], [still[k] for k in moving], found.of(moving)
     owners = _owners(frames, bodies)
     chosen = select(weighted(scene, owners, found, config))  # 8
     bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
-    return _assigned(scene, bodies, owners, found.of(chosen), config, stride=stride)  # 9
+    resting = np.array([still[k].rests for k in chosen])
+    return _assigned(scene, bodies, owners, found.of(chosen), resting, config)  # 9
 
 
 def _assigned(
-    scene: Scene, bodies: list[Body], owners: list[Ints], evidence: Costs, config: RigidConfig, *, stride: int
+    scene: Scene,
+    bodies: list[Body],
+    owners: list[Ints],
+    evidence: Costs,
+    resting: Bools,
+    config: RigidConfig,
 ) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
     frames, before = scene.frames, scene.before
-    settled = settled_costs(frames, bodies, evidence, config, stride)
-    cost, prices = settled.cost + leaving_costs(scene, owners), membership_prices(scene, owners, config)
+    cost, prices = evidence.body + leaving_costs(scene, owners), membership_prices(scene, owners, config)
     rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
     # Nothing tells what rests with a resting body from the background: its membership has a price here too.
-    cost[np.ix_(scene.judged & (own == STATIC), settled.resting)] += prices[settled.resting]
+    cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
     assignment = assign(frames, cost, evidence.outlier, own, position, config)
     excess = excess_costs(evidence, assignment.labels, config)
-    return SearchResult(bodies, assignment, evidence, excess, settled.cost)
+    return SearchResult(bodies, assignment, evidence, excess)
 
 
 def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:

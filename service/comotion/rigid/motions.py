@@ -89,7 +89,7 @@ def _state(frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> 
         return "static" if watched >= _LEAST_STATIC_TIME else "undetermined"
     costs = found.evidence
     gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
-    return "moving" if gain > costs.opening[k] else "undetermined"
+    return "moving" if gain > costs.restless[k] else "undetermined"
 
 
 def row_names(tracks: Tracks, frames: Frames) -> Stamps:

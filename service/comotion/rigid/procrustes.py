@@ -27,6 +27,10 @@ class Body:
         float64 [F, 3, 3], float64 [F, 3], bool [F] (whether the frame has a pose).
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
+    free
+        Number of poses that differ: one for each rest where it is settled (:mod:`.rest`).
+    rests
+        Whether it is settled, and rests in the newest frame.
     """
 
     rows: Ints
@@ -35,6 +39,8 @@ class Body:
     t: Floats
     posed: Bools
     dof: int
+    free: int = 0
+    rests: bool = False
 
     @property
     def poses(self) -> PoseArrays:
@@ -71,7 +77,7 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     fit_poses(y, np.ascontiguousarray(w.T), *noise, frames.dim, _ITERATIONS, template, poses)
     pair = int((w > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
-    return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof)
+    return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof, int(posed.sum()))
 
 
 def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) -> tuple[Floats, Floats]:

@@ -118,8 +118,8 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
         return Subset(np.arange(len(before)), np.ones(len(before), np.bool_), complete=True)
     if len(frames.owner) <= _FRESH_EXCESS * SUBSET_ROWS:
         excess = _fresh_excess(scene, config)
-    unexplained = (before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED)
-    odd = unexplained & scene.judged & frames.current
+    doubtful = _doubtful(before, excess)
+    odd = doubtful & scene.judged & frames.current
     explained = scene.judged & ~odd
     hypotheses = np.setdiff1d(before[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
@@ -128,7 +128,24 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
     left = max(SUBSET_ROWS - sum(len(some) for some in found), SUBSET_ROWS - most)
     found.append(_drawn(np.flatnonzero(odd), before, excess, int(frames.stamps[-1]), left))
     tracks = np.unique(np.concatenate(found))
-    return Subset(tracks, unexplained[tracks], complete=False)
+    return Subset(tracks, doubtful[tracks], complete=False)
+
+
+def unexplained(scene: Scene) -> Bools:
+    """Which current trajectories no hypothesis explained at the last update, bool [N]."""
+    return _doubtful(scene.before, scene.excess) & scene.judged & scene.frames.current
+
+
+def _doubtful(before: Labels, excess: Floats) -> Bools:
+    return np.asarray((before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED))
+
+
+def known_rows(scene: Scene) -> list[Ints]:
+    """Rows to fit each known hypothesis but the static one to."""
+    known = np.setdiff1d(scene.before, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
+    frames = scene.frames
+    telling = frames.current | (frames.life >= LEAST_ENDED_FRAMES)
+    return [_rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()]
 
 
 def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:

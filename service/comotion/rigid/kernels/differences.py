@@ -60,7 +60,10 @@ def direction_variances(
         if k > 0:
             for d in range(len(directions)):
                 for j in range(k):
-                    squares[j] = (contrasts[j] * directions[d]).sum() ** 2
+                    along = 0.0
+                    for c in range(contrasts.shape[1]):
+                        along += contrasts[j, c] * directions[d, c]
+                    squares[j] = along * along
                 found[n, d] = _trimmed_mean(squares[:k])
     return found, count
 

@@ -319,7 +319,7 @@ def _step(y: Floats, weights: Floats, metric: Floats, b: Floats, dim: int, R: Fl
             left[p, :] = 0.0
             left[:, p] = 0.0
             left[p, p], right[p] = 1.0, 0.0
-    step: Floats = np.linalg.solve(left, right)
+    step = np.linalg.solve(left, right).astype(np.float64)
     turn, old = rotation_matrix(step[:3]), R.copy()
     for c in range(3):
         t[c] += step[3 + c]

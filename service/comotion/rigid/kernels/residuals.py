@@ -53,7 +53,7 @@ def body_costs(
     """
     y, w, tolerance, spectrum, metric = arrays
     count, bodies = w.shape[1], len(poses)
-    row, x, gains = np.empty((count, 4)), np.empty((count, 11)), np.empty((count, 2))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
     some = np.ascontiguousarray(poses[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
@@ -125,7 +125,7 @@ def own_residuals(
     """
     y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, x, gains = np.empty((count, 4)), np.empty((count, 11)), np.empty((count, 2))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
     for k in range(len(poses)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
@@ -164,15 +164,15 @@ def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: flo
     """
     y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, gains = np.empty((count, 11)), np.empty((count, 2))
+    row, gains = np.empty((count, 5)), np.empty((count, 8))
     for n in range(len(rows)):
         i = rows[n]
         _copy_row(y[i], w[i], 1, row)
         _filter_gains(w[i], spectrum[i], 1, gains)
         soft = 1.0 / (SOFT * dim * tolerance[i])
         is_round = is_round_metric(metric[i])
-        row[:, 5:] = metric[i]
-        mean = _robust_mean(row, count, soft, is_round)
+        gains[:, 2:] = metric[i]
+        mean = _robust_mean(row, count, gains, soft, is_round)
         _squares(row, count, mean, gains, spectrum[i, 2], soft, is_round)
         for k in range(len(wider)):
             inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
@@ -209,8 +209,8 @@ def _body_cost(
 ) -> tuple[float, float]:
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
-    `row` [F, 4] holds y and w, `poses` [F, 13] those of the body; `gains` [F, 2] are those of the row's slow
-    noise, `metric` [6] that of its noise; `x` [F, 11] is room.
+    `row` [F, 4] holds y and w, `poses` [F, 13] those of the body, `metric` [6] that of the noise; `gains`
+    [F, 8] are those of the row's slow noise, and room for the metric in the body's frame; `x` [F, 5] is room.
     """
     seen, held, count = 0.0, 0.0, stop - first
     is_round = is_round_metric(metric)
@@ -224,12 +224,12 @@ def _body_cost(
         seen += 1.0 if r[3] > 0 else 0.0
         held += 1.0 if x[f, 3] > 0 else 0.0
         if not is_round:
-            turned_metric(metric, p, x[f, 5:])
+            turned_metric(metric, p, gains[first + f, 2:])
     missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
     soft = inverse / (SOFT * dim)
-    mean = _robust_mean(x, count, soft, is_round)
+    mean = _robust_mean(x, count, gains[first:], soft, is_round)
     _squares(x, count, mean, gains[first:], persistence, soft, is_round)
     paid, squared, most = 0.0, 0.0, cap * dim
     for f in range(count):
@@ -239,34 +239,44 @@ def _body_cost(
 
 
 @compiled()
-def _robust_mean(x: Floats, count: int, soft: float, is_round: bool) -> tuple[float, float, float]:
-    """Mean of points [count, 11], three coordinates, a weight, and from the sixth column on a metric.
+def _robust_mean(
+    x: Floats, count: int, gains: Floats, soft: float, is_round: bool
+) -> tuple[float, float, float]:
+    """Mean of points [count, 4 or more], three coordinates and a weight, under the metrics of `gains` [F, 8].
 
     A squared distance of 1 / soft from the plain mean halves a weight.
     """
-    m0, m1, m2 = _mean(x, count, 0.0, (0.0, 0.0, 0.0), is_round)
-    return _mean(x, count, soft, (m0, m1, m2), is_round)
+    if not is_round:
+        plain = _metric_mean(x, count, gains, 0.0, (0.0, 0.0, 0.0))
+        return _metric_mean(x, count, gains, soft, plain)
+    total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
+    for f in range(count):
+        a = x[f, 3]
+        total += a
+        m0 += a * x[f, 0]
+        m1 += a * x[f, 1]
+        m2 += a * x[f, 2]
+    m0, m1, m2 = m0 / total, m1 / total, m2 / total
+    total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
+    for f in range(count):
+        d2 = (x[f, 0] - m0) ** 2 + (x[f, 1] - m1) ** 2 + (x[f, 2] - m2) ** 2
+        g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
+        total += g
+        b0 += g * x[f, 0]
+        b1 += g * x[f, 1]
+        b2 += g * x[f, 2]
+    return b0 / total, b1 / total, b2 / total
 
 
 @compiled()
-def _mean(
-    x: Floats, count: int, soft: float, centre: tuple[float, float, float], is_round: bool
+def _metric_mean(
+    x: Floats, count: int, gains: Floats, soft: float, centre: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Mean with weights 1 / (1 + soft d^2) by the distance d from a centre, under the metrics."""
-    total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
-    if is_round:
-        for f in range(count):
-            d2 = (x[f, 0] - centre[0]) ** 2 + (x[f, 1] - centre[1]) ** 2 + (x[f, 2] - centre[2]) ** 2
-            g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
-            total += g
-            b0 += g * x[f, 0]
-            b1 += g * x[f, 1]
-            b2 += g * x[f, 2]
-        return b0 / total, b1 / total, b2 / total
-    information = np.zeros(6)
+    information, b0, b1, b2 = np.zeros(6), 0.0, 0.0, 0.0
     for f in range(count):
         if x[f, 3] > 0:
-            m = x[f, 5:]
+            m = gains[f, 2:]
             d2 = quadratic(m, x[f, 0] - centre[0], x[f, 1] - centre[1], x[f, 2] - centre[2])
             g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
             for c in range(6):
@@ -287,17 +297,22 @@ def _squares(
     soft: float,
     is_round: bool,
 ) -> None:
-    """Weighted squared distances of points [count, 11] from their mean, to the fifth column.
+    """Weighted squared distances of points [count, 5] from their mean, to the last column.
 
     With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
     (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
     """
     s0, s1, s2 = mean
+    if persistence == 0.0 and is_round:
+        for f in range(count):
+            d2 = (x[f, 0] - s0) ** 2 + (x[f, 1] - s1) ** 2 + (x[f, 2] - s2) ** 2
+            x[f, 4] = x[f, 3] * d2
+        return
     for f in range(count):
         x[f, 4] = 0.0
         if x[f, 3] > 0:
             e0, e1, e2 = x[f, 0] - s0, x[f, 1] - s1, x[f, 2] - s2
-            d2 = e0 * e0 + e1 * e1 + e2 * e2 if is_round else quadratic(x[f, 5:], e0, e1, e2)
+            d2 = e0 * e0 + e1 * e1 + e2 * e2 if is_round else quadratic(gains[f, 2:], e0, e1, e2)
             x[f, 4] = x[f, 3] * d2
             if persistence > 0.0:
                 x[f, 4] *= gains[f, 1]

@@ -25,7 +25,7 @@ def settle(
     dof: int,
     poses: PoseArrays,
     rests: Bools,
-) -> None:
+) -> int:
     """Give a body one pose in each run of frames in which it does not move beyond the noise, in place.
 
     From the newest frame backwards, a run grows as long as one pose for all of it is likely: twice the rise
@@ -42,6 +42,10 @@ def settle(
         Those of each frame.
     rests
         Out: bool [F], whether the frame is one of a rest.
+
+    Returns
+    -------
+    The number of rests.
     """
     R, t, posed = poses
     count, m = w.shape
@@ -49,17 +53,19 @@ def settle(
     for f in range(count):
         if posed[f]:
             _place(b, R[f], t[f], places[f])
-    stop = count
+    stop, runs = count, 0
     while stop > 0:
         begin, length = _run_before(places, w, inverse, metric, dof, posed, stop)
         if length >= _LEAST_FRAMES:
             _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
+            runs += 1
             weighted_pose(mean, b, total, dim, R[begin], pose, shift)
             for f in range(begin, stop):
                 if posed[f]:
                     R[f], t[f], rests[f] = pose, shift, True
         stop = min(begin, stop - 1)
+    return runs
 
 
 @compiled()
@@ -88,11 +94,13 @@ def _run_before(
             if a > 0:
                 if sums[0, i] == 0:
                     first[:, i] = places[f, :, i]
-                d = places[f, :, i] - first[:, i]
+                d0, d1 = places[f, 0, i] - first[0, i], places[f, 1, i] - first[1, i]
+                d2 = places[f, 2, i] - first[2, i]
                 sums[0, i] += a
-                for c in range(3):
-                    sums[1 + c, i] += a * d[c]
-                sums[4, i] += a * quadratic(metric[i], d[0], d[1], d[2])
+                sums[1, i] += a * d0
+                sums[2, i] += a * d1
+                sums[3, i] += a * d2
+                sums[4, i] += a * quadratic(metric[i], d0, d1, d2)
             if sums[0, i] > 0:
                 squared = quadratic(metric[i], sums[1, i], sums[2, i], sums[3, i])
                 scatter += max(sums[4, i] - squared / sums[0, i], 0.0)
