@@ -274,6 +274,7 @@ RejectionReason = Literal[
     "range",
     "limit",
     "duplicate-name",
+    "over-budget",
     "defect",
 ]
 ProblemKind = Literal[
@@ -286,6 +287,8 @@ ProblemKind = Literal[
     "no-data",
     "silent",
     "duplicate-name",
+    "over-budget",
+    "contradicts-space",
     "limit",
     "defect",
 ]

@@ -3,16 +3,17 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Labels, Slots
+from .arrays import Bools, Floats, Labels, Slots, Stamps
 from .config import FusionConfig, to_ns
-from .event_time.instants import Instant
+from .event_time.instants import Instants
 from .event_time.stats import Stats
 from .extent_check import ExtentCheck
 from .hypotheses.identity import IdAllocator
@@ -111,12 +112,12 @@ class Space:
         """Take the frame for one that moves."""
         self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
-    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
-        """Put one instant into the window, and the method's sums where it keeps any.
+    def store(self, instants: Instants, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
+        """Put instants into the window, and the method's sums where it keeps any.
 
         Parameters
         ----------
-        instant
+        instants
             Released rows, in event-time order.
         room
             Tells how many of so many new trajectories may be opened; the rows of others are refused.
@@ -126,15 +127,16 @@ class Space:
         Returns
         -------
         Stored
-            What became of it.
+            What became of them.
         """
-        rows = instant.rows if taken is None else instant.rows[~taken]
-        near = self.extent.fits(instant.session, _take(instant.batch.positions, rows)) if len(rows) else None
+        batch, session = instants.batch, instants.session
+        columns = _Columns.of(instants) if taken is None else _Columns.of(instants).where(~taken)
+        near = self.extent.fits(session, columns.of_batch(batch.positions)) if len(columns.rows) else None
         if near is not None and not near.any():
-            return Stored(fits=False, factor=self.extent.refused[instant.session])
-        rows = rows if near is None else rows[near]
-        self._stats.refused_rows += len(instant.rows) - len(rows)
-        slots, fresh, ended = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
+            return Stored(fits=False, factor=self.extent.refused[session])
+        columns = columns if near is None else columns.where(near)
+        self._stats.refused_rows += len(instants.rows) - len(columns.rows)
+        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, room)
         known = slots >= 0
         # An id that its source has declared lost for good must not come back.
         keep = known.copy()
@@ -142,44 +144,50 @@ class Space:
         ended += int(np.count_nonzero(known & ~keep))
         self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
         if not keep.all():
-            slots, rows = slots[keep], rows[keep]
+            slots, columns = slots[keep], columns.where(keep)
         if len(slots):
-            self._insert(instant, slots, rows)
-        return Stored(True, fresh, ended, self.extent.refused.get(instant.session, 0.0))
+            self._insert(instants, slots, columns)
+        return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0))
 
-    def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
-        batch = instant.batch
-        if batch.moving:
-            self._carry()
+    def _insert(self, instants: Instants, slots: Slots, columns: "_Columns") -> None:
+        batch, rows = instants.batch, columns.rows
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
-            sigma[:] = _take(batch.sigma, rows) if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            sigma[:] = columns.of_batch(batch.sigma) if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
         quaternions = None
         if batch.quaternions is not None:
-            quaternions = _take(batch.quaternions, rows).astype(np.float64)
-        positions = _take(batch.positions, rows).astype(np.float64)
-        stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, quaternions)
+            quaternions = columns.of_batch(batch.quaternions).astype(np.float64)
+        positions = columns.of_batch(batch.positions).astype(np.float64)
+        stamps = columns.stamps if batch.stamps_ns is not None else instants.stamp_ns
+        stored = self._window.insert(slots, stamps, positions, sigma, quaternions)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        if stored.any():
-            self._method.observed(self._window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
+        slots, at_ns = slots[stored], columns.stamps[stored]
+        cuts = np.flatnonzero(at_ns[1:] != at_ns[:-1]) + 1
+        for first, stop in pairwise([0, *cuts.tolist(), len(at_ns)]):
+            if stop > first:
+                rows_of_one = Rows(int(at_ns[first]), slots[first:stop], instants.in_order)
+                self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self._index.find(ids, session)
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
-            gone = self._index.has_ended(ids[fresh], session)
-            fresh, ended = fresh[~gone], int(gone.sum())
-            allowed = room(len(fresh)) if len(fresh) else 0
-            fresh = fresh[:allowed]
-            self._stats.refused_rows += int(np.count_nonzero(slots < 0)) - len(fresh)
-        if len(fresh):
-            slots[fresh] = self._index.open(ids[fresh], session)
-            self._stats.tracks += len(fresh)
-            self._opened.append(slots[fresh])
+            _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
+            # By first appearance: the oldest trajectory has the lowest number.
+            asked = fresh[np.sort(first)]
+            gone = self._index.has_ended(ids[asked], session)
+            opened, ended = asked[~gone], int(gone.sum())
+            opened = opened[: room(len(opened)) if len(opened) else 0]
+            slots[opened] = self._index.open(ids[opened], session)
+            slots[fresh] = slots[fresh[first]][again]
+            self._stats.refused_rows += int(np.count_nonzero(slots < 0))
+            self._stats.tracks += len(opened)
+            self._opened += [slots[opened]] if len(opened) else []
+            fresh = opened
         self._index.expect(ids, session, slots)
         return slots, len(fresh), ended
 
@@ -373,9 +381,28 @@ class Space:
                 self._frame.load(state["frame"])
 
 
-def _take(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
-    """Some rows of a column, ascending; mostly they are all of them."""
-    return column if len(rows) == len(column) else column[rows]
+@dataclass(frozen=True)
+class _Columns:
+    """Rows of a batch, intp [n], and their stamps, int64 [n]; `every`: they are all, in their order."""
+
+    rows: NDArray[np.intp]
+    stamps: Stamps
+    every: bool
+
+    @classmethod
+    def of(cls, instants: Instants) -> Self:
+        """All rows of some instants."""
+        rows, batch = instants.rows, instants.batch
+        every = len(rows) == len(batch.ids) and batch.stamps_ns is None
+        return cls(rows, instants.stamps[: len(rows)], every)
+
+    def where(self, keep: Bools) -> "_Columns":
+        """Some of them."""
+        return _Columns(self.rows[keep], self.stamps[keep], every=False)
+
+    def of_batch(self, column: NDArray[Any]) -> NDArray[Any]:
+        """Their part of a column of the batch."""
+        return column if self.every else column[self.rows]
 
 
 def _newest(window: Window, slots: Slots) -> Floats:

@@ -14,7 +14,7 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from .arrays import Bools
 from .config import FusionConfig, to_ns
 from .event_time.faults import Faults
-from .event_time.instants import Instant
+from .event_time.instants import Instants
 from .event_time.stats import Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
@@ -68,7 +68,7 @@ class Spaces:
             return None
         return "space-mismatch"
 
-    def store(self, instant: Instant) -> RejectionReason | None:
+    def store(self, instant: Instants) -> RejectionReason | None:
         """Put an instant into its space; returns why it is refused, if so. Raises nothing."""
         name = instant.batch.space
         try:
@@ -178,7 +178,7 @@ class Spaces:
         self.drop(name)
         return True
 
-    def _store(self, space: Space, instant: Instant) -> bool:
+    def _store(self, space: Space, instant: Instants) -> bool:
         """Returns False if all its rows are too far out."""
         number, name = instant.session, space.spec.name
         homes = self._homes.setdefault(number, set())
@@ -196,7 +196,7 @@ class Spaces:
         self.checks.look(where, ids, positions, share, (instant.stamp_ns, self.at_ns))
         return stored.fits
 
-    def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:
+    def _elsewhere(self, instant: Instants, homes: set[str]) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
         if not homes:
             return None

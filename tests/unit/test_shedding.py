@@ -199,7 +199,7 @@ class TestOverload:
         fields = Health().report(
             0,
             arrivals=Arrivals({"a": 1}, {"a": 0}, None),
-            sources=fusion.sources(10**18),
+            sources=fusion.timeline.sources.health(10**18, 10**18),
             stats=fusion.stats,
             notes=load.notes(),
         )

@@ -65,10 +65,12 @@ class Problems:
 
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
+    found = fusion.troubles()
     return {
-        **clocks(fusion.wrong_clocks()),
-        **data(fusion.wrong_data()),
-        **doubles(fusion.rivalled()),
+        **clocks(found.clocks),
+        **data(found.data),
+        **doubles(found.rivalled),
+        **costs(found.costly),
     }
 
 
@@ -159,6 +161,20 @@ def doubles(names: list[str]) -> Found:
         "it another name"
         for name in names
     }
+
+
+def costs(names: list[str]) -> Found:
+    """Sources that take more time than their share."""
+    return _summed(
+        {
+            (
+                name,
+                "over-budget",
+            ): f"{name}: its data takes more time than its share, so that some waits or is "
+            "dropped; send fewer features, instants or spaces"
+            for name in names
+        }
+    )
 
 
 def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:

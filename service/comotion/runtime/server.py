@@ -177,24 +177,22 @@ class _Loop:
         overload: Overload,
     ) -> None:
         self._fusion = fusion
+        fusion.measure(time.thread_time_ns)
         self._overload = overload
         self._source_clocks = clocks
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
-        watermark_ns = fusion.watermark_ns
-        self._clock = make_clock(
-            options.clock, None if watermark_ns is None else watermark_ns - fusion.shift_ns
-        )
+        self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
         if isinstance(self._clock, EventClock):
-            fusion.follow_recordings()
+            fusion.timeline.follow_recordings()
         self._guard = Guard(self._count_fault)
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
-        self._intake = Intake(component.session, component.keys, fusion.ledger, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
         self._sent = Sent(component.session, component.keys, limits.sources)
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
@@ -246,10 +244,10 @@ class _Loop:
         with self._guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
-                self._clock.observe(batch.stamp_ns - fusion.shift_ns, now)
+                self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
             for claim in self._sent.look():
-                fusion.ledger.sent(claim[:2], claim[2])
+                fusion.timeline.ledger.sent(claim[:2], claim[2])
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
@@ -260,12 +258,12 @@ class _Loop:
 
     def _now(self) -> tuple[int, int]:
         """What stamps are compared with, and the clock of arrivals."""
-        self._fusion.clock_set(self._clock.set_by_ns())
+        self._fusion.timeline.steps.clock_set_ns = self._clock.set_by_ns()
         return self._clock.now_ns(), time.monotonic_ns()
 
     def _follow_events(self) -> None:
         """Let the event clock reach what the core has accepted."""
-        newest_ns = self._fusion.newest_ns
+        newest_ns = self._fusion.timeline.newest_ns
         if isinstance(self._clock, EventClock) and newest_ns is not None:
             self._clock.reach(newest_ns)
 
