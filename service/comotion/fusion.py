@@ -69,12 +69,15 @@ class Troubles(NamedTuple):
         Of which a second process sends too.
     costly
         Whose data waits or is dropped because of what it costs.
+    contradictions
+        What contradicts what a space is, in words.
     """
 
     clocks: dict[str, ClockTrouble]
     data: dict[str, dict[TroubleKind, float]]
     rivalled: list[str]
     costly: list[str]
+    contradictions: dict[str, str]
 
 
 class Fusion:
@@ -150,7 +153,7 @@ class Fusion:
         now_ns, at_ns
             As for :meth:`update`.
         """
-        self._spaces.at_ns = now_ns if at_ns is None else at_ns
+        self._spaces.at(now_ns if at_ns is None else at_ns)
         for event in self.timeline.advance(now_ns, at_ns):
             if isinstance(event, SessionEnded):
                 self._spaces.end_session(event.session)
@@ -286,6 +289,7 @@ class Fusion:
             data={sessions[number][0]: kinds for number, kinds in found.items() if number in sessions},
             rivalled=timeline.sources.rivalled(at_ns),
             costly=timeline.budget.over(at_ns),
+            contradictions=self._spaces.contradictions(),
         )
 
     def snapshot(self, *, clean: bool = False) -> bytes:

@@ -87,6 +87,11 @@ class Space:
         Where new hypotheses get their ids.
     stats
         Counters of the fusion.
+
+    Attributes
+    ----------
+    contradicting
+        Sources that say that the frame moves, where not all do.
     """
 
     def __init__(
@@ -102,15 +107,31 @@ class Space:
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
+        self.contradicting: list[str] = []
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self._groupings = 0
         known = config.spaces.get(spec.name)
-        if known is not None and known.moving:
-            self._carry()
+        self._moving = None if known is None else known.moving
+        # What each session has said last: its source, and whether the frame moves.
+        self._said: dict[int, tuple[str, bool]] = {}
+        self._carry(moving=bool(self._moving))
 
-    def _carry(self) -> None:
-        """Take the frame for one that moves."""
-        self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
+    def _carry(self, *, moving: bool) -> None:
+        """Take the frame for one that moves, or that rests."""
+        if not moving:
+            self._frame = None
+        elif self._frame is None:
+            self._frame = MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
+
+    def _follow_sources(self) -> None:
+        """Take the frame for one that moves where the configuration, or all current sources, say so."""
+        present = np.unique(self._window.source[self._current]).tolist()
+        said = [self._said[number] for number in present if number in self._said]
+        if self._moving is None and said:
+            self._carry(moving=all(moving for _, moving in said))
+        self.contradicting = [name for name, moving in said if moving and self._frame is None]
+        in_use = self.sessions_in_use()
+        self._said = {number: told for number, told in self._said.items() if number in in_use}
 
     def store(self, instants: Instants, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
         """Put instants into the window, and the method's sums where it keeps any.
@@ -151,6 +172,7 @@ class Space:
 
     def _insert(self, instants: Instants, slots: Slots, columns: "_Columns") -> None:
         batch, rows = instants.batch, columns.rows
+        self._said[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = columns.of_batch(batch.sigma) if isinstance(batch.sigma, np.ndarray) else batch.sigma
@@ -261,6 +283,7 @@ class Space:
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         self._opened = []
+        self._follow_sources()
         self.extent.look(window, current)
         partition = self._partition(stamp_ns, effort, turn)
         labels, hypotheses, events = self._hypotheses.update(
@@ -376,7 +399,7 @@ class Space:
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state.get("frame") is not None:
-            self._carry()
+            self._carry(moving=True)
             if keep_method and self._frame is not None:
                 self._frame.load(state["frame"])
 

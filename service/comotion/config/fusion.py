@@ -74,7 +74,8 @@ class FusionConfig(BaseModel):
 
     spaces: dict[str, SpaceConfig] = Field(
         default_factory=dict,
-        description="what is known of single spaces, by name; `moving` for a carried camera",
+        description="what is known of single spaces, by name: `unit`, `dim`, and `moving` for a carried "
+        "camera",
     )
 
     @model_validator(mode="before")

@@ -71,6 +71,7 @@ def of_fusion(fusion: Fusion) -> Found:
         **data(found.data),
         **doubles(found.rivalled),
         **costs(found.costly),
+        **spaces(found.contradictions),
     }
 
 
@@ -161,6 +162,20 @@ def doubles(names: list[str]) -> Found:
         "it another name"
         for name in names
     }
+
+
+def spaces(contradictions: Mapping[str, str]) -> Found:
+    """Sources that contradict what a space is."""
+    return _summed(
+        {
+            (
+                name,
+                "contradicts-space",
+            ): f"{name}: says {text}; publish in a space of its own, or set what is "
+            "right in [spaces] of the parameters"
+            for name, text in contradictions.items()
+        }
+    )
 
 
 def costs(names: list[str]) -> Found:
