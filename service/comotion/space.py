@@ -18,7 +18,7 @@ from .event_time.stats import Stats
 from .extent_check import ExtentCheck
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
-from .last_grouping import LastGrouping
+from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
 from .partition import BodyMotion, Method, Partition, Rows, SpaceSpec
@@ -261,7 +261,7 @@ class Space:
         return len(gone)
 
     def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, turn: int = 0
+        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, *, grouped: bool = True
     ) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
 
@@ -273,8 +273,8 @@ class Space:
             Gives the time without observation after which a trajectory of a session number is outdated.
         effort
             What to do and what to leave out.
-        turn
-            Number of the update: which of the spaces is grouped in it, where not all are.
+        grouped
+            Whether to group; else the trajectories keep their groups.
         """
         window = self._window
         self._evict(stamp_ns)
@@ -285,7 +285,7 @@ class Space:
         self._opened = []
         self._follow_sources()
         self.extent.look(window, current)
-        partition = self._partition(stamp_ns, effort, turn)
+        partition = self._partition(stamp_ns, effort, grouped=grouped)
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
@@ -307,18 +307,22 @@ class Space:
             frame=frame,
         )
 
-    def _partition(self, stamp_ns: int, effort: Effort, turn: int) -> Partition:
-        """Group the current trajectories, or carry the last groups on where it is not their turn."""
+    def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
+        """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
         previous = self._hypotheses.previous(window)
-        if self._last is not None and len(self._last.current) and turn % effort.group_every:
-            return self._last.carried(window, current)
+        if not grouped and self._last is not None and len(self._last.current):
+            return self._last.extended(window, current, previous.labels)
         if isinstance(self._method, RigidMethod):
             self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        found = self._method.partition(window, current, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, current, self._index.ids[current])
-        return found
+        some = representatives(window, current, previous.labels[current], effort.share)
+        part = window if len(some) == len(current) else window.of(some)
+        found = self._method.partition(part, some, stamp_ns, previous)
+        self._last = LastGrouping.of(window, found, some, self._index.ids[some])
+        if len(some) == len(current):
+            return found
+        return self._last.extended(window, current, previous.labels)
 
     def _evict(self, stamp_ns: int) -> None:
         slots, counts = self._window.evictable(stamp_ns - self._window.span_ns)

@@ -139,10 +139,10 @@ class Spaces:
     ) -> list[SpaceUpdate]:
         """Update every space; one that fails is built anew, at best with its trajectories. Raises nothing."""
         updates = []
-        for turn, name in enumerate(self.names(), self.stats.updates):
+        for name in self.names():
             for keep in (True, False, False):
                 with self.faults.guard(f"updating space {name!r}"):
-                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort, turn))
+                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort))
                     break
                 self._rebuild(name, keep=keep)
         return updates

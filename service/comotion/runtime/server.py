@@ -110,7 +110,7 @@ def serve(options: ServeOptions) -> None:
         clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
-        overload = Overload()
+        overload = Overload(to_ns(options.config.period))
         housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
         loop = _Loop(options, fusion, component, housekeeping, leadership, clocks, overload)
         # Last: who is not ready yet must not be elected, and who stops gives the scene back first.
@@ -198,6 +198,7 @@ class _Loop:
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
+        self._took_ns = 0
         self._follower = None
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
@@ -231,10 +232,10 @@ class _Loop:
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:
-        """Count deadlines that were skipped, and leave out work where they are again and again."""
+        """Count deadlines that were skipped, and leave out work where updates take too long."""
         self._fusion.stats.overruns += skipped
         if self._fusion.config.limits.shedding:
-            self._fusion.shed(self._overload.note(missed=skipped > 0, at_ns=time.monotonic_ns()))
+            self._fusion.shed(self._overload.note(self._took_ns, time.monotonic_ns()))
 
     def _count_fault(self) -> None:
         self._fusion.stats.faults += 1
@@ -281,6 +282,7 @@ class _Loop:
         self._follow_events()
         took = time.monotonic_ns() - began
         self._head_start.note(took)
+        self._took_ns = took
         self._tick_time.observe(took / 1e9)
         return update
 

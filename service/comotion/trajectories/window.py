@@ -5,8 +5,9 @@ reads a trajectory gets plain array views. Slots are reused after a trajectory i
 its birth number, never is.
 """
 
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,13 @@ class Window:
         """Slots in use, oldest trajectory first, intp [n]."""
         used = np.flatnonzero(self.used)
         return used[np.argsort(self.key[used], kind="stable")]
+
+    def of(self, slots: Slots) -> Self:
+        """The same columns with some slots, as if no others were in use; for reading."""
+        part = copy(self)
+        part.used = np.zeros_like(self.used)
+        part.used[slots] = True
+        return part
 
     def counts(self, slots: Slots) -> Slots:
         """How many observations each slot holds."""
