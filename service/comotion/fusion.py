@@ -21,7 +21,7 @@ from comotion_schemas import Event, HypothesisUpdate, Keys, ObservationBatch, Re
 from . import snapshot
 from .assembly import Header, assemble, at_rest, moved
 from .config import FusionConfig, to_ns
-from .event_time.budget import CostClock
+from .event_time.budget import Budget, CostClock
 from .event_time.faults import Fault, Faults
 from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
@@ -39,6 +39,8 @@ from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
+# Share of a period for updating spaces.
+_GROUPING = 0.8
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
@@ -124,7 +126,10 @@ class Fusion:
         self._faults = Faults(self.stats)
         self.timeline = Timeline(self.config, self.stats, self._faults)
         self._ids = IdAllocator(first_id)
-        self._spaces = Spaces(self.config, self._ids, self.stats, self._faults, self.make_method)
+        self._grouping = Budget(_GROUPING, to_ns(self.config.period))
+        self._spaces = Spaces(
+            self.config, self._ids, self.stats, self._faults, self.make_method, self._grouping
+        )
         self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
@@ -158,7 +163,7 @@ class Fusion:
             if isinstance(event, SessionEnded):
                 self._spaces.end_session(event.session)
                 continue
-            with self.timeline.budget.charge(event.batch.source):
+            with self.timeline.budget.charge({event.batch.source: 1.0}):
                 self.timeline.done(event, self._spaces.store(event))
 
     def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
@@ -176,7 +181,7 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        updates = self._spaces.update(stamp, timeline.track_timeout_ns, self._effort)
+        updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions_in_use()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
@@ -224,7 +229,7 @@ class Fusion:
         clock
             Time that this thread has spent, in ns from any start.
         """
-        self.timeline.budget.clock = clock
+        self.timeline.budget.clock = self._grouping.clock = clock
 
     def shed(self, level: int) -> None:
         """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""
@@ -288,7 +293,7 @@ class Fusion:
             clocks=timeline.steps.troubles(at_ns),
             data={sessions[number][0]: kinds for number, kinds in found.items() if number in sessions},
             rivalled=timeline.sources.rivalled(at_ns),
-            costly=timeline.budget.over(at_ns),
+            costly=sorted({*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}),
             contradictions=self._spaces.contradictions(),
         )
 

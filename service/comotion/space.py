@@ -1,7 +1,7 @@
 """Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Self
@@ -70,6 +70,10 @@ class SpaceUpdate:
     frame: Pose | None = None
 
 
+# Of a SpaceUpdate.
+_COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
+
+
 class Space:
     """Trajectories of one space and the method that groups them.
 
@@ -107,6 +111,8 @@ class Space:
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
+        # Keys and update of what was listed last.
+        self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.contradicting: list[str] = []
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self._groupings = 0
@@ -295,17 +301,32 @@ class Space:
         if self._frame is not None:
             relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
             hypotheses, frame = relative.hypotheses, relative.frame
-        return SpaceUpdate(
-            sessions=window.source[current],
-            ids=self._index.ids[current],
-            positions=_newest(window, current),
-            labels=labels,
-            confidence=partition.confidence,
-            hypotheses=hypotheses,
-            events=events,
-            view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
-            frame=frame,
+        self._listed = (
+            window.key[current],
+            SpaceUpdate(
+                sessions=window.source[current],
+                ids=self._index.ids[current],
+                positions=_newest(window, current),
+                labels=labels,
+                confidence=partition.confidence,
+                hypotheses=hypotheses,
+                events=events,
+                view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
+                frame=frame,
+            ),
         )
+        return self._listed[1]
+
+    def repeated(self) -> SpaceUpdate | None:
+        """The last update again, without events, and without trajectories that are gone; None before any."""
+        if self._listed is None:
+            return None
+        keys, last = self._listed
+        slots, window = last.view.current, self._window
+        kept = window.used[slots] & (window.key[slots] == keys) & ~window.ended[slots]
+        view = replace(last.view, current=slots[kept], labels=last.labels[kept])
+        columns = {name: getattr(last, name)[kept] for name in _COLUMNS}
+        return replace(last, **columns, events=[], view=view)
 
     def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""

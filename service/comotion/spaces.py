@@ -7,7 +7,7 @@ Unit and dim of a space are those of the configuration, else of the source that 
 something in it, as long as anybody who agrees does. Who contradicts is refused.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,9 +16,10 @@ from comotion_schemas import ObservationBatch, RejectionReason
 
 from .arrays import Bools
 from .config import FusionConfig, SpaceConfig, Unit, to_ns
+from .event_time.budget import Budget
 from .event_time.faults import Faults
 from .event_time.instants import Instants
-from .event_time.stats import Stats
+from .event_time.stats import Key, Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
@@ -40,6 +41,8 @@ class Spaces:
         Of the fusion.
     at_ns
         The clock of arrivals.
+    budget
+        What spaces may cost, by source.
     checks
         What is wrong with the ids and units of sources.
     """
@@ -49,10 +52,13 @@ class Spaces:
     stats: Stats
     faults: Faults
     make_method: MakeMethod
+    budget: Budget
     at_ns: int = 0
     checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
     _fed_ns: dict[str, int] = field(default_factory=dict)
+    # Number of the update in which each space was updated last.
+    _updated: dict[str, int] = field(default_factory=dict)
     # Who was the first to observe something in each space.
     _owners: dict[str, str] = field(default_factory=dict)
     # By source: how it contradicts, and when.
@@ -135,17 +141,70 @@ class Spaces:
         self._homes.pop(session, None)
 
     def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL
+        self,
+        stamp_ns: int,
+        sessions: Mapping[int, Key],
+        timeout_ns: Callable[[int], int],
+        effort: Effort = FULL,
     ) -> list[SpaceUpdate]:
-        """Update every space; one that fails is built anew, at best with its trajectories. Raises nothing."""
-        updates = []
-        for name in self.names():
-            for keep in (True, False, False):
-                with self.faults.guard(f"updating space {name!r}"):
-                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort))
-                    break
-                self._rebuild(name, keep=keep)
-        return updates
+        """Update every space, in turn as far as the budget of its sources goes. Raises nothing.
+
+        Who has spent its share has its spaces listed as they were. A space that fails is built anew, at best
+        with its trajectories.
+
+        Parameters
+        ----------
+        stamp_ns, timeout_ns, effort
+            As for :meth:`.space.Space.update`.
+        sessions
+            (source, session) by session number.
+        """
+        shares = {name: self._shares(name, sessions) for name in self._spaces}
+        waiting = sorted(self._spaces, key=lambda name: (self._updated.get(name, -1), name))
+        self.budget.begin(self.at_ns, set().union(*shares.values()))
+        updates: dict[str, SpaceUpdate] = {}
+        while waiting:
+            costly = []
+            for name in waiting:
+                # One at least, so that every space has its turn.
+                if updates and not any(self.budget.allows(source) for source in shares[name]):
+                    costly.append(name)
+                    continue
+                with self.budget.charge(shares[name]):
+                    updates |= self._updated_space(name, stamp_ns, timeout_ns, effort)
+            waiting = costly
+            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
+                break
+        for name in waiting:
+            for source in shares[name]:
+                self.budget.refused(source, self.at_ns)
+            with self.faults.guard(f"repeating space {name!r}"):
+                again = self._spaces[name].repeated()
+                updates |= {} if again is None else {name: again}
+        return [updates[name] for name in sorted(updates)]
+
+    def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
+        """Share of each source in what a space costs: that of its trajectories."""
+        held = {
+            sessions[number][0]: count
+            for number, count in self._spaces[name].held().items()
+            if number in sessions
+        }
+        total = sum(held.values())
+        if not total:
+            return {self._owners.get(name, ""): 1.0}
+        return {source: count / total for source, count in held.items()}
+
+    def _updated_space(
+        self, name: str, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort
+    ) -> dict[str, SpaceUpdate]:
+        """The update of a space by its name; none where it fails even when it is empty."""
+        self._updated[name] = self.stats.updates
+        for keep in (True, False, False):
+            with self.faults.guard(f"updating space {name!r}"):
+                return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
+            self._rebuild(name, keep=keep)
+        return {}
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
@@ -166,6 +225,7 @@ class Spaces:
         self._spaces.pop(name, None)
         self._fed_ns.pop(name, None)
         self._owners.pop(name, None)
+        self._updated.pop(name, None)
         for homes in self._homes.values():
             homes.discard(name)
 

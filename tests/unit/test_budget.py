@@ -5,6 +5,7 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
+from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import of_fusion
 from comotion_schemas import ObservationBatch
 
@@ -107,6 +108,40 @@ class TestInstants:
         assert rounds <= 5
 
 
+class TestSpaces:
+    def test_many_spaces_of_one_source_are_its_own_cost(self, monkeypatch):
+        """A grouping takes 5 ms: 100 spaces of one source take five periods."""
+        fusion, clock, grouped = Fusion(FusionConfig()), Clock(), []
+        plain = RigidMethod.partition
+
+        def partition(method, *args):
+            clock.ns += 5 * MS
+            grouped[-1] += 1
+            return plain(method, *args)
+
+        monkeypatch.setattr(RigidMethod, "partition", partition)
+        fusion.measure(clock)
+        ages = []
+        for k in range(40):
+            now = T0 + k * 100 * MS
+            fusion.ingest(batch("honest", k, now, POINTS + np.array([0.02 * k, 0, 0])))
+            for n in range(100):
+                ids = np.arange(3, dtype=np.uint64) + 3 * n
+                fusion.ingest(batch("many", 100 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
+            grouped.append(0)
+            update = fusion.update(now)
+            mine = np.array([one.name == "honest" for one in update.sources])[update.track_source]
+            expected = POINTS + np.array([0.02 * k, 0, 0])
+            ages.append(np.abs(update.track_position[mine] - expected).max())
+        assert fusion.stats.faults == 0
+        assert accounts(fusion)["honest"].fused == 40
+        assert max(ages) < 1e-5, "the honest space is as of now in every update"
+        assert max(grouped[1:]) <= 20, "within a period"
+        assert len(update.track_id) == 12 + 300, "what waits is listed as it was"
+        assert fusion.troubles().costly == ["many"]
+        assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
+
+
 class Clock:
     """Tells the time that was spent in it."""
 
@@ -117,7 +152,7 @@ class Clock:
         return self.ns
 
     def spend(self, budget, name, ns):
-        with budget.charge(name):
+        with budget.charge({name: 1.0}):
             self.ns += ns
 
 

@@ -8,7 +8,7 @@ Without a clock nothing is measured, and everyone may always go on: a recording,
 gives the same answer everywhere.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -74,8 +74,8 @@ class Budget:
         return self.clock is None or self._credit.get(name, 0) > 0
 
     @contextmanager
-    def charge(self, name: str) -> Iterator[None]:
-        """Charge somebody with what a block costs."""
+    def charge(self, shares: Mapping[str, float]) -> Iterator[None]:
+        """Charge some with what a block costs, each with its share of it."""
         if self.clock is None:
             yield
             return
@@ -86,7 +86,8 @@ class Budget:
             cost = self.clock() - began
             self._left -= cost
             least = -round(_MOST_DEBT * self.share * self.period_ns)
-            self._credit[name] = max(self._credit.get(name, 0) - cost, least)
+            for name, share in shares.items():
+                self._credit[name] = max(self._credit.get(name, 0) - round(share * cost), least)
 
     def refused(self, name: str, at_ns: int) -> None:
         """Take note that data of somebody was dropped because of what it costs."""
