@@ -355,10 +355,10 @@ class Fusion:
         fusion.timeline.load(state["timeline"])
         fusion._events.extend(Event(**event) for event in state["events"])
         fusion._linker.load(state["links"])
-        if state.get("published") is not None:
+        if state["published"] is not None:
             fusion._published = PublishedIds.load(state["published"])
         if state["method"] == config.method:
-            fusion._joints.load(state.get("joints", []))
+            fusion._joints.load(state["joints"])
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

@@ -423,7 +423,7 @@ class Space:
         self._index.load(state["ids"], slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
-        if state.get("frame") is not None:
+        if state["frame"] is not None:
             self._carry(moving=True)
             if keep_method and self._frame is not None:
                 self._frame.load(state["frame"])
