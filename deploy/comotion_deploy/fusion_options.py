@@ -29,18 +29,14 @@ def fusion_config(
     from pydantic import ValidationError
 
     from comotion import FusionConfig
-    from comotion.config import nested, present_name
 
-    try:
-        table = _read_null(file_table(ctx, "fusion"))
-        values = nested({spelling(name): value for name, value in table.items()})
-    except ValueError as error:
-        raise UserError(f"[fusion]: {error}") from None
+    table = _read_null(file_table(ctx, "fusion"))
+    values = {spelling(name): value for name, value in table.items()}
     if method is not None:
         values["method"] = method
     for text in assignments or ():
         name, value = _assignment(text)
-        _set(values, present_name(name), value)
+        _set(values, name, value)
     try:
         return FusionConfig(**values)
     except ValidationError as error:

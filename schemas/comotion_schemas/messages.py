@@ -310,6 +310,7 @@ RejectionReason = Literal[
     "range",
     "limit",
     "duplicate-name",
+    "over-budget",
     "defect",
 ]
 ProblemKind = Literal[
@@ -322,6 +323,8 @@ ProblemKind = Literal[
     "no-data",
     "silent",
     "duplicate-name",
+    "over-budget",
+    "contradicts-space",
     "limit",
     "defect",
 ]

@@ -11,20 +11,20 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Event, HypothesisUpdate, Joint, Keys, ObservationBatch, RejectionReason
+from comotion_schemas import Event, HypothesisUpdate, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
 from .assembly import Header, assemble, at_rest, moved
 from .config import FusionConfig, to_ns
+from .event_time.budget import Budget, CostClock
 from .event_time.faults import Fault, Faults
-from .event_time.instants import Instant
-from .event_time.sources import SourceHealth
-from .event_time.stats import Ledger, Stats
+from .event_time.instants import SessionEnded
+from .event_time.stats import Stats
 from .event_time.steps import ClockTrouble
 from .event_time.timeline import Timeline
 from .following import PublishedIds
@@ -39,6 +39,8 @@ from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
+# Share of a period for updating spaces.
+_GROUPING = 0.8
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
@@ -54,6 +56,30 @@ class AffinitySnapshot:
 
     tracks: list[TrackKey]
     matrix: NDArray[np.float32]
+
+
+class Troubles(NamedTuple):
+    """What is wrong with sources, by name.
+
+    Attributes
+    ----------
+    clocks
+        Whose clock is wrong.
+    data
+        Whose ids or unit cannot be right, as :meth:`.source_checks.SourceChecks.troubles` says.
+    rivalled
+        Of which a second process sends too.
+    costly
+        Whose data waits or is dropped because of what it costs.
+    contradictions
+        What contradicts what a space is, in words.
+    """
+
+    clocks: dict[str, ClockTrouble]
+    data: dict[str, dict[TroubleKind, float]]
+    rivalled: list[str]
+    costly: list[str]
+    contradictions: dict[str, str]
 
 
 class Fusion:
@@ -76,6 +102,8 @@ class Fusion:
         As above.
     stats
         The counters of Status.
+    timeline
+        Event time: the watermark, the sources, and the accounts of their sessions.
 
     Raises
     ------
@@ -96,9 +124,12 @@ class Fusion:
         self.session = session
         self.stats = Stats()
         self._faults = Faults(self.stats)
-        self._timeline = Timeline(self.config, self.stats, self._faults)
+        self.timeline = Timeline(self.config, self.stats, self._faults)
         self._ids = IdAllocator(first_id)
-        self._spaces = Spaces(self.config, self._ids, self.stats, self._faults, self.make_method)
+        self._grouping = Budget(_GROUPING, to_ns(self.config.period))
+        self._spaces = Spaces(
+            self.config, self._ids, self.stats, self._faults, self.make_method, self._grouping
+        )
         self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
         self._events: deque[Event] = deque()
@@ -108,24 +139,16 @@ class Fusion:
         self._seq = 0
 
     @property
-    def watermark_ns(self) -> int | None:
-        """Event time up to which everything is fused, ns since the Unix epoch; None before any."""
-        watermark = self._timeline.watermark_ns
-        return None if watermark is None else watermark + self._timeline.steps.shift_ns
-
-    @property
-    def spaces(self) -> list[str]:
-        """Names of the spaces that have been observed, sorted."""
-        return self._spaces.names()
+    def spaces(self) -> dict[str, int]:
+        """Names of the spaces that have been observed, sorted, and how many rows :meth:`affinity` has."""
+        return {name: self._spaces[name].size for name in self._spaces.names()}
 
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
-        try:
+        refusal: RejectionReason | None = "defect"
+        with self._faults.guard("checking a batch", batch):
             refusal = self._refusal(batch)
-        except Exception as error:  # a defect costs the batch, not the service
-            self._faults.note("checking a batch", error, batch)
-            refusal = "defect"
-        self._timeline.receive(batch, refusal)
+        self.timeline.receive(batch, refusal)
 
     def advance(self, now_ns: int, at_ns: int | None = None) -> None:
         """Fuse what the watermark has passed; calling it between updates spreads their work.
@@ -135,12 +158,13 @@ class Fusion:
         now_ns, at_ns
             As for :meth:`update`.
         """
-        self._spaces.at_ns = now_ns if at_ns is None else at_ns
-        for event in self._timeline.advance(now_ns, at_ns):
-            if isinstance(event, Instant):
-                self._timeline.done(event, self._spaces.store(event))
-            else:
+        self._spaces.at(now_ns if at_ns is None else at_ns)
+        for event in self.timeline.advance(now_ns, at_ns):
+            if isinstance(event, SessionEnded):
                 self._spaces.end_session(event.session)
+                continue
+            with self.timeline.budget.charge({event.batch.source: 1.0}):
+                self.timeline.done(event, self._spaces.store(event))
 
     def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
         """Fuse what the watermark has passed and group every current trajectory. Raises nothing.
@@ -153,13 +177,11 @@ class Fusion:
             A clock that is never set, in ns, for the time between arrivals; None: `now_ns`.
         """
         self.advance(now_ns, at_ns)
-        timeline, at_ns = self._timeline, now_ns if at_ns is None else at_ns
+        timeline, at_ns = self.timeline, now_ns if at_ns is None else at_ns
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        updates = self._spaces.update(stamp, timeline.track_timeout_ns, self._effort)
-        joints, changes = self._jointed(stamp, updates)
-        self._remember(stamp, [*(event for one in updates for event in one.events), *changes])
+        updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions_in_use()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
@@ -168,50 +190,46 @@ class Fusion:
         self._seq += 1
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL
-        update = self._linked(self._assembled(header, updates, joints), updates)
+        update = self._composed(header, updates)
         if not live and timeline.sources.has_heard():
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
 
-    def _jointed(self, stamp_ns: int, updates: list[SpaceUpdate]) -> tuple[list[Joint], list[Event]]:
-        try:
-            found = self._joints.update(stamp_ns, [one.view for one in updates], judging=self._effort.joints)
+    def _composed(self, header: Header, updates: list[SpaceUpdate]) -> HypothesisUpdate:
+        """One message of all spaces, with events, joints and links; one that does not fit is built anew."""
+        stamp_ns, sessions = header.stamp_ns, self.timeline.sessions
+        views = [one.view for one in updates]
+        with self._faults.guard("putting an update together"):
+            joints, changes = self._joints.update(stamp_ns, views, judging=self._effort.joints)
             self._joints.keep(h.id for one in updates for h in one.hypotheses)
-        except Exception as error:  # a defect costs the joints, not the service
-            self._faults.note("finding joints", error)
-            self._joints = Joints(self.config)
-            return [], []
-        return found
-
-    def _assembled(self, header: Header, updates: list[SpaceUpdate], joints: list[Joint]) -> HypothesisUpdate:
-        """One message of all spaces that fit into one; a space that does not is built anew."""
-        sessions = self._timeline.sessions
-        try:
-            return assemble(header, updates, sessions, self._events, joints)
-        except Exception as error:  # a defect costs a space, not the service
-            self._faults.note("putting an update together", error)
+            self._remember(stamp_ns, [*(event for one in updates for event in one.events), *changes])
+            update = assemble(header, updates, sessions, self._events, joints)
+            return self._linker.linked(update, views, deciding=self._effort.links)
+        self._joints, self._linker = Joints(self.config), Linker(self.config.linking)
         self._events.clear()
-        kept: list[SpaceUpdate] = []
-        update = assemble(header, kept, sessions, self._events, [])
+        fitting: list[SpaceUpdate] = []
+        update = assemble(header, fitting, sessions, [])
         for one in updates:
-            try:
-                update = assemble(header, [*kept, one], sessions, self._events, [])
-                kept.append(one)
-            except Exception as error:
-                self._faults.note(f"listing space {one.view.spec.name!r}", error)
+            found = None
+            with self._faults.guard(f"listing space {one.view.spec.name!r}"):
+                found = assemble(header, [*fitting, one], sessions, [])
+            if found is None:
                 self._spaces.open(one.view.spec)
-        updates[:] = kept
+            else:
+                update = found
+                fitting.append(one)
         return update
 
-    def _linked(self, update: HypothesisUpdate, updates: Sequence[SpaceUpdate]) -> HypothesisUpdate:
-        try:
-            views = [one.view for one in updates]
-            return self._linker.linked(update, views, deciding=self._effort.links)
-        except Exception as error:  # a defect costs the links, not the service
-            self._faults.note("linking spaces", error)
-            self._linker = Linker(self.config.linking)
-            return update
+    def measure(self, clock: CostClock) -> None:
+        """Limit what each source may cost, as the budgets of `limits` say; without, nothing is limited.
+
+        Parameters
+        ----------
+        clock
+            Time that this thread has spent, in ns from any start.
+        """
+        self.timeline.budget.clock = self._grouping.clock = clock
 
     def shed(self, level: int) -> None:
         """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""
@@ -241,7 +259,7 @@ class Fusion:
             If no source has published in that space.
         """
         sessions, ids, matrix = self._spaces[space].affinity()
-        owners = [self._timeline.sessions[number] for number in sessions.tolist()]
+        owners = [self.timeline.sessions[number] for number in sessions.tolist()]
         tracks = [(*owner, track) for owner, track in zip(owners, ids.tolist(), strict=True)]
         return AffinitySnapshot(tracks, matrix)
 
@@ -262,54 +280,22 @@ class Fusion:
         gone = (one for space in self._spaces for one in space.forget(hypothesis))
         return sorted(gone if self._published is None else map(self._published.name, gone))
 
-    def follow_recordings(self) -> None:
-        """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self._timeline.steps.follow_all = True
-
-    @property
-    def ledger(self) -> Ledger:
-        """What became of the batches of each source and session."""
-        return self._timeline.ledger
-
-    def tracks_in(self, space: str) -> int:
-        """Rows of :meth:`affinity` of a space."""
-        return self._spaces[space].size
-
     def faults(self) -> list[Fault]:
         """Errors of the fusion itself since the last call, with their traces."""
         return self._faults.take()
 
-    @property
-    def shift_ns(self) -> int:
-        """By how much stamps are ahead of the time scale of `now_ns`; 0 unless sources were followed."""
-        return self._timeline.steps.shift_ns
-
-    def clock_set(self, by_ns: int) -> None:
-        """Take note of by how much the clock of this machine, not `now_ns`, was set since the start."""
-        self._timeline.steps.clock_set_ns = by_ns
-
-    def wrong_clocks(self) -> dict[str, ClockTrouble]:
-        """Sources whose clock is wrong, as of the last :meth:`advance`."""
-        return self._timeline.steps.troubles(self._timeline.at_ns)
-
-    def rivalled(self) -> list[str]:
-        """Sources of which a second process sends too, as of the last :meth:`advance`."""
-        return self._timeline.sources.rivalled(self._timeline.at_ns)
-
-    def wrong_data(self) -> dict[str, dict[TroubleKind, float]]:
-        """Sources whose ids or unit cannot be right, as :meth:`SourceChecks.troubles` says."""
-        found = self._spaces.checks.troubles(self._timeline.at_ns)
-        sessions = self._timeline.sessions
-        return {sessions[number][0]: kinds for number, kinds in found.items() if number in sessions}
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Largest stamp that was accepted, on the time scale of `now_ns`; None before any."""
-        return max((source.newest_ns for source in self._timeline.sources.values()), default=None)
-
-    def sources(self, now_ns: int, at_ns: int | None = None) -> list[SourceHealth]:
-        """Health of every source: its session, age, and whether it sends."""
-        return self._timeline.sources.health(now_ns, now_ns if at_ns is None else at_ns)
+    def troubles(self) -> Troubles:
+        """What the sources do wrong, as of the last :meth:`advance`."""
+        timeline, at_ns = self.timeline, self.timeline.at_ns
+        sessions = timeline.sessions
+        found = self._spaces.checks.troubles(at_ns)
+        return Troubles(
+            clocks=timeline.steps.troubles(at_ns),
+            data={sessions[number][0]: kinds for number, kinds in found.items() if number in sessions},
+            rivalled=timeline.sources.rivalled(at_ns),
+            costly=sorted({*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}),
+            contradictions=self._spaces.contradictions(),
+        )
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
@@ -340,7 +326,7 @@ class Fusion:
             "scene": self.scene,
             "session": self.session,
             "next_id": self._ids.following + (0 if clean else ID_GAP),
-            "timeline": self._timeline.state(),
+            "timeline": self.timeline.state(),
             "events": [
                 {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
                 for e in self._events
@@ -366,13 +352,13 @@ class Fusion:
     def _build(cls, config: FusionConfig, session: str | None, state: dict[str, Any]) -> Self:
         fusion = cls(config, scene=state["scene"], session=session or state["session"])
         fusion._ids.following = int(state["next_id"])
-        fusion._timeline.load(state["timeline"])
+        fusion.timeline.load(state["timeline"])
         fusion._events.extend(Event(**event) for event in state["events"])
         fusion._linker.load(state["links"])
-        if state.get("published") is not None:
+        if state["published"] is not None:
             fusion._published = PublishedIds.load(state["published"])
         if state["method"] == config.method:
-            fusion._joints.load(state.get("joints", []))
+            fusion._joints.load(state["joints"])
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

@@ -1,16 +1,34 @@
-"""The last partition of a space in, the same one for the trajectories of now out."""
+"""A partition of some trajectories in, one of all the current ones out.
+
+Where a space is not grouped, or some of its trajectories only, the others keep their hypotheses. Those that
+have none join the group of whom they are near and move like.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
-from .arrays import Bools, Slots, Stamps
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
+from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
+from .trajectories.kernels import fill_recent_steps
 from .trajectories.window import Window
 
 Ids = NDArray[np.uint64]
+
+# Spaces up to so many trajectories are grouped as a whole.
+_LEAST_GROUPED = 200
+# A trajectory with fewer observations does not show how it moves; it moves as in the last ns.
+_LEAST_OBSERVATIONS, _RECENT_NS = 3, 300_000_000
+# Members that a newcomer is compared with, at most.
+_COMPARED = 512
+# What has joined is less sure than what was grouped, and counts for no box.
+_JOINED_CONFIDENCE = 0.4
+# Knuth's multiplier: numbers that follow each other are spread over the range of 32 bits.
+_SPREAD = 2_654_435_761
 
 
 @dataclass(frozen=True)
@@ -22,7 +40,7 @@ class LastGrouping:
     partition
         As the method has found it.
     current
-        intp [n], the slots that were current.
+        intp [n], the slots that were grouped.
     keys, current_keys
         int64, of the trajectories that were in the slots of the partition, and in `current`.
     sessions, ids
@@ -42,13 +60,15 @@ class LastGrouping:
         keys = window.key[partition.slots], window.key[current]
         return cls(partition, current, *keys, window.source[current], ids)
 
-    def carried(self, window: Window, current: Slots) -> Partition:
-        """The same groups; trajectories that are new since belong to none.
+    def extended(self, window: Window, current: Slots, before: Labels) -> Partition:
+        """The same groups for all that are current now.
 
         Parameters
         ----------
         current
-            intp [n], the slots that are current now.
+            intp [n], their slots.
+        before
+            int64 [capacity], hypothesis of each slot until now.
         """
         last = self.partition
         kept = _same(window, last.slots, self.keys)
@@ -56,6 +76,11 @@ class LastGrouping:
         groups[last.slots[kept]], deciding[last.slots[kept]] = last.groups[kept], last.deciding[kept]
         confidence, known = np.zeros(window.capacity), _same(window, self.current, self.current_keys)
         confidence[self.current[known]] = last.confidence[known]
+        others = np.setdiff1d(current, last.slots[kept])
+        groups[others] = _by_hypothesis(before[others], before[last.slots[kept]], last.groups[kept])
+        new = others[groups[others] == NO_HYPOTHESIS]
+        groups[new] = _by_place_and_motion(window, new, current, groups[current])
+        confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
         slots = np.union1d(current, last.slots[kept])
         return replace(
             last,
@@ -65,6 +90,66 @@ class LastGrouping:
             confidence=confidence[current],
             position=window.positions[current, window.stop[current] - 1],
         )
+
+
+def representatives(window: Window, current: Slots, labels: Labels, share: float) -> Slots:
+    """A share of the current trajectories, as many of every hypothesis, in the order of `current`, intp [m].
+
+    `labels` int64 [n] are their hypotheses. Small spaces are taken whole; the same ones are taken again.
+    """
+    count = max(round(share * len(current)), _LEAST_GROUPED)
+    if count >= len(current):
+        return current
+    spread = window.key[current] * _SPREAD % 2**32
+    order = np.lexsort((spread, labels))
+    begins = np.flatnonzero(np.diff(labels[order], prepend=labels[order[0]] - 1))
+    turn = np.empty(len(current), np.intp)
+    turn[order] = np.arange(len(current)) - np.repeat(begins, np.diff(begins, append=len(current)))
+    return current[np.sort(np.lexsort((spread, turn))[:count])]
+
+
+def _by_hypothesis(wanted: Labels, before: Labels, groups: Ints) -> Ints:
+    """Group in which most of each wanted hypothesis, int64 [n], are now, or NO_HYPOTHESIS, intp [n]."""
+    known, shared = shared_counts(before, groups, int(groups.max(initial=-1)) + 1)
+    if not shared.size:
+        return np.full(len(wanted), NO_HYPOTHESIS)
+    heir = np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS)
+    at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    return np.where(known[at] == wanted, heir[at], NO_HYPOTHESIS)
+
+
+def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:
+    """Group of the nearest member that moves alike, intp [n]; NO_HYPOTHESIS where motion does not show."""
+    found = np.full(len(new), NO_HYPOTHESIS)
+    telling = window.counts(new) >= _LEAST_OBSERVATIONS
+    members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _LEAST_OBSERVATIONS))
+    members = members[:: -(-len(members) // _COMPARED) or 1]
+    groups = groups[members]
+    if not telling.any() or len(members) < 2:
+        return found
+    place, motion = _states(window, current[members])
+    own_place, own_motion = _states(window, new[telling])
+    apart, differ = cdist(place, place), cdist(motion, motion)
+    # The nearest member of the same group tells how far apart members are, and how differently they move.
+    apart[groups[:, None] != groups] = np.inf
+    np.fill_diagonal(apart, np.inf)
+    nearest = apart.argmin(axis=1)
+    rows = np.flatnonzero(np.isfinite(apart[np.arange(len(nearest)), nearest]))
+    if not len(rows):
+        return found
+    width = float(np.median(apart[rows, nearest[rows]])) + 1e-12
+    spread = float(np.median(differ[rows, nearest[rows]])) + 1e-12
+    cost = (cdist(own_place, place) / width) ** 2 + (cdist(own_motion, motion) / spread) ** 2
+    found[telling] = groups[cost.argmin(axis=1)]
+    return found
+
+
+def _states(window: Window, slots: Slots) -> tuple[Floats, Floats]:
+    """Newest positions and recent velocities, float64 [n, dim], in the unit of the space and per second."""
+    step, elapsed = np.zeros((len(slots), window.dim)), np.zeros(len(slots), np.int64)
+    columns = window.times, window.positions, window.start, window.stop
+    fill_recent_steps(*columns, slots, _RECENT_NS, step, elapsed)
+    return window.positions[slots, window.stop[slots] - 1], step / np.maximum(elapsed, 1)[:, None] * 1e9
 
 
 def _same(window: Window, slots: Slots, keys: Stamps) -> Bools:

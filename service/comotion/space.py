@@ -1,23 +1,24 @@
 """Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Labels, Slots
+from .arrays import Bools, Floats, Labels, Slots, Stamps
 from .config import FusionConfig, to_ns
-from .event_time.instants import Instant
+from .event_time.instants import Instants
 from .event_time.stats import Stats
 from .extent_check import ExtentCheck
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
-from .last_grouping import LastGrouping
+from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
 from .partition import BodyMotion, Method, Partition, Rows, SpaceSpec
@@ -69,6 +70,10 @@ class SpaceUpdate:
     frame: Pose | None = None
 
 
+# Of a SpaceUpdate.
+_COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
+
+
 class Space:
     """Trajectories of one space and the method that groups them.
 
@@ -86,6 +91,11 @@ class Space:
         Where new hypotheses get their ids.
     stats
         Counters of the fusion.
+
+    Attributes
+    ----------
+    contradicting
+        Sources that say that the frame moves, where not all do.
     """
 
     def __init__(
@@ -101,22 +111,40 @@ class Space:
         self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
+        # Keys and update of what was listed last.
+        self._listed: tuple[Stamps, SpaceUpdate] | None = None
+        self.contradicting: list[str] = []
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self._groupings = 0
         known = config.spaces.get(spec.name)
-        if known is not None and known.moving:
-            self._carry()
+        self._moving = None if known is None else known.moving
+        # What each session has said last: its source, and whether the frame moves.
+        self._said: dict[int, tuple[str, bool]] = {}
+        self._carry(moving=bool(self._moving))
 
-    def _carry(self) -> None:
-        """Take the frame for one that moves."""
-        self._frame = self._frame or MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
+    def _carry(self, *, moving: bool) -> None:
+        """Take the frame for one that moves, or that rests."""
+        if not moving:
+            self._frame = None
+        elif self._frame is None:
+            self._frame = MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
 
-    def store(self, instant: Instant, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
-        """Put one instant into the window, and the method's sums where it keeps any.
+    def _follow_sources(self) -> None:
+        """Take the frame for one that moves where the configuration, or all current sources, say so."""
+        present = np.unique(self._window.source[self._current]).tolist()
+        said = [self._said[number] for number in present if number in self._said]
+        if self._moving is None and said:
+            self._carry(moving=all(moving for _, moving in said))
+        self.contradicting = [name for name, moving in said if moving and self._frame is None]
+        in_use = self.sessions_in_use()
+        self._said = {number: told for number, told in self._said.items() if number in in_use}
+
+    def store(self, instants: Instants, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
+        """Put instants into the window, and the method's sums where it keeps any.
 
         Parameters
         ----------
-        instant
+        instants
             Released rows, in event-time order.
         room
             Tells how many of so many new trajectories may be opened; the rows of others are refused.
@@ -126,15 +154,16 @@ class Space:
         Returns
         -------
         Stored
-            What became of it.
+            What became of them.
         """
-        rows = instant.rows if taken is None else instant.rows[~taken]
-        near = self.extent.fits(instant.session, _take(instant.batch.positions, rows)) if len(rows) else None
+        batch, session = instants.batch, instants.session
+        columns = _Columns.of(instants) if taken is None else _Columns.of(instants).where(~taken)
+        near = self.extent.fits(session, columns.of_batch(batch.positions)) if len(columns.rows) else None
         if near is not None and not near.any():
-            return Stored(fits=False, factor=self.extent.refused[instant.session])
-        rows = rows if near is None else rows[near]
-        self._stats.refused_rows += len(instant.rows) - len(rows)
-        slots, fresh, ended = self._find_or_open(_take(instant.batch.ids, rows), instant.session, room)
+            return Stored(fits=False, factor=self.extent.refused[session])
+        columns = columns if near is None else columns.where(near)
+        self._stats.refused_rows += len(instants.rows) - len(columns.rows)
+        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, room)
         known = slots >= 0
         # An id that its source has declared lost for good must not come back.
         keep = known.copy()
@@ -142,50 +171,57 @@ class Space:
         ended += int(np.count_nonzero(known & ~keep))
         self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
         if not keep.all():
-            slots, rows = slots[keep], rows[keep]
+            slots, columns = slots[keep], columns.where(keep)
         if len(slots):
-            self._insert(instant, slots, rows)
-        return Stored(True, fresh, ended, self.extent.refused.get(instant.session, 0.0))
+            self._insert(instants, slots, columns)
+        return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0))
 
-    def _insert(self, instant: Instant, slots: Slots, rows: NDArray[np.intp]) -> None:
-        batch = instant.batch
-        if batch.moving:
-            self._carry()
+    def _insert(self, instants: Instants, slots: Slots, columns: "_Columns") -> None:
+        batch, rows = instants.batch, columns.rows
+        self._said[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
-            sigma[:] = _take(batch.sigma, rows) if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            sigma[:] = columns.of_batch(batch.sigma) if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
         quaternions = None
         if batch.quaternions is not None:
-            quaternions = _take(batch.quaternions, rows).astype(np.float64)
-        positions = _take(batch.positions, rows).astype(np.float64)
-        stored = self._window.insert(slots, instant.stamp_ns, positions, sigma, quaternions)
+            quaternions = columns.of_batch(batch.quaternions).astype(np.float64)
+        positions = columns.of_batch(batch.positions).astype(np.float64)
+        stamps = columns.stamps if batch.stamps_ns is not None else instants.stamp_ns
+        stored = self._window.insert(slots, stamps, positions, sigma, quaternions)
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
-            told = np.zeros((len(rows), 6))
-            told[:, entries] = _take(batch.covariance, rows)
+            told = np.zeros((len(slots), 6))
+            told[:, entries] = columns.of_batch(batch.covariance)
             self._window.covariance[slots] = np.clip(told, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        if stored.any():
-            self._method.observed(self._window, Rows(instant.stamp_ns, slots[stored], instant.in_order))
+        slots, at_ns = slots[stored], columns.stamps[stored]
+        cuts = np.flatnonzero(at_ns[1:] != at_ns[:-1]) + 1
+        for first, stop in pairwise([0, *cuts.tolist(), len(at_ns)]):
+            if stop > first:
+                rows_of_one = Rows(int(at_ns[first]), slots[first:stop], instants.in_order)
+                self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self._index.find(ids, session)
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
-            gone = self._index.has_ended(ids[fresh], session)
-            fresh, ended = fresh[~gone], int(gone.sum())
-            allowed = room(len(fresh)) if len(fresh) else 0
-            fresh = fresh[:allowed]
-            self._stats.refused_rows += int(np.count_nonzero(slots < 0)) - len(fresh)
-        if len(fresh):
-            slots[fresh] = self._index.open(ids[fresh], session)
-            self._stats.tracks += len(fresh)
-            self._opened.append(slots[fresh])
+            _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
+            # By first appearance: the oldest trajectory has the lowest number.
+            asked = fresh[np.sort(first)]
+            gone = self._index.has_ended(ids[asked], session)
+            opened, ended = asked[~gone], int(gone.sum())
+            opened = opened[: room(len(opened)) if len(opened) else 0]
+            slots[opened] = self._index.open(ids[opened], session)
+            slots[fresh] = slots[fresh[first]][again]
+            self._stats.refused_rows += int(np.count_nonzero(slots < 0))
+            self._stats.tracks += len(opened)
+            self._opened += [slots[opened]] if len(opened) else []
+            fresh = opened
         self._index.expect(ids, session, slots)
         return slots, len(fresh), ended
 
@@ -237,7 +273,7 @@ class Space:
         return len(gone)
 
     def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, turn: int = 0
+        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, *, grouped: bool = True
     ) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
 
@@ -249,8 +285,8 @@ class Space:
             Gives the time without observation after which a trajectory of a session number is outdated.
         effort
             What to do and what to leave out.
-        turn
-            Number of the update: which of the spaces is grouped in it, where not all are.
+        grouped
+            Whether to group; else the trajectories keep their groups.
         """
         window = self._window
         self._evict(stamp_ns)
@@ -259,8 +295,9 @@ class Space:
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         self._opened = []
+        self._follow_sources()
         self.extent.look(window, current)
-        partition = self._partition(stamp_ns, effort, turn)
+        partition = self._partition(stamp_ns, effort, grouped=grouped)
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
@@ -270,30 +307,49 @@ class Space:
         if self._frame is not None:
             relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
             hypotheses, frame = relative.hypotheses, relative.frame
-        return SpaceUpdate(
-            sessions=window.source[current],
-            ids=self._index.ids[current],
-            positions=_newest(window, current),
-            labels=labels,
-            confidence=partition.confidence,
-            hypotheses=hypotheses,
-            events=events,
-            view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
-            frame=frame,
+        self._listed = (
+            window.key[current],
+            SpaceUpdate(
+                sessions=window.source[current],
+                ids=self._index.ids[current],
+                positions=_newest(window, current),
+                labels=labels,
+                confidence=partition.confidence,
+                hypotheses=hypotheses,
+                events=events,
+                view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
+                frame=frame,
+            ),
         )
+        return self._listed[1]
 
-    def _partition(self, stamp_ns: int, effort: Effort, turn: int) -> Partition:
-        """Group the current trajectories, or carry the last groups on where it is not their turn."""
+    def repeated(self) -> SpaceUpdate | None:
+        """The last update again, without events, and without trajectories that are gone; None before any."""
+        if self._listed is None:
+            return None
+        keys, last = self._listed
+        slots, window = last.view.current, self._window
+        kept = window.used[slots] & (window.key[slots] == keys) & ~window.ended[slots]
+        view = replace(last.view, current=slots[kept], labels=last.labels[kept])
+        columns = {name: getattr(last, name)[kept] for name in _COLUMNS}
+        return replace(last, **columns, events=[], view=view)
+
+    def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
+        """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
         previous = self._hypotheses.previous(window)
-        if self._last is not None and len(self._last.current) and turn % effort.group_every:
-            return self._last.carried(window, current)
+        if not grouped and self._last is not None and len(self._last.current):
+            return self._last.extended(window, current, previous.labels)
         if isinstance(self._method, RigidMethod):
             self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        found = self._method.partition(window, current, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, current, self._index.ids[current])
-        return found
+        some = representatives(window, current, previous.labels[current], effort.share)
+        part = window if len(some) == len(current) else window.of(some)
+        found = self._method.partition(part, some, stamp_ns, previous)
+        self._last = LastGrouping.of(window, found, some, self._index.ids[some])
+        if len(some) == len(current):
+            return found
+        return self._last.extended(window, current, previous.labels)
 
     def _evict(self, stamp_ns: int) -> None:
         slots, counts = self._window.evictable(stamp_ns - self._window.span_ns)
@@ -373,15 +429,34 @@ class Space:
         self._index.load(state["ids"], slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
-        if state.get("frame") is not None:
-            self._carry()
+        if state["frame"] is not None:
+            self._carry(moving=True)
             if keep_method and self._frame is not None:
                 self._frame.load(state["frame"])
 
 
-def _take(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
-    """Some rows of a column, ascending; mostly they are all of them."""
-    return column if len(rows) == len(column) else column[rows]
+@dataclass(frozen=True)
+class _Columns:
+    """Rows of a batch, intp [n], and their stamps, int64 [n]; `every`: they are all, in their order."""
+
+    rows: NDArray[np.intp]
+    stamps: Stamps
+    every: bool
+
+    @classmethod
+    def of(cls, instants: Instants) -> Self:
+        """All rows of some instants."""
+        rows, batch = instants.rows, instants.batch
+        every = len(rows) == len(batch.ids) and batch.stamps_ns is None
+        return cls(rows, instants.stamps[: len(rows)], every)
+
+    def where(self, keep: Bools) -> "_Columns":
+        """Some of them."""
+        return _Columns(self.rows[keep], self.stamps[keep], every=False)
+
+    def of_batch(self, column: NDArray[Any]) -> NDArray[Any]:
+        """Their part of a column of the batch."""
+        return column if self.every else column[self.rows]
 
 
 def _newest(window: Window, slots: Slots) -> Floats:

@@ -2,9 +2,12 @@
 
 A fault in a space costs what it has derived, at worst its trajectories; never the service, nor another space.
 Bounds are kept here: of spaces, and of trajectories, of which each source has its share.
+
+Unit and dim of a space are those of the configuration, else of the source that was the first to observe
+something in it, as long as anybody who agrees does. Who contradicts is refused.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,16 +15,19 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from .arrays import Bools
-from .config import FusionConfig, to_ns
+from .config import FusionConfig, SpaceConfig, Unit, to_ns
+from .event_time.budget import Budget
 from .event_time.faults import Faults
-from .event_time.instants import Instant
-from .event_time.stats import Stats
+from .event_time.instants import Instants
+from .event_time.stats import Key, Stats
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
 from .space import Space, SpaceUpdate
 
+# How long a contradiction is told, and of how many sources.
+_TOLD_NS, _MOST_TOLD = 3_000_000_000, 256
 MakeMethod = Callable[[SpaceSpec], Method]
 
 
@@ -34,7 +40,9 @@ class Spaces:
     config, ids, stats, faults, make_method
         Of the fusion.
     at_ns
-        The clock of arrivals; the caller keeps it up to date.
+        The clock of arrivals.
+    budget
+        What spaces may cost, by source.
     checks
         What is wrong with the ids and units of sources.
     """
@@ -44,10 +52,17 @@ class Spaces:
     stats: Stats
     faults: Faults
     make_method: MakeMethod
+    budget: Budget
     at_ns: int = 0
     checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
     _fed_ns: dict[str, int] = field(default_factory=dict)
+    # Number of the update in which each space was updated last.
+    _updated: dict[str, int] = field(default_factory=dict)
+    # Who was the first to observe something in each space.
+    _owners: dict[str, str] = field(default_factory=dict)
+    # By source: how it contradicts, and when.
+    _contradictions: dict[str, tuple[str, int]] = field(default_factory=dict)
     # Spaces of each session number that has published in any.
     _homes: dict[int, set[str]] = field(default_factory=dict)
 
@@ -57,31 +72,67 @@ class Spaces:
     def __getitem__(self, name: str) -> Space:
         return self._spaces[name]
 
+    def at(self, at_ns: int) -> None:
+        """Take note of the time on the clock of arrivals."""
+        if not self.at_ns:
+            # Spaces of a snapshot are as if somebody had just published in them.
+            self._fed_ns = dict.fromkeys(self._fed_ns, at_ns)
+        self.at_ns = at_ns
+
     def names(self) -> list[str]:
         """Names, sorted."""
         return sorted(self._spaces)
 
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
-        space = self._spaces.get(batch.space)
-        if space is None or space.spec.suits(batch) or self._is_released(batch.space):
+        name = batch.space
+        unit, dim = self._known(name)
+        if unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
+        self._contradictions.pop(batch.source, None)
+        if len(self._contradictions) >= _MOST_TOLD:
+            del self._contradictions[next(iter(self._contradictions))]
+        told = self.config.spaces.get(name, SpaceConfig())
+        configured = told.unit is not None or told.dim is not None
+        owner = "the configuration" if configured else self._owners.get(name, "the first source")
+        text = (
+            f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
+            f"{unit or batch.unit} and {dim or batch.dim}"
+        )
+        self._contradictions[batch.source] = text, self.at_ns
         return "space-mismatch"
 
-    def store(self, instant: Instant) -> RejectionReason | None:
-        """Put an instant into its space; returns why it is refused, if so. Raises nothing."""
+    def _known(self, name: str) -> tuple[Unit | None, int | None]:
+        """Unit and dim of a space; None where nobody has said, or nobody who did is there any more."""
+        told, space = self.config.spaces.get(name, SpaceConfig()), self._spaces.get(name)
+        if space is None or self._is_released(name):
+            return told.unit, told.dim
+        return told.unit or space.spec.unit, told.dim or space.spec.dim
+
+    def contradictions(self) -> dict[str, str]:
+        """Sources that have lately contradicted what a space is, and how."""
+        oldest_ns = self.at_ns - _TOLD_NS
+        found = {name: text for name, (text, at_ns) in self._contradictions.items() if at_ns >= oldest_ns}
+        for space in self:
+            for source in space.contradicting:
+                found.setdefault(source, f"that {space.spec.name} is carried, which others do not say")
+        return found
+
+    def store(self, instant: Instants) -> RejectionReason | None:
+        """Put instants into their space; returns why they are refused, if so. Raises nothing."""
         name = instant.batch.space
-        try:
+        with self.faults.guard("storing a batch", instant.batch):
+            if not len(instant.rows):
+                self._end(instant)
+                return None
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            if not self._store(self._spaces[name], instant):
-                return "range"
-        except Exception as error:  # a defect costs a batch and a space, not the service
-            self.faults.note("storing a batch", error, instant.batch)
-            self._rebuild(name, keep=True)
-            return "defect"
-        return None
+            fits = self._store(self._spaces[name], instant)
+            self._end(instant)
+            return None if fits else "range"
+        self._rebuild(name, keep=True)
+        return "defect"
 
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session number as ended for good."""
@@ -90,19 +141,70 @@ class Spaces:
         self._homes.pop(session, None)
 
     def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL
+        self,
+        stamp_ns: int,
+        sessions: Mapping[int, Key],
+        timeout_ns: Callable[[int], int],
+        effort: Effort = FULL,
     ) -> list[SpaceUpdate]:
-        """Update every space; one that fails is built anew, at best with its trajectories. Raises nothing."""
-        updates = []
-        for turn, name in enumerate(self.names(), self.stats.updates):
-            for keep in (True, False, False):
-                try:
-                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort, turn))
-                    break
-                except Exception as error:
-                    self.faults.note(f"updating space {name!r}", error)
-                    self._rebuild(name, keep=keep)
-        return updates
+        """Update every space, in turn as far as the budget of its sources goes. Raises nothing.
+
+        Who has spent its share has its spaces listed as they were. A space that fails is built anew, at best
+        with its trajectories.
+
+        Parameters
+        ----------
+        stamp_ns, timeout_ns, effort
+            As for :meth:`.space.Space.update`.
+        sessions
+            (source, session) by session number.
+        """
+        shares = {name: self._shares(name, sessions) for name in self._spaces}
+        waiting = sorted(self._spaces, key=lambda name: (self._updated.get(name, -1), name))
+        self.budget.begin(self.at_ns, set().union(*shares.values()))
+        updates: dict[str, SpaceUpdate] = {}
+        while waiting:
+            costly = []
+            for name in waiting:
+                # One at least, so that every space has its turn.
+                if updates and not any(self.budget.allows(source) for source in shares[name]):
+                    costly.append(name)
+                    continue
+                with self.budget.charge(shares[name]):
+                    updates |= self._updated_space(name, stamp_ns, timeout_ns, effort)
+            waiting = costly
+            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
+                break
+        for name in waiting:
+            for source in shares[name]:
+                self.budget.refused(source, self.at_ns)
+            with self.faults.guard(f"repeating space {name!r}"):
+                again = self._spaces[name].repeated()
+                updates |= {} if again is None else {name: again}
+        return [updates[name] for name in sorted(updates)]
+
+    def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
+        """Share of each source in what a space costs: that of its trajectories."""
+        held = {
+            sessions[number][0]: count
+            for number, count in self._spaces[name].held().items()
+            if number in sessions
+        }
+        total = sum(held.values())
+        if not total:
+            return {self._owners.get(name, ""): 1.0}
+        return {source: count / total for source, count in held.items()}
+
+    def _updated_space(
+        self, name: str, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort
+    ) -> dict[str, SpaceUpdate]:
+        """The update of a space by its name; none where it fails even when it is empty."""
+        self._updated[name] = self.stats.updates
+        for keep in (True, False, False):
+            with self.faults.guard(f"updating space {name!r}"):
+                return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
+            self._rebuild(name, keep=keep)
+        return {}
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
@@ -122,6 +224,8 @@ class Spaces:
         """Forget a space."""
         self._spaces.pop(name, None)
         self._fed_ns.pop(name, None)
+        self._owners.pop(name, None)
+        self._updated.pop(name, None)
         for homes in self._homes.values():
             homes.discard(name)
 
@@ -137,32 +241,33 @@ class Spaces:
         old = self._spaces.get(name)
         if old is None:
             return
-        fed_ns = self._fed_ns.get(name, 0)
+        fed_ns, owner = self._fed_ns.get(name, 0), self._owners.get(name)
         homes = {number for number, names in self._homes.items() if name in names}
         fresh = self.open(old.spec)
         self._fed_ns[name] = fed_ns
+        if owner is not None:
+            self._owners[name] = owner
         if not keep:
             return
-        try:
+        with self.faults.guard(f"keeping the trajectories of space {name!r}"):
             fresh.load(old.state() | {"method": {}}, keep_method=True)
             for number in homes:
                 self._homes[number].add(name)
-        except Exception as error:
-            self.faults.note(f"keeping the trajectories of space {name!r}", error)
-            self.open(old.spec)
+            return
+        self.open(old.spec)
 
     def _space_for(self, batch: ObservationBatch) -> RejectionReason | None:
-        """Make sure that there is a space for a batch; the first batch that is fused defines it."""
-        space = self._spaces.get(batch.space)
-        if space is not None and not space.spec.suits(batch):
-            if not self._is_released(batch.space):
-                return "space-mismatch"
-            space = None
-        if space is None:
-            if batch.space not in self._spaces and not self._make_room():
+        """Make sure that there is a space for rows of a batch."""
+        name = batch.space
+        if self.refusal(batch) is not None:
+            return "space-mismatch"
+        space = self._spaces.get(name)
+        if space is None or not space.spec.suits(batch):
+            if space is None and not self._make_room():
                 return "limit"
-            self.open(SpaceSpec(batch.space, batch.unit, batch.dim))
-        self._fed_ns[batch.space] = self.at_ns
+            self.open(SpaceSpec(name, batch.unit, batch.dim))
+            self._owners[name] = batch.source
+        self._fed_ns[name] = self.at_ns
         return None
 
     def _is_released(self, name: str) -> bool:
@@ -178,16 +283,13 @@ class Spaces:
         self.drop(name)
         return True
 
-    def _store(self, space: Space, instant: Instant) -> bool:
+    def _store(self, space: Space, instant: Instants) -> bool:
         """Returns False if all its rows are too far out."""
         number, name = instant.session, space.spec.name
         homes = self._homes.setdefault(number, set())
-        elsewhere = self._elsewhere(instant, homes - {name}) if len(instant.rows) else None
+        elsewhere = self._elsewhere(instant, homes - {name})
         homes.add(name)
         stored = space.store(instant, lambda wanted: self._room(number, wanted), elsewhere)
-        if instant.last and instant.batch.ended is not None:
-            for home in homes:
-                self._spaces[home].end(instant.batch.ended, number)
         where = number, name
         self.checks.note(where, stored, self.at_ns)
         some = instant.rows[:MOST_ROWS]
@@ -196,7 +298,13 @@ class Spaces:
         self.checks.look(where, ids, positions, share, (instant.stamp_ns, self.at_ns))
         return stored.fits
 
-    def _elsewhere(self, instant: Instant, homes: set[str]) -> Bools | None:
+    def _end(self, instant: Instants) -> None:
+        """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
+        if instant.last and instant.batch.ended is not None:
+            for home in self._homes.get(instant.session, ()):
+                self._spaces[home].end(instant.batch.ended, instant.session)
+
+    def _elsewhere(self, instant: Instants, homes: set[str]) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
         if not homes:
             return None

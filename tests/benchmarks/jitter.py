@@ -1,7 +1,7 @@
 """Live jitter and restart time of the whole path, with real processes. Prints; asserts nothing.
 
     python tests/benchmarks/jitter.py                             # figure 4.4 as three sources
-    python tests/benchmarks/jitter.py RECORDING --set method=thesis --set sigma_switch=0.01
+    python tests/benchmarks/jitter.py RECORDING --set method=thesis --set thesis.sigma_switch=0.01
 
 Starts router, three sources and the service under the launcher, measures the intervals of the
 updates where a client receives them, then kills the service by SIGKILL and measures how long its

@@ -16,7 +16,7 @@ from comotion_experiments.inputs import find_inputs
 from comotion_schemas import HypothesisUpdate, Keys
 
 pytestmark = pytest.mark.e2e
-SETTINGS = ("--set", "sigma_switch=0.02", "--set", "v_move=null")
+SETTINGS = ("--set", "thesis.sigma_switch=0.02", "--set", "thesis.v_move=null")
 SCENE = """
 title = "two bodies, one moves"
 dim = 2
@@ -65,7 +65,8 @@ def test_live_agrees_with_offline(
 
     found = json.loads(live.output[live.output.index("{") :])
     (offline,) = evaluate_inputs(
-        find_inputs([f"sim:{scene}"]), FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+        find_inputs([f"sim:{scene}"]),
+        FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None}),
     )
     assert found["lost"] == 0
     assert found["final_nmi"] == offline.summary.final_nmi == 1.0

@@ -17,7 +17,7 @@ FRAME = 1 / 15
 @cache
 def runs(scene: str, sigma_switch: float, v_move: float | None, period: float) -> list[Run]:
     spec = load_scene(scene)
-    config = FusionConfig(method="thesis", sigma_switch=sigma_switch, v_move=v_move)
+    config = FusionConfig(method="thesis", thesis={"sigma_switch": sigma_switch, "v_move": v_move})
     return [run_offline(batches(simulate(spec, seed=seed)), config, period=period) for seed in SEEDS]
 
 
@@ -71,7 +71,7 @@ def test_figure_4_3_weights_see_a_late_start_a_little_sooner():
 
 
 def test_figure_3_6_affinity_depends_on_the_direction_of_motion():
-    fusion = Fusion(FusionConfig(method="thesis", sigma_switch=0.01))
+    fusion = Fusion(FusionConfig(method="thesis", thesis={"sigma_switch": 0.01}))
     body = {}
     for message in batches(simulate(load_scene("fig3_6"), seed=0)):
         if isinstance(message, TruthBatch):

@@ -50,7 +50,7 @@ def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
 
 def test_stamps_at_the_ends_of_their_range_are_refused():
     fusion = Fusion()
-    fusion.follow_recordings()
+    fusion.timeline.follow_recordings()
     for seq, stamp in enumerate((-(2**63), 2**63 - 1, T0)):
         fusion.ingest(batch("odd", seq, stamp))
         fusion.update(T0)
@@ -146,11 +146,11 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
         fusion.ingest(batch("right", k, now - 20 * MS))
         fusion.ingest(batch("wrong", k, now + (step_s * S if k >= 30 else 0) - 20 * MS))
         update = fusion.update(now)
-    accounts = fusion.ledger.accounts()
+    accounts = fusion.timeline.ledger.accounts()
     assert accounts["right", "a" * 16].fused >= 89
     wrong = accounts["wrong", "a" * 16]
     assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
-    assert fusion.wrong_clocks()["wrong"].kind == ("clock-ahead" if step_s > 0 else "clock-behind")
+    assert fusion.troubles().clocks["wrong"].kind == ("clock-ahead" if step_s > 0 else "clock-behind")
     assert abs(update.stamp_ns - now) < S
 
 
@@ -162,7 +162,7 @@ def test_sources_that_are_all_a_second_behind_are_fused_and_told():
         update = fusion.update(now)
     assert len(update.track_id) == 12
     assert fusion.stats.fused >= 55
-    assert fusion.wrong_clocks()["slow"].kind == "clock-behind"
+    assert fusion.troubles().clocks["slow"].kind == "clock-behind"
 
 
 def test_a_scene_that_all_sources_have_left_does_not_look_alive():

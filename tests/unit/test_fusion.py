@@ -330,14 +330,14 @@ def test_every_listed_label_is_a_listed_hypothesis(config):
 @pytest.mark.parametrize("session", ["a" * 16, "b" * 16])
 def test_a_recording_that_is_played_again_with_its_own_stamps_loses_nothing(config, session):
     fusion, steady = Fusion(config), iter(range(0, 10**12, 66 * MS))
-    fusion.follow_recordings()
+    fusion.timeline.follow_recordings()
 
     def play(session):
         newest = 0
         for k in range(30):
             stamp = T0 + k * 66 * MS
             fusion.ingest(batch("cam", k, stamp, two_bodies(k * 0.066), session=session))
-            newest = max(newest, stamp - fusion.shift_ns, fusion.newest_ns or 0)
+            newest = max(newest, stamp - fusion.timeline.steps.shift_ns, fusion.timeline.newest_ns or 0)
             update = fusion.update(newest, next(steady))
         return update
 
@@ -349,13 +349,13 @@ def test_a_recording_that_is_played_again_with_its_own_stamps_loses_nothing(conf
 
 def test_a_recording_that_is_played_again_after_a_restart_loses_nothing(config):
     before = Fusion(config)
-    before.follow_recordings()
+    before.timeline.follow_recordings()
     run(before, 0, 2)
     fusion = Fusion.restore(config, before.snapshot())
-    fusion.follow_recordings()
+    fusion.timeline.follow_recordings()
     for k in range(60):
         fusion.ingest(batch("cam", k, T0 + k * 66 * MS, two_bodies(k * 0.066), session="b" * 16))
-        newest = max(T0 + k * 66 * MS - fusion.shift_ns, fusion.newest_ns or 0)
+        newest = max(T0 + k * 66 * MS - fusion.timeline.steps.shift_ns, fusion.timeline.newest_ns or 0)
         update = fusion.update(newest, k * 66 * MS)
     assert len(update.track_id) == 7
-    assert fusion.ledger.accounts()["cam", "b" * 16].fused == 60
+    assert fusion.timeline.ledger.accounts()["cam", "b" * 16].fused == 60

@@ -126,7 +126,7 @@ def linked_bodies(update: HypothesisUpdate) -> dict[str, set[str]]:
 
 
 def fused(view: Camera | None) -> Fusion:
-    return Fusion(FusionConfig(cameras={} if view is None else {"plain/pixels": view}))
+    return Fusion(FusionConfig(linking={"cameras": {} if view is None else {"plain/pixels": view}}))
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
     def stopped(motion: Motion) -> Motion:
         return lambda t: motion(min(t, 4.0))
 
-    fusion = Fusion.restore(FusionConfig(window=2.0, cameras=moved.config.cameras), moved.snapshot())
+    fusion = Fusion.restore(FusionConfig(window=2.0, linking=moved.config.linking), moved.snapshot())
     motions = (still, stopped(lid), stopped(cart))
     update = run(fusion, messages(camera(), motions, start=4.0, seconds=2.5))
     assert len({h.id for h in update.hypotheses if h.space == "world"}) == 3
@@ -190,7 +190,7 @@ def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none() -> None
 
 def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
     for cameras in ({"plain/pixels": camera(frame="elsewhere")}, {"other/pixels": camera()}, {}):
-        fusion = Fusion.restore(FusionConfig(cameras=cameras), moved.snapshot())
+        fusion = Fusion.restore(FusionConfig(linking={"cameras": cameras}), moved.snapshot())
         assert all(h.linked is None for h in fusion.update(1004_000_000_000).hypotheses)
 
 
@@ -203,10 +203,10 @@ def test_distortion_is_undone() -> None:
 def test_without_calibration_or_poses_there_are_no_links() -> None:
     update = run(fused(None), messages(camera(), seconds=2.0))
     assert all(h.linked is None for h in update.hypotheses)
-    config = FusionConfig(method="thesis", cameras={"plain/pixels": camera()})
+    config = FusionConfig(method="thesis", linking={"cameras": {"plain/pixels": camera()}})
     update = run(Fusion(config), messages(camera(), seconds=1.0))
     assert all(h.linked is None for h in update.hypotheses)
-    config = FusionConfig(cameras={"plain/pixels": camera(frame="elsewhere"), "world": camera()})
+    config = FusionConfig(linking={"cameras": {"plain/pixels": camera(frame="elsewhere"), "world": camera()}})
     update = run(Fusion(config), messages(camera(), seconds=2.0))
     assert all(h.linked is None for h in update.hypotheses)
 

@@ -18,7 +18,7 @@ from comotion_schemas import HypothesisUpdate, ObservationBatch
 from comotion_schemas.codec import encode
 from comotion_sources import simulator
 
-CONFIG = FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+CONFIG = FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None})
 SCENE = """
 title = "two bodies, one moves"
 dim = 2
@@ -177,7 +177,7 @@ def test_several_plots_do_not_overwrite_each_other(scene: Path, recording: Path)
 @pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no folder of recordings")
 def test_a_real_recording_is_grouped_into_its_segments() -> None:
     path = Path(os.environ["COMOTION_DATA"]) / "mocap" / "tennis_serve.npz"
-    config = FusionConfig(method="thesis", sigma_switch=0.01)
+    config = FusionConfig(method="thesis", thesis={"sigma_switch": 0.01})
     (one,) = find_inputs([str(path)])
     run = run_offline(one.open(), config, period=1 / 3, duration=6.0)
     assert run.scores[-1].objects == 11

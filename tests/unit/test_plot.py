@@ -15,7 +15,7 @@ from comotion_sources import simulator
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("matplotlib")
-CONFIG = FusionConfig(method="thesis", sigma_switch=0.02, v_move=None)
+CONFIG = FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None})
 
 
 def run(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, Trace]:

@@ -413,7 +413,7 @@ class TestStateFile:
     ) -> None:
         kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
         again = self.load(tmp_path / "state", now_ns=90 * SECOND)
-        assert again.watermark_ns is None
+        assert again.timeline.watermark_ns is None
         assert next_id(again) > 5000
         assert "10.0 s in the future" in caplog.text
 

@@ -80,7 +80,7 @@ def test_ids_that_come_back_after_their_end_are_reused() -> None:
 def test_the_one_that_came_first_is_believed_and_the_other_is_refused_and_counted() -> None:
     fusion = Fusion()
     run(fusion, MISTAKES["scale"], range(60))
-    accounts = fusion.ledger.accounts()
+    accounts = fusion.timeline.ledger.accounts()
     assert accounts["good", "b" * 16].rejected == {}
     refused = accounts["odd", "a" * 16].rejected.get("range", 0)
     assert refused >= 55
@@ -96,7 +96,9 @@ def test_a_majority_is_believed_whoever_came_first() -> None:
             fusion.ingest(batch(k, IDS, good(k), source=name, session="c" * 16))
         (fusion.advance if k % 4 else fusion.update)(T0 + k * S // RATE)
     assert set(problems.of_fusion(fusion)) == {("odd", "scale")}
-    assert all(fusion.ledger.accounts()[name, "c" * 16].rejected == {} for name in ("left", "right", "arm"))
+    assert all(
+        fusion.timeline.ledger.accounts()[name, "c" * 16].rejected == {} for name in ("left", "right", "arm")
+    )
 
 
 def test_the_bound_can_be_lifted() -> None:

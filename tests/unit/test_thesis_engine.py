@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import HypothesesConfig
+from comotion.config import HypothesesConfig, ThesisConfig
 from comotion_schemas import UNDETERMINED, ObservationBatch
 
 from ..reference import thesis as literal
@@ -12,7 +12,7 @@ from ..reference import thesis as literal
 MS = 1_000_000
 S = 1_000 * MS
 T0 = 1_700_000_000 * S
-CONFIG = FusionConfig(method="thesis", sigma_switch=0.02)
+CONFIG = FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=0.02))
 REST = {i: (0.2 * i, 0.0) for i in range(5)}
 
 
@@ -94,7 +94,7 @@ def test_state_and_centroid():
 
 
 def test_with_equal_weights_a_fast_hypothesis_is_still_moving():
-    scene = Scene(CONFIG.model_copy(update={"v_move": None}))
+    scene = Scene(CONFIG.model_copy(update={"thesis": ThesisConfig(sigma_switch=0.02, v_move=None)}))
     scene.run(60, both)
     states = {h.id: h.state for h in scene.update.hypotheses}
     assert states[scene.labels[10]] == "moving"
@@ -207,7 +207,9 @@ def test_sources_of_different_rates_give_the_affinities_of_the_definitions():
     """From batches to (3.4): three sources of 15, 30 and 100 Hz, one feature of each replaced often."""
     rng = np.random.default_rng(3)
     window, v_move, sigma_switch = 2 * S, 0.2, 0.02
-    config = CONFIG.model_copy(update={"window": 2.0, "v_move": v_move})
+    config = CONFIG.model_copy(
+        update={"window": 2.0, "thesis": ThesisConfig(sigma_switch=0.02, v_move=v_move)}
+    )
     fusion = Fusion(config)
     known: dict[tuple[str, int], literal.Trajectory] = {}
     due = sorted(

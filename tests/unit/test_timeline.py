@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
-from comotion.event_time.instants import Instant, split
+from comotion.event_time.instants import Instants, in_time_order
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 from comotion_schemas import ObservationBatch
@@ -46,14 +46,14 @@ class Clockwork:
         return [
             ((i.stamp_ns - T0) // MS, i.batch.source, i.in_order)
             for i in self.advance(now_ns)
-            if isinstance(i, Instant)
+            if isinstance(i, Instants)
         ]
 
     def advance(self, now_ns):
         """What comes out of an advance; all of it is fused."""
-        events = self.timeline.advance(T0 + now_ns)
+        events = list(self.timeline.advance(T0 + now_ns))
         for event in events:
-            if isinstance(event, Instant):
+            if isinstance(event, Instants):
                 self.timeline.done(event)
         assert self.stats.batches == self.stats.settled()
         return events
@@ -62,7 +62,7 @@ class Clockwork:
         """(source, first letter of the session, "released" or "ended") of what comes out of an advance."""
         events = self.advance(now_ns)
         names = {n: (source, session[0]) for n, (source, session) in self.timeline.sessions.items()}
-        return [(*names[e.session], "released" if isinstance(e, Instant) else "ended") for e in events]
+        return [(*names[e.session], "released" if isinstance(e, Instants) else "ended") for e in events]
 
     def health(self, name, now_ns):
         return next(
@@ -422,14 +422,11 @@ def test_a_restored_timeline_goes_on(clock):
     assert (clock.stats.waiting, twin.stats.waiting, twin.stats.lost) == (1, 0, 1)
 
 
-def test_rows_are_split_by_stamp():
+def test_rows_come_out_in_time_order_with_their_stamps():
     stamps = np.array([30, 10, 30, 20, 10]) * MS + T0
-    parts = split(batch("s", 0, T0 + 30 * MS, ids=(1, 2, 3, 4, 5), stamps_ns=stamps))
-    assert [((stamp - T0) // MS, rows.tolist()) for stamp, rows in parts] == [
-        (10, [1, 4]),
-        (20, [3]),
-        (30, [0, 2]),
-    ]
+    ordered, rows = in_time_order(batch("s", 0, T0 + 30 * MS, ids=(1, 2, 3, 4, 5), stamps_ns=stamps))
+    assert ((ordered - T0) // MS).tolist() == [10, 10, 20, 30, 30]
+    assert rows.tolist() == [1, 4, 3, 0, 2]
 
 
 def test_an_empty_batch_moves_the_watermark(clock):

@@ -20,7 +20,7 @@ Examples:
   comotion demo 3d_outliers
 """
 
-_THESIS_FIG_4_4 = ("sigma_switch=0.01", "v_move=null")
+_THESIS_FIG_4_4 = ("thesis.sigma_switch=0.01", "thesis.v_move=null")
 """Parameters of figure 4.4 in the thesis: σ_switch 0.01 and equal weights."""
 
 

@@ -18,7 +18,7 @@ Examples:
 
   comotion evaluate --duration 30   # a running scene that publishes truth
 
-  comotion evaluate recording.npz --method thesis --set sigma_switch=0.01
+  comotion evaluate recording.npz --method thesis --set thesis.sigma_switch=0.01
 
   comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
 

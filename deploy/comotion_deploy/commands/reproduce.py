@@ -28,7 +28,7 @@ Examples:
 
   comotion reproduce fusion --seeds 0-4 --out fusion
 
-  comotion reproduce fusion --workcell shelf --method thesis --set sigma_switch=0.04 --json
+  comotion reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
 """
 
 PIXELS_EPILOG = """

@@ -17,7 +17,7 @@ Examples:
 
   comotion serve
 
-  comotion serve --method thesis --set sigma_switch=0.01 --set v_move=null
+  comotion serve --method thesis --set thesis.sigma_switch=0.01 --set thesis.v_move=null
 
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
 

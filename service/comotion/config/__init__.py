@@ -1,6 +1,5 @@
 """Every parameter of the fusion, nested by method, with unit, default and bounds."""
 
-from .flat_names import nested, present_name
 from .fusion import FusionConfig, Method, to_ns
 from .hypotheses import HypothesesConfig
 from .joints import JointsConfig
@@ -25,7 +24,5 @@ __all__ = [
     "SpaceConfig",
     "ThesisConfig",
     "Unit",
-    "nested",
-    "present_name",
     "to_ns",
 ]

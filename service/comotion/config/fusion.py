@@ -1,29 +1,23 @@
 """The parameters of the fusion: those of event time, and a group for each method."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
-from .flat_names import GROUPS, MEMBERS, nested
 from .hypotheses import HypothesesConfig
 from .joints import JointsConfig
 from .limits import LimitsConfig
-from .linking import Camera, LinkingConfig
+from .linking import LinkingConfig
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
 from .spaces import SpaceConfig
-from .thesis import Clustering, ThesisConfig
+from .thesis import ThesisConfig
 
 Method = Literal["comotion", "thesis"]
 
 
 class FusionConfig(BaseModel):
-    """Parameters of :class:`comotion.Fusion`; frozen, validated, dumpable.
-
-    The flat names that parameters had before they were grouped (``sigma_switch``, ``motion``,
-    ``cameras`` ...) are accepted, and can be read. A parameter given by both names is an error.
-    """
+    """Parameters of :class:`comotion.Fusion`; frozen, validated, dumpable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -74,52 +68,9 @@ class FusionConfig(BaseModel):
 
     spaces: dict[str, SpaceConfig] = Field(
         default_factory=dict,
-        description="what is known of single spaces, by name; `moving` for a carried camera",
+        description="what is known of single spaces, by name: `unit`, `dim`, and `moving` for a carried "
+        "camera",
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _nest(cls, values: Any) -> Any:
-        return nested(values) if isinstance(values, Mapping) else values
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy with some parameters changed, by their nested or flat names; not validated."""
-        changed = {GROUPS.get(name, name): value for name, value in (update or {}).items()}
-        for name in changed.keys() & MEMBERS.keys():
-            group, value = MEMBERS[name], changed.pop(name)
-            before = changed.get(group, getattr(self, group))
-            changed[group] = before.model_copy(update={name: value})
-        return super().model_copy(update=changed, deep=deep)
-
-    @property
-    def sigma_switch(self) -> float | None:
-        """Flat name of ``thesis.sigma_switch``."""
-        return self.thesis.sigma_switch
-
-    @property
-    def v_move(self) -> float | Literal["auto"] | None:
-        """Flat name of ``thesis.v_move``."""
-        return self.thesis.v_move
-
-    @property
-    def stop_affinity(self) -> float:
-        """Flat name of ``thesis.stop_affinity``."""
-        return self.thesis.stop_affinity
-
-    @property
-    def clustering(self) -> Clustering:
-        """Flat name of ``thesis.clustering``."""
-        return self.thesis.clustering
-
-    @property
-    def motion(self) -> RigidConfig:
-        """Former name of ``rigid``."""
-        return self.rigid
-
-    @property
-    def cameras(self) -> dict[str, Camera]:
-        """Flat name of ``linking.cameras``."""
-        return self.linking.cameras
 
 
 def to_ns(seconds: float) -> int:

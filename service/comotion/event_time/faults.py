@@ -2,6 +2,8 @@
 
 import traceback
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from comotion_schemas import ObservationBatch
@@ -56,6 +58,14 @@ class Faults:
             what += f" (source {batch.source}, seq {batch.seq}, {len(batch.ids)} rows, space {batch.space!r})"
         source = None if batch is None else batch.source
         self._kept.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
+
+    @contextmanager
+    def guard(self, what: str, batch: ObservationBatch | None = None) -> Iterator[None]:
+        """Go on behind a block that does `what` if it fails: the one place that catches any exception."""
+        try:
+            yield
+        except Exception as error:
+            self.note(what, error, batch)
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""

@@ -1,21 +1,57 @@
-"""A batch in, its rows grouped by acquisition time out; and the two events that event time gives out."""
+"""A batch on its way through event time, and what comes out: instants, and the ends of sessions."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
 
+from ..arrays import Stamps
 from .stats import Key
 
 Indices = NDArray[np.intp]
+# Python objects of a batch.
+_OBJECT_BYTES = 1500
+
+
+class Stage(Enum):
+    """What a batch waits for."""
+
+    JUDGEMENT = "that its stamp is compared with the clock"
+    CLOCK = "that it is clear whose clock is wrong"
+    NAME = "that it is clear which process has the name"
+    WATERMARK = "the watermark"
+    SETTLED = "nothing: it is in its account"
+
+
+class Verdict(Enum):
+    """What was found about a batch."""
+
+    OFF = "its stamp is far from now, and it may wait"
+    CONTESTED = "another session of its source sends"
+    ACCEPTED = "its instants may wait for the watermark"
+    OVER = "nothing of it is left to do: it was fused, dropped or refused"
+
+
+_NEXT = {
+    (Stage.JUDGEMENT, Verdict.OFF): Stage.CLOCK,
+    (Stage.JUDGEMENT, Verdict.CONTESTED): Stage.NAME,
+    (Stage.JUDGEMENT, Verdict.ACCEPTED): Stage.WATERMARK,
+    (Stage.JUDGEMENT, Verdict.OVER): Stage.SETTLED,
+    (Stage.CLOCK, Verdict.CONTESTED): Stage.NAME,
+    (Stage.CLOCK, Verdict.ACCEPTED): Stage.WATERMARK,
+    (Stage.CLOCK, Verdict.OVER): Stage.SETTLED,
+    (Stage.NAME, Verdict.ACCEPTED): Stage.WATERMARK,
+    (Stage.NAME, Verdict.OVER): Stage.SETTLED,
+    (Stage.WATERMARK, Verdict.OVER): Stage.SETTLED,
+}
 
 
 @dataclass(eq=False)
 class Entry:
-    """A batch on its way through event time, until its account is settled.
+    """A batch on its way through event time.
 
     Attributes
     ----------
@@ -25,22 +61,26 @@ class Entry:
         Whether its sequence number was seen before.
     size
         Bytes that it holds.
+    stage
+        What it waits for.
     at_ns
         When it was first looked at, on the clock of arrivals.
     offset_ns
         Its stamp minus the time then.
-    left
-        Its instants that have not come out.
+    out, exhausted
+        How many of its instants have come out and are not booked; whether no further ones will.
     kept, late, refused
-        Whether some were fused, some were too late, and why some were refused.
+        Whether some of its instants were fused, some were too late, and why some were refused.
     """
 
     batch: ObservationBatch
     repeated: bool = False
     size: int = 0
+    stage: Stage = Stage.JUDGEMENT
     at_ns: int = 0
     offset_ns: int = 0
-    left: int = 0
+    out: int = 0
+    exhausted: bool = False
     kept: bool = False
     late: bool = False
     refused: RejectionReason | None = None
@@ -50,36 +90,51 @@ class Entry:
         """Source and session."""
         return self.batch.source, self.batch.session
 
+    def step(self, verdict: Verdict) -> None:
+        """Go on to the next stage.
+
+        Raises
+        ------
+        KeyError
+            If a batch at its stage cannot have this verdict.
+        """
+        self.stage = _NEXT[self.stage, verdict]
+
 
 @dataclass(frozen=True)
-class Instant:
-    """Released rows of one batch that share one acquisition time.
+class Instants:
+    """Released rows of one batch, with no instant of another batch between them.
 
     Attributes
     ----------
-    stamp_ns
-        Acquisition time on the time scale of the scene, nanoseconds.
+    stamps
+        int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where there is none.
     batch
         The whole batch.
     rows
-        intp [n], ascending: the rows of the batch of this instant; none where `ended` alone counts.
+        intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
     session
         Number of the (source, session) that sent it.
     in_order
-        False where the watermark had passed the stamp when the batch came.
+        False where the watermark had passed the first stamp when the batch came.
     last
-        Whether this is the newest instant of its batch.
+        Whether nothing of the batch is left.
     entry
-        The account of the batch; None where it is settled already.
+        The batch; None where it is settled already.
     """
 
-    stamp_ns: int
+    stamps: Stamps
     batch: ObservationBatch
     rows: Indices
     session: int
     in_order: bool
     last: bool
     entry: Entry | None = None
+
+    @property
+    def stamp_ns(self) -> int:
+        """The first stamp."""
+        return int(self.stamps[0])
 
 
 @dataclass(frozen=True)
@@ -89,35 +144,28 @@ class SessionEnded:
     session: int
 
 
-def split(batch: ObservationBatch) -> list[tuple[int, Indices]]:
-    """Acquisition times of a batch, ascending, each with its rows, ascending (intp [n]).
+def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
+    """Stamps of the rows of a batch, int64 [n] ascending, and the rows, intp [n], ascending for each stamp.
 
-    A batch without rows has one instant, its own stamp.
+    A batch without rows has one stamp, its own.
     """
     stamps = batch.stamps_ns
     if stamps is None or not len(stamps):
-        return [(batch.stamp_ns, np.arange(len(batch.ids)))]
+        count = len(batch.ids)
+        return np.full(max(count, 1), batch.stamp_ns), np.arange(count)
     order = np.argsort(stamps, kind="stable")
-    in_order = stamps[order]
-    cuts = np.flatnonzero(in_order[1:] != in_order[:-1]) + 1
-    bounds = [0, *cuts.tolist(), len(order)]
-    # Slices: np.split takes ten times as long.
-    return [(int(in_order[first]), order[first:stop]) for first, stop in pairwise(bounds)]
+    return stamps[order], order
 
 
 def count_instants(batch: ObservationBatch) -> int:
     """How many different acquisition times a batch has."""
     if batch.stamps_ns is None or len(batch.stamps_ns) < 2:
         return 1
-    ordered = np.sort(batch.stamps_ns)
-    return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
+    return len(np.unique(batch.stamps_ns))
 
 
 def size_of(batch: ObservationBatch) -> int:
     """Bytes that a batch holds."""
-    columns = vars(batch).values()
-    return _OBJECT_BYTES + sum(column.nbytes for column in columns if isinstance(column, np.ndarray))
-
-
-# Python objects of a batch and of one instant of it.
-_OBJECT_BYTES = 1500
+    return _OBJECT_BYTES + sum(
+        value.nbytes for value in vars(batch).values() if isinstance(value, np.ndarray)
+    )

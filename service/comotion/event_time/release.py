@@ -1,16 +1,28 @@
-"""Instants that wait for the watermark in; in time order, with the ends of sessions, out (rules 9 and 10)."""
+"""Batches that wait for the watermark in; their instants in time order, and the ends of sessions, out.
+
+These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded for each source here too.
+"""
 
 import heapq
-from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
 
-from comotion_schemas import RejectionReason
+import numpy as np
 
-from .directory import Sources
-from .instants import Entry, Instant, SessionEnded
-from .sources import Source
+from comotion_schemas import ObservationBatch, RejectionReason
+
+from ..arrays import Stamps
+from ..config import LimitsConfig
+from .budget import Budget
+from .instants import Entry, Indices, Instants, SessionEnded
+from .sources import Sources
 from .stats import Key
+
+_MEGABYTE = 1_000_000
+# ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
+_PATIENCE_NS = 1_000_000_000
+_Key = tuple[int, str, int]
 
 
 class Settle(Protocol):
@@ -20,18 +32,89 @@ class Settle(Protocol):
         """`fate` is a name of :class:`.stats.Ledger`, or the reason of a rejection."""
 
 
-class _Waiting(NamedTuple):
-    """An instant that waits; compared by the first three, of which `order` is unique."""
+class Load:
+    """What waits of each source, and of all, against its bounds."""
 
-    stamp_ns: int
-    source: str
-    order: int
+    def __init__(self, limits: LimitsConfig) -> None:
+        self._batches = limits.waiting_batches
+        self._bytes = round(limits.waiting * _MEGABYTE)
+        self._all = round(limits.waiting_all * _MEGABYTE)
+        self._held: dict[str, list[int]] = {}
+        self._total = 0
+
+    def admits(self, entry: Entry) -> bool:
+        """Whether there is room for one more batch of its source."""
+        batches, size = self._held.get(entry.batch.source, (0, 0))
+        share = self._bytes
+        if self._total + entry.size > self._all:
+            share = min(share, self._all // max(len(self._held), 1))
+        return batches < self._batches and size + entry.size <= share
+
+    def add(self, entry: Entry) -> None:
+        """Take a batch in."""
+        held = self._held.setdefault(entry.batch.source, [0, 0])
+        held[0] += 1
+        held[1] += entry.size
+        self._total += entry.size
+
+    def remove(self, entry: Entry) -> None:
+        """A batch waits no more."""
+        held = self._held[entry.batch.source]
+        held[0] -= 1
+        held[1] -= entry.size
+        self._total -= entry.size
+        if not held[0]:
+            del self._held[entry.batch.source]
+
+    def holds(self, source: str) -> bool:
+        """Whether anything of a source waits."""
+        return source in self._held
+
+
+@dataclass(eq=False)
+class _Waiting:
+    """What is left of a batch from row `first` on; columns as of :class:`.instants.Instants`.
+
+    `order` counts the batches, `generation` the sessions of the source; rows before `in_order_ns` came behind
+    the watermark.
+    """
+
+    batch: ObservationBatch
+    entry: Entry | None
+    stamps: Stamps
+    rows: Indices
     generation: int
-    instant: Instant
+    in_order_ns: int
+    order: int = 0
+    first: int = 0
+
+    @property
+    def key(self) -> _Key:
+        """What decides when it comes out."""
+        return int(self.stamps[self.first]), self.batch.source, self.order
+
+    def __lt__(self, other: Self) -> bool:
+        return self.key < other.key
+
+    def take(self, watermark_ns: int, others: Iterable[_Key], session: int) -> Instants:
+        """Take the rows up to the watermark and to the keys of others."""
+        stop = int(np.searchsorted(self.stamps, watermark_ns, side="right"))
+        in_order = self.key[0] >= self.in_order_ns
+        if not in_order:
+            stop = min(stop, int(np.searchsorted(self.stamps, self.in_order_ns)))
+        for stamp_ns, *rank in others:
+            side: Any = "right" if self.key[1:] < tuple(rank) else "left"
+            stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
+        some, self.first = slice(self.first, stop), stop
+        last = stop == len(self.stamps)
+        if self.entry is not None:
+            self.entry.out += 1
+            self.entry.exhausted = last
+        return Instants(self.stamps[some], self.batch, self.rows[some], session, in_order, last, self.entry)
 
 
 class Release:
-    """The instants that wait, and the numbers of the sessions whose instants have come out.
+    """The batches that wait, and the numbers of the sessions whose instants have come out.
 
     Parameters
     ----------
@@ -39,6 +122,8 @@ class Release:
         The sources; whose session is over is read there.
     settle
         Is told what became of a batch once all its instants have come out.
+    budget
+        Who may have instants released.
 
     Attributes
     ----------
@@ -46,70 +131,136 @@ class Release:
         (source, session) by number, of every session that is current or has trajectories.
     """
 
-    def __init__(self, sources: Sources, settle: Settle) -> None:
+    def __init__(self, sources: Sources, settle: Settle, budget: Budget) -> None:
         self._sources = sources
         self._settle = settle
-        self._waiting: list[_Waiting] = []
+        self._budget = budget
+        # By source, a heap of what waits.
+        self._waiting: dict[str, list[_Waiting]] = {}
+        self._behind_ns: dict[str, int] = {}
         self._over: list[int] = []
         self._order = 0
         self._next_number = 0
         self.sessions: dict[int, Key] = {}
 
-    def add(self, instant: Instant, generation: int) -> None:
-        """Let an instant wait; `generation` counts the session among those of its source."""
+    def add(self, entry: Entry, columns: tuple[Stamps, Indices], generation: int, in_order_ns: int) -> None:
+        """Let the rows of a batch wait.
+
+        Parameters
+        ----------
+        entry
+            The batch.
+        columns
+            Stamps int64 [n] on the time scale of the scene, ascending, and rows intp [n].
+        generation
+            Number of the session among those of its source.
+        in_order_ns
+            Rows with an older stamp have come behind the watermark.
+        """
+        self._push(_Waiting(entry.batch, entry, *columns, generation, in_order_ns))
+
+    def add_end(self, batch: ObservationBatch, stamp_ns: int, generation: int) -> None:
+        """Let what a batch says about ended trajectories wait; its rows are too late, and it is booked."""
+        nothing = np.array([stamp_ns]), np.zeros(0, np.intp)
+        self._push(_Waiting(batch, None, *nothing, generation, stamp_ns + 1))
+
+    def _push(self, one: _Waiting) -> None:
         self._order += 1
-        key = instant.stamp_ns, instant.batch.source, self._order
-        heapq.heappush(self._waiting, _Waiting(*key, generation, instant))
+        one.order = self._order
+        heapq.heappush(self._waiting.setdefault(one.batch.source, []), one)
 
     def end(self, number: int) -> None:
         """Let the end of a session come out with the next release."""
         self._over.append(number)
 
-    def until(self, watermark_ns: int | None) -> Iterator[Instant | SessionEnded]:
-        """What is stamped at or before the watermark, in the order of rule 9."""
+    def until(self, watermark_ns: int | None, at_ns: int) -> Iterator[Instants | SessionEnded]:
+        """What is stamped at or before the watermark, in the order of rule 9, as far as the budget goes."""
         over, self._over = self._over, []
         yield from (SessionEnded(number) for number in over if number >= 0)
         if watermark_ns is None:
             return
-        while self._waiting and self._waiting[0].stamp_ns <= watermark_ns:
-            found = heapq.heappop(self._waiting)
-            source = self._sources.get(found.source)
-            if source is None or found.generation < source.released:
-                self._drop(found.instant.entry)
-                continue
-            if found.generation > source.released:
-                if source.released >= 0:
-                    yield SessionEnded(source.number)
-                self._number(source, found)
-            yield replace(found.instant, session=source.number)
+        due = {name for name, heap in self._waiting.items() if heap[0].key[0] <= watermark_ns}
+        self._budget.begin(at_ns, due)
+        while due:
+            yield from self._turn(due, watermark_ns)
+            if not self._budget.share_rest(due):
+                break
+        self._drop_costly(due, watermark_ns, at_ns)
 
-    def _drop(self, entry: Entry | None) -> None:
-        """An instant of a session that is over is late."""
-        if entry is not None:
-            entry.late = True
-            self._finish(entry)
+    def _turn(self, due: set[str], watermark_ns: int) -> Iterator[Instants | SessionEnded]:
+        """Release what is due until its source has spent its share; `due` keeps who has some left."""
+        heads = [self._waiting[name][0].key for name in due if self._budget.allows(name)]
+        heapq.heapify(heads)
+        while heads:
+            _, name, _ = heapq.heappop(heads)
+            heap = self._waiting[name]
+            one = heapq.heappop(heap)
+            found = self._released(one, watermark_ns, [*heads[:1], *(other.key for other in heap[:1])])
+            if one.first < len(one.stamps):
+                heapq.heappush(heap, one)
+            if not heap:
+                del self._waiting[name]
+            yield from found
+            if not heap or heap[0].key[0] > watermark_ns:
+                due.discard(name)
+            elif self._budget.allows(name):
+                heapq.heappush(heads, heap[0].key)
 
-    def _number(self, source: Source, first: _Waiting) -> None:
-        """Give a session its number, with its first instant."""
-        source.released, source.number = first.generation, self._next_number
-        self.sessions[self._next_number] = (first.source, first.instant.batch.session)
-        self._next_number += 1
+    def _released(
+        self, one: _Waiting, watermark_ns: int, others: Iterable[_Key]
+    ) -> list[Instants | SessionEnded]:
+        """The next instants of a batch, and the end of the session before; none of a session that is over."""
+        source = self._sources.get(one.batch.source)
+        if source is None or one.generation < source.released:
+            one.first = len(one.stamps)
+            if one.entry is not None:
+                one.entry.late = True
+                self._give_up(one.entry)
+            return []
+        ended: list[Instants | SessionEnded] = []
+        if one.generation > source.released:
+            if source.released >= 0:
+                ended.append(SessionEnded(source.number))
+            source.released, source.number = one.generation, self._next_number
+            self.sessions[self._next_number] = one.batch.source, one.batch.session
+            self._next_number += 1
+        return [*ended, one.take(watermark_ns, others, source.number)]
 
-    def done(self, instant: Instant, refused: RejectionReason | None) -> None:
-        """Book an instant that came out: it was fused, or refused for a reason."""
-        entry = instant.entry
+    def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
+        """Drop what is due of the sources that have long been behind because of what they cost."""
+        self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in behind}
+        for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
+            heap = self._waiting[name]
+            while heap and heap[0].key[0] <= watermark_ns:
+                entry = heapq.heappop(heap).entry
+                if entry is not None:
+                    entry.refused, entry.kept = "over-budget", False
+                    self._give_up(entry)
+            if not heap:
+                del self._waiting[name]
+            del self._behind_ns[name]
+            self._budget.refused(name, at_ns)
+
+    def done(self, instants: Instants, refused: RejectionReason | None) -> None:
+        """Book instants that came out: they were fused, or refused for a reason."""
+        entry = instants.entry
         if entry is None:
             return
+        entry.out -= 1
         if refused is None:
             entry.kept = True
         else:
             entry.refused = refused
         self._finish(entry)
 
+    def _give_up(self, entry: Entry) -> None:
+        """What is left of a batch does not come out."""
+        entry.exhausted = True
+        self._finish(entry)
+
     def _finish(self, entry: Entry) -> None:
-        """One instant of a batch is booked; with the last one, the batch is."""
-        entry.left -= 1
-        if entry.left > 0:
+        """Book a batch of which nothing waits any more, and all that came out is booked."""
+        if entry.out or not entry.exhausted:
             return
         if entry.kept:
             self._settle(entry, "partly_late" if entry.late else "fused")

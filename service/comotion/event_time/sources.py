@@ -1,13 +1,14 @@
-"""Stamps and sessions of sources in; their clocks, their liveness and their health out."""
+"""Stamps and sessions of sources in; which ones there are, send and agree, and their health, out."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Self
 
 from comotion_schemas import ObservationBatch
 
+from ..config import FusionConfig, to_ns
 from .instants import Entry
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
@@ -16,8 +17,11 @@ _GAPS = 15
 _PAST_SESSIONS = 64
 # A source is silent, and hands its name over, after so many of its periods.
 PERIODS = 3
+_NEVER_NS = 2**62
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _LEAST_HANDOVER_NS = 200_000_000
+# How long a name is said to be in double after the last batch of the second process.
+_RIVALLED_NS = 3_000_000_000
 # Batches of rivals that wait for the name.
 MAX_RIVALS = 256
 
@@ -117,9 +121,11 @@ class Source:
 
     def is_sending(self, at_ns: int, timeout_ns: int) -> bool:
         """Whether it was heard within the timeout, or three of its periods if longer."""
-        if self.heard_ns is None:
-            return False
-        return at_ns - self.heard_ns <= max(timeout_ns, PERIODS * self.arrival_period_ns)
+        return self.idle_ns(at_ns) <= max(timeout_ns, PERIODS * self.arrival_period_ns)
+
+    def idle_ns(self, at_ns: int) -> int:
+        """How long it has not been heard."""
+        return _NEVER_NS if self.heard_ns is None else at_ns - self.heard_ns
 
     def handover_ns(self, timeout_ns: int) -> int:
         """Silence after which another session gets the name."""
@@ -127,10 +133,8 @@ class Source:
 
     def silence_ns(self, stamp_ns: int, at_ns: int) -> int:
         """How long its session has been silent when another one has sent a stamp."""
-        if self.heard_ns is None:
-            return 2**62
         # Batches that are looked at together have no times of arrival of their own.
-        return at_ns - self.heard_ns if at_ns > self.heard_ns else stamp_ns - self.newest_ns
+        return max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns
 
     def hand_over(
         self, scene_time: Callable[[ObservationBatch], int], at_ns: int, timeout_ns: int
@@ -180,3 +184,80 @@ class Source:
 
 
 _PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals", "rivalled_ns"}
+
+
+class Sources(dict[str, Source]):
+    """Sources by name.
+
+    Parameters
+    ----------
+    config
+        `source_timeout` and `limits` are used.
+    """
+
+    def __init__(self, config: FusionConfig) -> None:
+        super().__init__()
+        self._timeout_ns = to_ns(config.source_timeout)
+        self._expiry_ns = to_ns(config.limits.expiry)
+
+    def agreed_ns(self) -> int | None:
+        """When a source has agreed with the time of the scene last, on the clock of arrivals."""
+        return max((s.agreed_ns for s in self.values() if s.agreed_ns is not None), default=None)
+
+    def any_agrees(self, at_ns: int) -> bool:
+        """Whether any source has lately agreed with the time of the scene."""
+        agreed = self.agreed_ns()
+        return agreed is not None and at_ns - agreed <= self._timeout_ns
+
+    def sending(self, at_ns: int) -> list[Source]:
+        """Sources whose batches still come."""
+        return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
+
+    def has_heard(self) -> bool:
+        """Whether any source has been heard since the start."""
+        return any(source.heard_ns is not None for source in self.values())
+
+    def health(self, now_ns: int, at_ns: int) -> list[SourceHealth]:
+        """Health of every source, by name."""
+        return [
+            SourceHealth(
+                name,
+                source.session,
+                now_ns - source.newest_ns,
+                source.period_ns,
+                source.is_live(now_ns, self._timeout_ns),
+                source.is_sending(at_ns, self._timeout_ns),
+            )
+            for name, source in sorted(self.items())
+        ]
+
+    def rivalled(self, at_ns: int) -> list[str]:
+        """Names of which a second process has lately sent batches too."""
+        return sorted(
+            name
+            for name, source in self.items()
+            if source.rivalled_ns is not None and at_ns - source.rivalled_ns <= _RIVALLED_NS
+        )
+
+    def longest_silent(self, at_ns: int, waits: Callable[[str], bool]) -> str | None:
+        """Name of the source that has been silent for longest, without those of which something waits."""
+        silent = [
+            (source.idle_ns(at_ns), name)
+            for name, source in self.items()
+            if not source.is_sending(at_ns, self._timeout_ns) and not waits(name)
+        ]
+        return max(silent)[1] if silent else None
+
+    def forget_silent(self, at_ns: int, in_use: Callable[[str, Source], bool]) -> None:
+        """Forget the sources that have long been silent and are not in use."""
+        for name, source in list(self.items()):
+            if source.idle_ns(at_ns) > self._expiry_ns and not in_use(name, source):
+                del self[name]
+
+    def state(self) -> list[Any]:
+        """As plain values."""
+        return [[name, source.state()] for name, source in self.items()]
+
+    def load(self, state: Iterable[Any]) -> None:
+        """Take up :meth:`state`."""
+        self.update({name: Source.from_state(source) for name, source in state})

@@ -10,17 +10,20 @@ them are wrong at once, and the scene follows them:
 4. When a source has agreed after the first that waits came, all that wait are judged. When none has for half
    a second, the time scale moves by their median offset, and they are on time.
 
-With ``follow_all`` (event clock), any batch off waits. Where it is behind, a recording is played again: the
-time scale moves so that the earliest one follows what was fused. Where it is ahead, time has passed.
+These are the rules of a :class:`WallClock`. With a :class:`RecordedClock`, any batch off waits. Where it is
+behind, a recording is played again: the time scale moves so that the earliest one follows what was fused.
+Where it is ahead, time has passed.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from statistics import median_low
-from typing import Literal
+from typing import ClassVar, Literal
 
 from comotion_schemas import ObservationBatch
 
 from .instants import Entry
+from .stats import Key
 
 # "More than 1 s ahead" of docs/protocol.md.
 FUTURE_NS = 1_000_000_000
@@ -40,6 +43,7 @@ _TROUBLE_NS = 3_000_000_000
 _TELLING = 3
 _MAX_TROUBLES = 256
 
+SceneTime = Callable[[ObservationBatch], int]
 ClockKind = Literal["clock-ahead", "clock-behind", "clock-zero"]
 
 
@@ -54,33 +58,116 @@ class ClockTrouble:
     count: int = 0
 
 
+@dataclass(frozen=True)
+class WallClock:
+    """The policy for sources that stamp what happens now, with clocks that are about right.
+
+    Attributes
+    ----------
+    window_ns
+        `window` in ns.
+    repeats
+        Whether a batch whose number was seen before may be new.
+    """
+
+    window_ns: int
+    repeats: ClassVar[bool] = False
+
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:  # noqa: ARG002
+        """The time that stamps are compared with."""
+        return now_ns
+
+    def is_off(self, *, off: bool, others_wait: bool) -> bool:  # noqa: ARG002
+        """Whether a batch is taken for off; `others_wait`: some of its session do because of their clock."""
+        return off
+
+    def may_wait(self, offset_ns: int, set_by_ns: int, *, agreed: bool, alone: bool) -> bool:
+        """Whether a batch that is off waits (rule 3).
+
+        `agreed`: its session has agreed before; `alone`: no source agrees now; `set_by_ns`: by how much the
+        clock of the service was set.
+        """
+        near = abs(offset_ns) <= self.window_ns
+        as_set = set_by_ns != 0 and abs(offset_ns - set_by_ns) <= _SAME_STEP_NS
+        return agreed or (alone and (near or as_set))
+
+    def shift(self, held: Sequence[Entry], scene_time: SceneTime, reference_ns: int) -> int:  # noqa: ARG002
+        """By how much the time scale moves to those that wait: their median offset."""
+        by_source: dict[str, list[int]] = {}
+        for one in held:
+            by_source.setdefault(one.batch.source, []).append(one.offset_ns)
+        return median_low(median_low(offsets) for offsets in by_source.values())
+
+    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:
+        """Stamps that hold the watermark, and now, where no source is live and some still send.
+
+        All clocks are behind, or the service's is ahead: the sources set the pace.
+        """
+        return newest_ns, min([now_ns, *newest_ns])
+
+    def is_zero(self, stamp_ns: int) -> bool:
+        """Whether a stamp counts from a start, or is no nanoseconds."""
+        return stamp_ns < _ZERO_NS
+
+
+class RecordedClock(WallClock):
+    """The policy for sources that play recordings, with the stamps that these have: the time is theirs."""
+
+    repeats = True
+
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
+        """Recordings must not go back behind the watermark."""
+        return now_ns if watermark_ns is None else max(now_ns, watermark_ns)
+
+    def is_off(self, *, off: bool, others_wait: bool) -> bool:
+        """The end of a recording that is played again fast is near the end of the last one."""
+        return off or others_wait
+
+    def may_wait(self, offset_ns: int, set_by_ns: int, *, agreed: bool, alone: bool) -> bool:  # noqa: ARG002
+        """Any does."""
+        return True
+
+    def shift(self, held: Sequence[Entry], scene_time: SceneTime, reference_ns: int) -> int:
+        """So that the earliest follows what was fused; a gap in a recording has lasted as long as it says."""
+        earliest = min(scene_time(one.batch) for one in held) - reference_ns
+        return earliest - _GAP_NS if earliest < 0 else 0
+
+    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:  # noqa: ARG002
+        """Nothing holds the watermark, which stands still."""
+        return [], now_ns
+
+    def is_zero(self, stamp_ns: int) -> bool:  # noqa: ARG002
+        """Stamps may count from anything."""
+        return False
+
+
 @dataclass
 class Steps:
     """What waits for a decision about clocks, and which clocks are wrong.
 
     Attributes
     ----------
-    window_ns, timeout_ns
-        `window` and `source_timeout` in ns.
+    clock
+        The policy.
+    timeout_ns
+        `source_timeout` in ns.
     shift_ns
         Stamps minus the time scale of the scene.
     clock_set_ns
         By how much the clock of the service was set since its start, as the caller says.
-    follow_all
-        Follow any clock, as with recordings.
     held
         Batches that wait.
     followed
         How often the time scale has moved.
     """
 
-    window_ns: int
+    clock: WallClock
     timeout_ns: int
     shift_ns: int = 0
     clock_set_ns: int = 0
-    follow_all: bool = False
     held: list[Entry] = field(default_factory=list)
     followed: int = 0
+    _keys: set[Key] = field(default_factory=set)
     _troubles: dict[str, ClockTrouble] = field(default_factory=dict)
 
     def scene_time(self, batch: ObservationBatch) -> int:
@@ -92,20 +179,23 @@ class Steps:
         stamp_ns = self.scene_time(entry.batch)
         entry.offset_ns = stamp_ns - reference_ns
         late = floor_ns is not None and stamp_ns < floor_ns
-        return entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
+        off = entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
+        return self.clock.is_off(off=off, others_wait=entry.key in self._keys)
 
     def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:
-        """Whether a batch that is off waits.
+        """Whether a batch that is off waits: :meth:`WallClock.may_wait`."""
+        return self.clock.may_wait(entry.offset_ns, self.clock_set_ns, agreed=agreed, alone=alone)
 
-        `agreed`: its session has agreed before; `alone`: no source agrees now.
-        """
-        if self.follow_all or agreed:
-            return True
-        if not alone:
-            return False
-        step = entry.offset_ns - self.clock_set_ns
-        near = abs(entry.offset_ns) <= self.window_ns
-        return near or (self.clock_set_ns != 0 and abs(step) <= _SAME_STEP_NS)
+    def hold(self, entry: Entry) -> None:
+        """Let a batch wait until it is clear whose clock is wrong."""
+        self.held.append(entry)
+        self._keys.add(entry.key)
+
+    def let_go(self) -> list[Entry]:
+        """Those that wait; none does any more."""
+        held, self.held = self.held, []
+        self._keys.clear()
+        return held
 
     def decide(self, agreed_ns: int | None, at_ns: int) -> Literal["wait", "judge", "follow"]:
         """What to do with those that wait; `agreed_ns` is when any source has agreed last."""
@@ -118,21 +208,12 @@ class Steps:
 
     def follow(self, reference_ns: int) -> None:
         """Move the time scale to the clock of those that wait."""
-        if self.follow_all:
-            earliest = min(self.scene_time(one.batch) for one in self.held) - reference_ns
-            # A gap in a recording has lasted as long as it says.
-            shift = earliest - _GAP_NS if earliest < 0 else 0
-        else:
-            by_source: dict[str, list[int]] = {}
-            for one in self.held:
-                by_source.setdefault(one.batch.source, []).append(one.offset_ns)
-            shift = median_low(median_low(offsets) for offsets in by_source.values())
-        self.shift_ns += shift
+        self.shift_ns += self.clock.shift(self.held, self.scene_time, reference_ns)
         self.followed += 1
 
     def note(self, batch: ObservationBatch, offset_ns: int, at_ns: int) -> None:
         """Take note of a batch whose clock is wrong, or which is late for its clock."""
-        zero = batch.stamp_ns < _ZERO_NS and not self.follow_all
+        zero = self.clock.is_zero(batch.stamp_ns)
         kind: ClockKind = "clock-zero" if zero else "clock-ahead" if offset_ns > 0 else "clock-behind"
         trouble = self._troubles.get(batch.source)
         if trouble is None or trouble.kind != kind or at_ns - trouble.seen_ns > _TROUBLE_NS:

@@ -2,7 +2,9 @@
 
 Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
 stamps are compared with. `at_ns` tells when something arrived; it must never be set. Without it, `now_ns` is
-taken. The rules are those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
+taken. The rules are those of docs/protocol.md, "Time"; what a batch waits for is its stage
+(:class:`.instants.Stage`), and a table says which stage follows; the accounts are those of Status
+(:mod:`.stats`).
 
 A batch comes in (`receive`):
 
@@ -31,14 +33,19 @@ Then the watermark moves and releases:
 10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
     Nothing of an ended session comes out any more: what still waits is dropped as `late`.
 
+11. What a source's instants cost is charged to it. One that has spent its share waits for its next one, and
+    comes out behind the watermark then. After a second behind it, its batches there are dropped
+    (`over-budget`). See :mod:`.budget`.
+
 What is forgotten:
 
-11. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
-12. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has
+12. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
+13. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has
     been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,20 +53,37 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..config import FusionConfig, to_ns
-from .directory import Sources
+from .budget import Budget
 from .faults import Faults
-from .instants import Entry, Instant, SessionEnded, count_instants, size_of, split
-from .load import Load
-from .release import Release
-from .sources import MAX_RIVALS, PERIODS, Source
-from .stats import Key, Ledger, Stats
-from .steps import FUTURE_NS, Steps
+from .instants import Entry, Instants, SessionEnded, Stage, Verdict, count_instants, in_time_order, size_of
+from .release import Load, Release
+from .sources import MAX_RIVALS, PERIODS, Source, Sources
+from .stats import Fate, Key, Ledger, Stats
+from .steps import FUTURE_NS, RecordedClock, Steps, WallClock
 
 __all__ = ["FUTURE_NS", "Timeline"]
 
 # Nothing is acquired in the future: clocks that are synchronised agree better than this.
 _AHEAD_NS = 250_000_000
-_NO_ROWS = np.zeros(0, np.intp)
+# Share of `limits.processing` for storing what was read.
+_STORING = 0.5
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """What was found about a batch: the verdict and, where it is over, what became of it."""
+
+    verdict: Verdict
+    fate: Fate | RejectionReason | None = None
+    rejected: bool = False
+
+
+_ACCEPTED, _CONTESTED = _Finding(Verdict.ACCEPTED), _Finding(Verdict.CONTESTED)
+_LATE, _REPEATED = _Finding(Verdict.OVER, "late"), _Finding(Verdict.OVER, "duplicates")
+
+
+def _refused(reason: RejectionReason) -> _Finding:
+    return _Finding(Verdict.OVER, reason, rejected=True)
 
 
 class Timeline:
@@ -68,7 +92,8 @@ class Timeline:
     Parameters
     ----------
     config
-        `window`, `allowed_lateness`, `max_lag`, `source_timeout`, `track_timeout` and `limits` are used.
+        `window`, `allowed_lateness`, `max_lag`, `source_timeout`, `track_timeout`, `period` and `limits` are
+        used.
     stats, faults
         Where batches, and errors of the service itself, are counted.
 
@@ -84,6 +109,8 @@ class Timeline:
         The accounts.
     steps
         The time scale of the scene.
+    budget
+        What instants may cost, by source.
     """
 
     def __init__(self, config: FusionConfig, stats: Stats, faults: Faults | None = None) -> None:
@@ -97,14 +124,17 @@ class Timeline:
         self._faults = faults or Faults(stats)
         self.sources = Sources(config)
         self._inbox: list[Entry] = []
-        self._load = Load(config)
-        self._release = Release(self.sources, self._settle)
-        # Sessions of which a batch waits because of its clock.
-        self._held: set[Key] = set()
+        self._load = Load(config.limits)
+        self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
+        self._release = Release(self.sources, self._settle, self.budget)
         self.at_ns = 0
         self.watermark_ns: int | None = None
         self.ledger = Ledger(stats)
-        self.steps = Steps(self._window_ns, self._source_timeout_ns)
+        self.steps = Steps(WallClock(self._window_ns), self._source_timeout_ns)
+
+    def follow_recordings(self) -> None:
+        """Take the time of the sources for granted: a recording may be played again with its own stamps."""
+        self.steps.clock = RecordedClock(self._window_ns)
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -120,7 +150,7 @@ class Timeline:
         self.ledger.arrive(key)
         repeated = self.ledger.sight(key, batch.seq) == "repeated"
         entry = Entry(batch, repeated, size_of(batch))
-        if repeated and not self.steps.follow_all:
+        if repeated and not self.steps.clock.repeats:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal, rejected=True)
@@ -130,7 +160,7 @@ class Timeline:
             self._load.add(entry)
             self._inbox.append(entry)
 
-    def advance(self, now_ns: int, at_ns: int | None = None) -> list[Instant | SessionEnded]:
+    def advance(self, now_ns: int, at_ns: int | None = None) -> Iterator[Instants | SessionEnded]:
         """Judge what has come in, move the watermark, and release what it has passed.
 
         Parameters
@@ -142,32 +172,37 @@ class Timeline:
 
         Returns
         -------
-        list[Instant | SessionEnded]
-            In event-time order. Of each instant the caller says by :meth:`done` what became of it.
+        Iterator[Instants | SessionEnded]
+            In event-time order. Of instants the caller says by :meth:`done` what became of them, and charges
+            :attr:`budget` with what they cost before it takes the next.
         """
         self.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
-            try:
-                self._admit(entry, now_ns)
-            except Exception as error:  # a defect costs its batch, not the service
-                self._faults.note("judging a batch", error, entry.batch)
+            with self._faults.guard("judging a batch", entry.batch):
+                self._take(entry, self._admit(entry, now_ns), now_ns)
+            if entry.stage is Stage.JUDGEMENT:
                 self._settle(entry, "defect", rejected=True)
         # One decision may allow another: that on a clock tells the stamps of rivals, a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
         self._move_watermark(now_ns)
-        return list(self._release.until(self.watermark_ns))
+        return self._release.until(self.watermark_ns, at_ns)
 
-    def done(self, instant: Instant, refused: RejectionReason | None = None) -> None:
-        """Settle an instant that came out: it was fused, or refused for a reason."""
-        self._release.done(instant, refused)
+    def done(self, instants: Instants, refused: RejectionReason | None = None) -> None:
+        """Settle instants that came out: they were fused, or refused for a reason."""
+        self._release.done(instants, refused)
 
     @property
     def sessions(self) -> dict[int, Key]:
         """(source, session) by number, of every session that is current or has trajectories."""
         return self._release.sessions
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Largest stamp that was accepted, on the time scale of the scene; None before any."""
+        return max((source.newest_ns for source in self.sources.values()), default=None)
 
     def track_timeout_ns(self, session: int) -> int:
         """Time without observation after which a trajectory of this session number is outdated."""
@@ -181,37 +216,45 @@ class Timeline:
         for number in self.sessions.keys() - used - current:
             del self.sessions[number]
 
-    def _admit(self, entry: Entry, now_ns: int) -> None:
+    def _take(self, entry: Entry, found: _Finding, now_ns: int) -> None:
+        """Let a batch go on to the stage that follows from what was found about it."""
+        if found.fate is not None:
+            self._settle(entry, found.fate, rejected=found.rejected)
+            return
+        entry.step(found.verdict)
+        if entry.stage is Stage.CLOCK:
+            self.steps.hold(entry)
+        elif entry.stage is Stage.NAME:
+            self._rival(entry, now_ns)
+        else:
+            self._wait(entry, now_ns)
+
+    def _settle(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
+        """Book what became of a batch."""
+        entry.step(Verdict.OVER)
+        self._load.remove(entry)
+        self.ledger.settle(entry.key, fate, rejected=rejected)
+
+    def _admit(self, entry: Entry, now_ns: int) -> _Finding:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.get(entry.batch.source)
-        off = steps.is_off(entry, self._reference(now_ns), self._floor())
-        # The end of a recording that is played again fast is near the end of the last one.
-        if not off and not (steps.follow_all and entry.key in self._held):
-            if entry.repeated:
-                self._settle(entry, "duplicates")
-            else:
-                self._judge(entry, now_ns)
-            return
-        agreed = source is not None and source.session == entry.batch.session and source.agreed_ns is not None
-        if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
-            steps.held.append(entry)
-            self._held.add(entry.key)
-            if source is not None and agreed:
-                source.hear(entry.at_ns)
-        elif entry.repeated:
-            self._settle(entry, "duplicates")
-        else:
-            self._judge(entry, now_ns)
+        if steps.is_off(entry, self._reference(now_ns), self._floor()):
+            agreed = (
+                source is not None and source.session == entry.batch.session and source.agreed_ns is not None
+            )
+            if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
+                if source is not None and agreed:
+                    source.hear(entry.at_ns)
+                return _Finding(Verdict.OFF)
+        return self._judge(entry, now_ns)
 
     def _floor(self) -> int | None:
         """Stamp below which all is late; None before the first watermark."""
         return None if self.watermark_ns is None else self.watermark_ns - self._lateness_ns
 
     def _reference(self, now_ns: int) -> int:
-        """The time that stamps are compared with: recordings must not go back behind the watermark."""
-        if self.steps.follow_all and self.watermark_ns is not None:
-            return max(now_ns, self.watermark_ns)
-        return now_ns
+        """The time that stamps are compared with."""
+        return self.steps.clock.reference(now_ns, self.watermark_ns)
 
     def _decide(self, now_ns: int) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear who is wrong."""
@@ -221,18 +264,13 @@ class Timeline:
             return False
         if decision == "follow":
             steps.follow(self._reference(now_ns))
-        held, steps.held = steps.held, []
-        self._held.clear()
         again: set[Key] = set()
-        for entry in held:
+        for entry in steps.let_go():
             if decision == "judge":
                 self._doubt(entry)
             elif entry.repeated or entry.key in again:
                 self._play_again(entry, again)
-            if entry.repeated:
-                self._settle(entry, "duplicates")
-            else:
-                self._judge(entry, now_ns, trusted=decision == "follow")
+            self._take(entry, self._judge(entry, now_ns, trusted=decision == "follow"), now_ns)
         return True
 
     def _doubt(self, entry: Entry) -> None:
@@ -251,32 +289,31 @@ class Timeline:
                 source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
         entry.repeated = self.ledger.sight(entry.key, batch.seq) == "repeated"
 
-    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> None:
-        """Reject a batch, drop it as late, or let its instants wait for the watermark."""
+    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> _Finding:
+        """Whether a batch is rejected, is late, contests a name, or may wait for the watermark."""
         batch, at_ns = entry.batch, self.at_ns
         source, stamp_ns = self.sources.get(batch.source), self.steps.scene_time(batch)
+        if entry.repeated:
+            return _REPEATED
         if entry.offset_ns > FUTURE_NS and not trusted:
             self.steps.note(batch, entry.offset_ns, at_ns)
-            self._settle(entry, "future", rejected=True)
-        elif self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
+            return _refused("future")
+        if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
             self.steps.note(batch, stamp_ns - now_ns, at_ns)
-            self._settle(entry, "past", rejected=True)
-        elif source is None and not self._make_room():
-            self._settle(entry, "limit", rejected=True)
-        elif source is None:
+            return _refused("past")
+        if source is None:
+            if not self._make_room():
+                return _refused("limit")
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
-            source.observe(stamp_ns, at_ns)
-            self._wait(entry, source, now_ns)
-        elif batch.session == source.session:
-            source.observe(stamp_ns, at_ns)
-            self._wait(entry, source, now_ns)
-        elif batch.session in source.past and stamp_ns <= source.started_ns:
-            self._settle(entry, "late")
-        else:
-            self._rival(entry, source, now_ns)
+        elif batch.session != source.session:
+            over = batch.session in source.past and stamp_ns <= source.started_ns
+            return _LATE if over else _CONTESTED
+        source.observe(stamp_ns, at_ns)
+        return _ACCEPTED
 
-    def _rival(self, entry: Entry, source: Source, now_ns: int) -> None:
+    def _rival(self, entry: Entry, now_ns: int) -> None:
         """Let a batch of another session of a source wait until it is clear which one has the name."""
+        source = self.sources[entry.batch.source]
         source.rivals.append(entry)
         self._hand_over(source, now_ns)
         if len(source.rivals) > MAX_RIVALS:
@@ -291,10 +328,7 @@ class Timeline:
         """Give the name to the rival that came first once the session of a source is silent."""
         waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
-            if follows:
-                self._wait(entry, source, now_ns)
-            else:
-                self._settle(entry, "duplicate-name", rejected=True)
+            self._take(entry, _ACCEPTED if follows else _refused("duplicate-name"), now_ns)
         return len(source.rivals) < waiting
 
     def _make_room(self) -> bool:
@@ -307,35 +341,30 @@ class Timeline:
         self._release.end(self.sources.pop(name).number)
         return True
 
-    def _wait(self, entry: Entry, source: Source, now_ns: int) -> None:
+    def _wait(self, entry: Entry, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
-        batch, watermark = entry.batch, self.watermark_ns
-        floor = now_ns - self._window_ns if watermark is None else watermark - self._lateness_ns
-        newest_ns, reordered = self.steps.scene_time(batch), False
-        for stamp, rows in split(batch):
-            stamp_ns = stamp - self.steps.shift_ns
-            if stamp_ns < floor:
-                entry.late = True
-                continue
-            in_order = watermark is None or stamp_ns >= watermark
-            reordered |= not in_order
-            entry.left += 1
-            what = Instant(stamp_ns, batch, rows, -1, in_order, stamp_ns == newest_ns, entry)
-            self._release.add(what, source.generation)
-        self._stats.reordered += reordered
-        if watermark is not None and batch.ended is not None and newest_ns < floor:
-            what = Instant(watermark, batch, _NO_ROWS, -1, in_order=False, last=True)
-            self._release.add(what, source.generation)
-        self._note_clock(entry, now_ns)
-        if entry.left:
+        source, watermark, floor = self.sources[entry.batch.source], self.watermark_ns, self._floor()
+        if floor is None:
+            floor = now_ns - self._window_ns
+        newest_ns = self.steps.scene_time(entry.batch)
+        stamps, rows = in_time_order(entry.batch)
+        stamps = stamps - self.steps.shift_ns
+        late = int(np.searchsorted(stamps, floor))
+        entry.late = late > 0
+        in_order_ns = stamps[0] if watermark is None else watermark
+        self._stats.reordered += late < len(stamps) and bool(stamps[late] < in_order_ns)
+        if late < len(stamps):
             source.agreed_ns = self.at_ns
-        else:
+            self._release.add(entry, (stamps[late:], rows[late:]), source.generation, int(in_order_ns))
+        elif watermark is not None and entry.batch.ended is not None:
+            self._release.add_end(entry.batch, watermark, source.generation)
+        self._note_clock(entry, newest_ns - now_ns, late=late == len(stamps))
+        if late == len(stamps):
             self._settle(entry, "late")
 
-    def _note_clock(self, entry: Entry, now_ns: int) -> None:
-        """Take note of whether the clock of a source is right."""
-        offset_ns = self.steps.scene_time(entry.batch) - now_ns
-        if not entry.left or offset_ns > _AHEAD_NS or offset_ns < -self._source_timeout_ns:
+    def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
+        """Take note of whether the clock of a source is right; `late` says that none of a batch is of use."""
+        if late or offset_ns > _AHEAD_NS or offset_ns < -self._source_timeout_ns:
             self.steps.note(entry.batch, offset_ns, self.at_ns)
         else:
             self.steps.clear(entry.batch.source)
@@ -343,20 +372,14 @@ class Timeline:
     def _move_watermark(self, now_ns: int) -> None:
         timeout_ns = self._source_timeout_ns
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
-        if not live and not self.steps.follow_all:
-            # All clocks are behind, or the service's is ahead: the sources set the pace.
-            sending = self.sources.sending(self.at_ns)
-            live = [s.newest_ns for s in sending]
-            now_ns = min([now_ns, *live])
+        if not live:
+            sending = [s.newest_ns for s in self.sources.sending(self.at_ns)]
+            live, now_ns = self.steps.clock.pace(sending, now_ns)
         if not live:
             return
         reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)
         # The previous watermark wins over a clock that was set back: W never decreases.
         self.watermark_ns = reached if self.watermark_ns is None else max(reached, self.watermark_ns)
-
-    def _settle(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
-        self._load.remove(entry)
-        self.ledger.settle(entry.key, fate, rejected=rejected)
 
     def state(self) -> dict[str, Any]:
         """Watermark, sources, sessions and accounts as plain values; what waits is not kept."""

@@ -195,9 +195,7 @@ class LabelMemory:
         rows = [row_of.get(key, -1) for key in window.key[slots].tolist()]
         self.labels[slots] = np.append(state["labels"], NO_HYPOTHESIS)[rows]
         if self._established_decide:
-            # States of former versions call them elders, or have none.
-            established = state.get("established", state.get("elders", state["labels"]))
-            self._established_in[slots] = np.append(established, NO_HYPOTHESIS)[rows]
+            self._established_in[slots] = np.append(state["established"], NO_HYPOTHESIS)[rows]
         self.ids = state["ids"]
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
 

@@ -73,7 +73,7 @@ class Housekeeping:
         fields = self._health.report(
             monotonic_ns,
             arrivals=Arrivals(intake.received, intake.present, intake.rejection),
-            sources=self._fusion.sources(now_ns, monotonic_ns),
+            sources=self._fusion.timeline.sources.health(now_ns, monotonic_ns),
             stats=self._fusion.stats,
             notes=self._notes(),
             found=problems.of_fusion(self._fusion),

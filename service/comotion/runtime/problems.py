@@ -65,10 +65,13 @@ class Problems:
 
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
+    found = fusion.troubles()
     return {
-        **clocks(fusion.wrong_clocks()),
-        **data(fusion.wrong_data()),
-        **doubles(fusion.rivalled()),
+        **clocks(found.clocks),
+        **data(found.data),
+        **doubles(found.rivalled),
+        **costs(found.costly),
+        **spaces(found.contradictions),
     }
 
 
@@ -159,6 +162,34 @@ def doubles(names: list[str]) -> Found:
         "it another name"
         for name in names
     }
+
+
+def spaces(contradictions: Mapping[str, str]) -> Found:
+    """Sources that contradict what a space is."""
+    return _summed(
+        {
+            (
+                name,
+                "contradicts-space",
+            ): f"{name}: says {text}; publish in a space of its own, or set what is "
+            "right in [spaces] of the parameters"
+            for name, text in contradictions.items()
+        }
+    )
+
+
+def costs(names: list[str]) -> Found:
+    """Sources that take more time than their share."""
+    return _summed(
+        {
+            (
+                name,
+                "over-budget",
+            ): f"{name}: its data takes more time than its share, so that some waits or is "
+            "dropped; send fewer features, instants or spaces"
+            for name in names
+        }
+    )
 
 
 def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:

@@ -141,7 +141,7 @@ def _schemas() -> dict[str, dict[str, Any]]:
 
 
 def _accounts(fusion: Fusion) -> bytes:
-    accounts = fusion.ledger.accounts().items()
+    accounts = fusion.timeline.ledger.accounts().items()
     listed = [{"source": source, "session": session} | asdict(one) for (source, session), one in accounts]
     return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
 
@@ -167,11 +167,11 @@ def _forget(fusion: Fusion, which: str | None) -> bytes:
 def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
     known = fusion.spaces
     if space is None and len(known) == 1:
-        space = known[0]
+        (space,) = known
     if space not in known:
         problem = "space is required" if space is None else f"no space {space!r}"
         raise QueryError(f"{problem}; known: {', '.join(known) or 'none yet'}")
-    rows = fusion.tracks_in(space)
+    rows = known[space]
     if 4 * rows * rows > MAX_BYTES:
         raise QueryError(f"the affinities of {rows} trajectories exceed the limit of {MAX_BYTES} bytes")
     return _pack_affinity(fusion.affinity(space), space, stamp_ns)

@@ -110,7 +110,7 @@ def serve(options: ServeOptions) -> None:
         clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
-        overload = Overload()
+        overload = Overload(to_ns(options.config.period))
         housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
         loop = _Loop(options, fusion, component, housekeeping, leadership, clocks, overload)
         # Last: who is not ready yet must not be elected, and who stops gives the scene back first.
@@ -177,29 +177,28 @@ class _Loop:
         overload: Overload,
     ) -> None:
         self._fusion = fusion
+        fusion.measure(time.thread_time_ns)
         self._overload = overload
         self._source_clocks = clocks
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
-        watermark_ns = fusion.watermark_ns
-        self._clock = make_clock(
-            options.clock, None if watermark_ns is None else watermark_ns - fusion.shift_ns
-        )
+        self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
         if isinstance(self._clock, EventClock):
-            fusion.follow_recordings()
+            fusion.timeline.follow_recordings()
         self._guard = Guard(self._count_fault)
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
-        self._intake = Intake(component.session, component.keys, fusion.ledger, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
         self._sent = Sent(component.session, component.keys, limits.sources)
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
+        self._took_ns = 0
         self._follower = None
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
@@ -233,10 +232,10 @@ class _Loop:
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:
-        """Count deadlines that were skipped, and leave out work where they are again and again."""
+        """Count deadlines that were skipped, and leave out work where updates take too long."""
         self._fusion.stats.overruns += skipped
         if self._fusion.config.limits.shedding:
-            self._fusion.shed(self._overload.note(missed=skipped > 0, at_ns=time.monotonic_ns()))
+            self._fusion.shed(self._overload.note(self._took_ns, time.monotonic_ns()))
 
     def _count_fault(self) -> None:
         self._fusion.stats.faults += 1
@@ -246,10 +245,10 @@ class _Loop:
         with self._guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
-                self._clock.observe(batch.stamp_ns - fusion.shift_ns, now)
+                self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
             for claim in self._sent.look():
-                fusion.ledger.sent(claim[:2], claim[2])
+                fusion.timeline.ledger.sent(claim[:2], claim[2])
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
@@ -260,12 +259,12 @@ class _Loop:
 
     def _now(self) -> tuple[int, int]:
         """What stamps are compared with, and the clock of arrivals."""
-        self._fusion.clock_set(self._clock.set_by_ns())
+        self._fusion.timeline.steps.clock_set_ns = self._clock.set_by_ns()
         return self._clock.now_ns(), time.monotonic_ns()
 
     def _follow_events(self) -> None:
         """Let the event clock reach what the core has accepted."""
-        newest_ns = self._fusion.newest_ns
+        newest_ns = self._fusion.timeline.newest_ns
         if isinstance(self._clock, EventClock) and newest_ns is not None:
             self._clock.reach(newest_ns)
 
@@ -283,6 +282,7 @@ class _Loop:
         self._follow_events()
         took = time.monotonic_ns() - began
         self._head_start.note(took)
+        self._took_ns = took
         self._tick_time.observe(took / 1e9)
         return update
 

@@ -111,7 +111,7 @@ def _try_out(config: FusionConfig, data: bytes) -> None:
     """
     twin = Fusion.restore(config, data)
     try:
-        twin.update(twin.watermark_ns or 0)
+        twin.update(twin.timeline.watermark_ns or 0)
         twin.snapshot()
     except Exception as error:
         raise KnownError(f"no update follows from it: {type(error).__name__} {error}") from error
@@ -120,7 +120,7 @@ def _try_out(config: FusionConfig, data: bytes) -> None:
 def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
     if fusion.scene != scene:
         raise KnownError(f"it is of scene {fusion.scene!r}, not {scene!r}")
-    watermark = fusion.watermark_ns
+    watermark = fusion.timeline.watermark_ns
     if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
         raise KnownError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
 

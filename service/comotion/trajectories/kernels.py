@@ -21,7 +21,7 @@ _SECONDS_PER_NS = 1e-9
 @compiled()
 def append(
     slots: Slots,
-    stamp_ns: int,
+    stamps: Stamps,
     new_positions: Floats,
     new_sigma: Floats,
     times: Stamps,
@@ -31,26 +31,30 @@ def append(
     start: Slots,
     stop: Slots,
     complete: Bools,
-) -> None:
-    """Store one observation per slot behind its newest, in place; `stop` moves on.
+) -> Slots:
+    """Store observations, each behind the newest of its slot, in place; `stop` moves on.
+
+    Returns where each is in its slot, intp [n].
 
     Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
     still in the window (`complete`, bool [S]).
     """
+    where = np.empty(len(slots), np.intp)
     for n in range(len(slots)):
         s = slots[n]
-        at = stop[s]
-        times[s, at], sigma[s, at], speed[s, at] = stamp_ns, new_sigma[n], 0.0
+        at = where[n] = stop[s]
+        times[s, at], sigma[s, at], speed[s, at] = stamps[n], new_sigma[n], 0.0
         squared = 0.0
         for c in range(positions.shape[2]):
             positions[s, at, c] = new_positions[n, c]
             if at > start[s]:
                 squared += (positions[s, at, c] - positions[s, at - 1, c]) ** 2
         if at > start[s]:
-            speed[s, at] = np.sqrt(squared) / ((stamp_ns - times[s, at - 1]) * _SECONDS_PER_NS)
+            speed[s, at] = np.sqrt(squared) / ((stamps[n] - times[s, at - 1]) * _SECONDS_PER_NS)
             if at - 1 == start[s] and complete[s]:
                 speed[s, at - 1] = speed[s, at]
         stop[s] = at + 1
+    return where
 
 
 @compiled()
@@ -65,16 +69,16 @@ def count_older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop:
 
 
 @compiled()
-def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int) -> Slots:
+def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int, more: int) -> Slots:
     """Those of `slots` whose observations should move to the beginning of their rows.
 
-    They are at the end of their `rows`, or near it with a quarter to win.
+    They have no room for some more at the end of their `rows`, or are near it with a quarter to win.
     """
     due = np.empty(len(slots), np.intp)
     count = 0
     for s in slots:
         ahead = s % _COMPACTION_PHASES * (rows // (4 * _COMPACTION_PHASES))
-        if stop[s] == rows or (start[s] >= rows // 4 and stop[s] >= rows - ahead):
+        if stop[s] + more > rows or (start[s] >= rows // 4 and stop[s] >= rows - ahead):
             due[count] = s
             count += 1
     return due[:count]

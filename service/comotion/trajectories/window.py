@@ -5,8 +5,9 @@ reads a trajectory gets plain array views. Slots are reused after a trajectory i
 its birth number, never is.
 """
 
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,13 @@ class Window:
         used = np.flatnonzero(self.used)
         return used[np.argsort(self.key[used], kind="stable")]
 
+    def of(self, slots: Slots) -> Self:
+        """The same columns with some slots, as if no others were in use; for reading."""
+        part = copy(self)
+        part.used = np.zeros_like(self.used)
+        part.used[slots] = True
+        return part
+
     def counts(self, slots: Slots) -> Slots:
         """How many observations each slot holds."""
         return self.stop[slots] - self.start[slots]
@@ -117,16 +125,16 @@ class Window:
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
 
     def insert(
-        self, slots: Slots, stamp_ns: int, positions: Floats, sigma: Floats, quaternions: Floats | None
+        self, slots: Slots, stamps: Stamps | int, positions: Floats, sigma: Floats, quaternions: Floats | None
     ) -> Bools:
-        """Store one observation per slot, in its place in time.
+        """Store observations, each in its place in time.
 
         Parameters
         ----------
         slots
-            intp [n], distinct.
-        stamp_ns
-            Acquisition time of all n.
+            intp [n]; a slot may occur again, with a later time.
+        stamps
+            int64 [n], ascending acquisition times, or one of all.
         positions, sigma
             float64 [n, dim] and [n] (NaN: unknown), in the space's unit.
         quaternions
@@ -137,29 +145,31 @@ class Window:
         NDArray[bool]
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
-        self._make_room(slots)
+        self._make_room(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
+        stamps = np.full(len(slots), stamps)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
-        stored: Bools = self.last_ns[slots] < stamp_ns
+        stored: Bools = self.last_ns[slots] < stamps
         if stored.all():
-            self._append(slots, stamp_ns, positions, sigma, quaternions)
+            self._append(slots, stamps, positions, sigma, quaternions)
             return stored
         late = np.flatnonzero(~stored)
         turns = None if quaternions is None else quaternions[stored]
-        self._append(slots[stored], stamp_ns, positions[stored], sigma[stored], turns)
+        self._append(slots[stored], stamps[stored], positions[stored], sigma[stored], turns)
         for k in late.tolist():
             turn = None if quaternions is None else quaternions[k]
-            stored[k] = self._insert_between(int(slots[k]), stamp_ns, positions[k], float(sigma[k]), turn)
+            at = int(slots[k]), int(stamps[k])
+            stored[k] = self._insert_between(*at, positions[k], float(sigma[k]), turn)
         return stored
 
     def _append(
-        self, slots: Slots, stamp_ns: int, positions: Floats, sigma: Floats, quaternions: Floats | None
+        self, slots: Slots, stamps: Stamps, positions: Floats, sigma: Floats, quaternions: Floats | None
     ) -> None:
-        if self.quaternions is not None:
-            self.quaternions[slots, self.stop[slots]] = np.nan if quaternions is None else quaternions
         columns = self.times, self.positions, self.speed, self.sigma
-        append(slots, stamp_ns, positions, sigma, *columns, self.start, self.stop, self._complete)
-        self.last_ns[slots] = stamp_ns
+        at = append(slots, stamps, positions, sigma, *columns, self.start, self.stop, self._complete)
+        if self.quaternions is not None:
+            self.quaternions[slots, at] = np.nan if quaternions is None else quaternions
+        self.last_ns[slots] = stamps
 
     def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
@@ -209,15 +219,17 @@ class Window:
         columns: list[NDArray[Any]] = [self.times, self.positions, self.speed, self.sigma]
         return columns if self.quaternions is None else [*columns, self.quaternions]
 
-    def _make_room(self, slots: Slots) -> None:
-        """Make sure that every slot can take one more observation."""
-        due = due_for_compaction(slots, self.start, self.stop, self._rows)
+    def _make_room(self, slots: Slots, more: int) -> None:
+        """Make sure that every slot can take some more observations."""
+        slots = np.unique(slots) if more > 1 else slots
+        due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
+        full = due[self.stop[due] + more > self._rows]
+        while int(self.counts(full).max(initial=-more)) + more - 1 > 3 * self._rows // 4:
+            self._grow_rows()
+            due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
+            full = due[self.stop[due] + more > self._rows]
         if not len(due):
             return
-        full = due[self.stop[due] == self._rows]
-        if int(self.counts(full).max(initial=0)) > 3 * self._rows // 4:
-            self._grow_rows()
-            due = due_for_compaction(slots, self.start, self.stop, self._rows)
         if self.quaternions is not None:
             for slot in due:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]

@@ -1,0 +1,177 @@
+"""What one source costs, nobody else pays: time is counted here, not measured."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion.event_time.budget import Budget
+from comotion.rigid.method import RigidMethod
+from comotion.runtime.problems import of_fusion
+from comotion_schemas import ObservationBatch
+
+MS = 1_000_000
+S = 1_000 * MS
+T0 = 1_700_000_000 * S
+POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
+
+
+def batch(source, seq, stamp_ns, positions=POINTS, **fields):
+    positions = np.asarray(positions, np.float32)
+    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
+    fields.setdefault("ids", np.arange(len(positions), dtype=np.uint64))
+    return ObservationBatch(
+        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, positions=positions, **fields
+    )
+
+
+def instants(source, seq, now_ns, count=1000):
+    """A batch whose rows have stamps of their own."""
+    stamps = now_ns - np.arange(count)[::-1] * 30_000
+    return batch(source, seq, now_ns, np.full((count, 3), 0.1), stamps_ns=stamps)
+
+
+def accounts(fusion):
+    return {source: one for (source, _), one in fusion.timeline.ledger.accounts().items()}
+
+
+class TestInstants:
+    def run(self, fusion, seconds):
+        """An honest source at 30 Hz beside one that packs 1000 instants into each batch."""
+        for k in range(30 * seconds):
+            now = T0 + k * 33 * MS
+            fusion.ingest(batch("honest", k, now))
+            fusion.ingest(instants("many", k, now))
+            fusion.advance(now)
+            if k % 3 == 2:
+                update = fusion.update(now)
+        assert fusion.stats.batches == fusion.stats.settled()
+        return update
+
+    def test_who_costs_too_much_waits_then_loses_his_own_and_is_named(self):
+        fusion = Fusion(FusionConfig())
+        fusion.measure(lambda: fusion.stats.observations * 100_000)
+        update = self.run(fusion, 6)
+        found = accounts(fusion)
+        assert found["honest"].fused == 30 * 6
+        assert found["honest"].rejected == {}
+        assert found["many"].rejected["over-budget"] > 60
+        assert found["many"].fused > 10, "he has his share"
+        assert found["many"].waiting < 60
+        assert fusion.troubles().costly == ["many"]
+        assert ("many", "over-budget") in of_fusion(fusion)
+        honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
+        assert (update.track_source == honest[0]).sum() == 12
+
+    def test_what_a_source_costs_in_a_period_is_bounded(self):
+        fusion = Fusion(FusionConfig())
+        spent = []
+
+        def clock():
+            return fusion.stats.observations * 100_000
+
+        fusion.measure(clock)
+        for k in range(90):
+            now = T0 + k * 33 * MS
+            fusion.ingest(instants("many", k, now))
+            began = clock()
+            fusion.advance(now)
+            spent.append(clock() - began)
+        # A quarter of the time; a batch that has begun is finished.
+        assert sum(spent) < 0.25 * 90 * 33 * MS + 200 * MS
+        assert max(spent) <= 200 * MS
+
+    def test_without_a_clock_nothing_is_limited(self):
+        fusion = Fusion(FusionConfig())
+        self.run(fusion, 1)
+        assert fusion.stats.rejected == {}
+        assert accounts(fusion)["many"].fused == 30
+
+    def test_what_others_leave_of_their_share_is_shared(self):
+        budget = Budget(0.5, 100 * MS, clock := Clock())
+        budget.begin(0, {"a", "b"})
+        clock.spend(budget, "a", 1 * MS)
+        clock.spend(budget, "b", 30 * MS)
+        assert not budget.allows("b")
+        assert budget.share_rest({"b"})
+        assert budget.allows("b")
+        clock.spend(budget, "b", 40 * MS)
+        assert not budget.share_rest({"b"})
+
+    def test_a_pause_of_the_machine_mutes_nobody_for_long(self):
+        budget = Budget(0.5, 100 * MS, clock := Clock())
+        budget.begin(0, {"a"})
+        clock.spend(budget, "a", 60 * S)
+        rounds = 0
+        while not budget.allows("a"):
+            rounds += 1
+            budget.begin(rounds * 100 * MS, {"a"})
+        assert rounds <= 5
+
+
+class TestSpaces:
+    def test_many_spaces_of_one_source_are_its_own_cost(self, monkeypatch):
+        """A grouping takes 5 ms: 100 spaces of one source take five periods."""
+        fusion, clock, grouped = Fusion(FusionConfig()), Clock(), []
+        plain = RigidMethod.partition
+
+        def partition(method, *args):
+            clock.ns += 5 * MS
+            grouped[-1] += 1
+            return plain(method, *args)
+
+        monkeypatch.setattr(RigidMethod, "partition", partition)
+        fusion.measure(clock)
+        ages = []
+        for k in range(40):
+            now = T0 + k * 100 * MS
+            fusion.ingest(batch("honest", k, now, POINTS + np.array([0.02 * k, 0, 0])))
+            for n in range(100):
+                ids = np.arange(3, dtype=np.uint64) + 3 * n
+                fusion.ingest(batch("many", 100 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
+            grouped.append(0)
+            update = fusion.update(now)
+            mine = np.array([one.name == "honest" for one in update.sources])[update.track_source]
+            expected = POINTS + np.array([0.02 * k, 0, 0])
+            ages.append(np.abs(update.track_position[mine] - expected).max())
+        assert fusion.stats.faults == 0
+        assert accounts(fusion)["honest"].fused == 40
+        assert max(ages) < 1e-5, "the honest space is as of now in every update"
+        assert max(grouped[1:]) <= 20, "within a period"
+        assert len(update.track_id) == 12 + 300, "what waits is listed as it was"
+        assert fusion.troubles().costly == ["many"]
+        assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
+
+
+class Clock:
+    """Tells the time that was spent in it."""
+
+    def __init__(self):
+        self.ns = 0
+
+    def __call__(self):
+        return self.ns
+
+    def spend(self, budget, name, ns):
+        with budget.charge({name: 1.0}):
+            self.ns += ns
+
+
+@pytest.mark.parametrize("method", ["comotion", "thesis"])
+def test_instants_of_one_batch_count_as_much_as_batches_of_their_own(method):
+    packed, single = (Fusion(FusionConfig(method=method)) for _ in range(2))
+    rng = np.random.default_rng(1)
+    for k in range(30):
+        now = T0 + k * 66 * MS
+        stamps = now - np.array([40, 20, 0]) * MS
+        steps = np.repeat([[0.0], [1.0]], 6, axis=0)
+        seen = [POINTS + steps * 0.01 * (3 * k + n) + rng.normal(0, 1e-3, POINTS.shape) for n in range(3)]
+        ids, rows = np.tile(np.arange(12, dtype=np.uint64), 3), np.repeat(stamps, 12)
+        packed.ingest(batch("a", k, now, np.concatenate(seen), ids=ids, stamps_ns=rows))
+        for n, positions in enumerate(seen):
+            single.ingest(batch("a", 3 * k + n, int(stamps[n]), positions))
+        one, other = packed.update(now), single.update(now)
+    assert packed.stats.observations == single.stats.observations
+    assert len(set(one.track_hypothesis.tolist())) == 2
+    np.testing.assert_array_equal(one.track_hypothesis, other.track_hypothesis)
+    found, expected = packed.affinity("world"), single.affinity("world")
+    np.testing.assert_allclose(found.matrix, expected.matrix, atol=1e-6)
