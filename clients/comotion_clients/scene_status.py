@@ -12,12 +12,18 @@ from typing import Any, Literal
 from comotion_schemas import HypothesisUpdate, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS
+from comotion_schemas.text import shown
 
 from .scene_problems import ComponentRow, find_problems
 
 Overall = Literal["ok", "degraded", "stalled"]
 SILENT_S = 3.5
 """A component whose newest Status is older is silent: it sends one a second."""
+# Bounds on what one component or router may take of a screen: of a cell, and of a line.
+_MOST_CHARACTERS, _MOST_TEXT = 80, 500
+_MOST_LOCATORS = 8
+# Components and routers that are remembered; a scene has hundreds at most.
+_MOST = 4096
 _CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
 
 
@@ -77,7 +83,7 @@ class StatusModel:
 
     def on_status(self, status: Status, arrived_s: float) -> None:
         """Add a Status; one from a publisher's cache is older than its arrival tells."""
-        seen = self._seen.setdefault(status.component, _Seen())
+        seen = self._of(status.component)
         seen.status, seen.arrived_s, seen.role = status, arrived_s, status.role
         seen.clock.on_stamp(status.stamp_ns / 1e9 - arrived_s)
 
@@ -86,7 +92,7 @@ class StatusModel:
         claim = _CLAIM.fullmatch(token) if role == "service" else None
         name = self._full_name(claim[1]) if claim else token
         if alive:
-            seen = self._seen.setdefault(name, _Seen())
+            seen = self._of(name)
             seen.role = seen.role or role
             seen.present = True
         elif name in self._seen:
@@ -99,26 +105,28 @@ class StatusModel:
 
     def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
         """Add the answer of a service to a query for its Status."""
-        clock = self._seen.setdefault(status.component, _Seen()).clock
+        clock = self._of(status.component).clock
         clock.on_answer(status.stamp_ns / 1e9, sent_s, received_s)
 
     def on_cache_answer(self, name: str, trip_s: float) -> None:
         """Add the time until a publisher's cache has answered."""
-        self._seen.setdefault(name, _Seen()).clock.on_trip(trip_s)
+        self._of(name).clock.on_trip(trip_s)
 
     def on_router(self, described: Mapping[str, Any]) -> None:
         """Add what a router says of itself; what is malformed is left out."""
+        if len(self._routers) >= _MOST:
+            return
         metadata = described.get("metadata")
         metadata = metadata if isinstance(metadata, dict) else {}
         sessions = described.get("sessions")
         sessions = [s for s in sessions if isinstance(s, dict)] if isinstance(sessions, list) else []
-        zid, locators = str(described.get("zid", "")), described.get("locators")
+        zid, locators = _short(described.get("zid", "")), described.get("locators")
         self._routers[zid] = RouterRow(
-            name=str(metadata.get("name", "")),
-            host=str(metadata.get("host", "")),
+            name=_short(metadata.get("name", "")),
+            host=_short(metadata.get("host", "")),
             zid=zid,
-            version=str(described.get("version", "")).partition("-")[0],
-            locators=[str(one) for one in locators] if isinstance(locators, list) else [],
+            version=_short(described.get("version", "")).partition("-")[0],
+            locators=[_short(one) for one in locators[:_MOST_LOCATORS]] if isinstance(locators, list) else [],
             sessions=sum(s.get("whatami") != "router" for s in sessions),
             routers=sum(s.get("whatami") == "router" for s in sessions),
         )
@@ -139,6 +147,12 @@ class StatusModel:
             routers=sorted(self._routers.values(), key=lambda row: (row.name, row.zid)),
             problems=problems,
         )
+
+    def _of(self, name: str) -> _Seen:
+        """What is known of a component; one too many is not remembered."""
+        if len(self._seen) >= _MOST and name not in self._seen:
+            return _Seen()
+        return self._seen.setdefault(name, _Seen())
 
     def _full_name(self, short: str) -> str:
         known = (name for name, seen in self._seen.items() if seen.role == "service")
@@ -167,8 +181,8 @@ class StatusModel:
             role=seen.role,
             name=name,
             state="silent" if status is None or now_s - seen.arrived_s > SILENT_S else status.state,
-            host="" if status is None else status.host,
-            version="" if status is None else status.version,
+            host="" if status is None else _short(status.host),
+            version="" if status is None else _short(status.version),
             # A process that is killed loses its token at once; its last Status stays in this model.
             present=seen.present,
             age_s=now_s - seen.arrived_s,
@@ -179,7 +193,7 @@ class StatusModel:
             clock_error_s=error,
             replica="" if status is None else status.replica,
             epoch=0 if status is None else status.epoch,
-            message="" if status is None else status.message,
+            message="" if status is None else shown(status.message, _MOST_TEXT),
         )
 
     def _clock(self, name: str, seen: _Seen, service: Status | None) -> tuple[float | None, float | None]:
@@ -209,7 +223,11 @@ def _rate(name: str, seen: _Seen, service: Status | None, updates_hz: float | No
 
 def _reported(service: Status | None) -> list[str]:
     """What the service itself says that a person should change."""
-    return [] if service is None else [problem.text for problem in service.problems]
+    return [] if service is None else [shown(problem.text, _MOST_TEXT) for problem in service.problems]
+
+
+def _short(value: object) -> str:
+    return shown(str(value), _MOST_CHARACTERS)
 
 
 def _overall(rows: list[ComponentRow], problems: list[str]) -> Overall:
