@@ -46,8 +46,10 @@ class Outcome:
         Batches of the honest sources that were sent and not fused, and the number sent.
     problems
         Kind and source of the problems that the Status named.
-    memory_mb
-        Of the service: before, at most, and 10 s after.
+    told_lost
+        Batches of the honest that the service says are lost.
+    memory_mb, cpu_s
+        Of the service: before, at most, and 8 s after; and how long it has computed in the 3 s more.
     load
         Of the machine over the last minute.
     """
@@ -60,7 +62,9 @@ class Outcome:
     lost: int = 0
     sent: int = 0
     problems: set[tuple[str, str | None]] = field(default_factory=set)
+    told_lost: int = 0
     memory_mb: tuple[float, ...] = ()
+    cpu_s: float = 0.0
     load: float = 0.0
 
     def __str__(self) -> str:
@@ -68,7 +72,8 @@ class Outcome:
         memory = " ".join(f"{one:.0f}" for one in self.memory_mb)
         return (
             f"{self.attack:12s} gap {self.gap_s:5.2f} s | {self.updates} updates | lost {self.lost} of "
-            f"{self.sent} | {self.did} in {self.seconds:.0f} s | MB {memory} | load {self.load:.1f} | {named}"
+            f"{self.sent}, told {self.told_lost} | {self.did} in {self.seconds:.0f} s | MB {memory} | "
+            f"CPU {self.cpu_s:.1f} s | load {self.load:.1f} | {named}"
         )
 
     @property
@@ -140,7 +145,7 @@ class Arena:
         """Attack for some seconds; the figures are of that time and the three seconds after it."""
         outcome = Outcome(name, seconds, load=os.getloadavg()[0])
         before = self._accounts()
-        memory = [self._memory()]
+        memory, cpu_s = [self._memory()], self._cpu_s()
         command = (*PYTHON, "comotion_deploy.soak.hostile", self.endpoint, SCENE, str(seconds), "0", name)
         attacker = Managed("hostile", command, self._folder)
         attacker.start()
@@ -156,12 +161,14 @@ class Arena:
                     outcome.problems |= found - _PAUSED
         finally:
             attacker.end()
+        outcome.cpu_s = self._cpu_s() - cpu_s
         arrived = [*self._arrived, time.monotonic()]
         outcome.gap_s = max(b - a for a, b in pairwise(arrived))
         outcome.updates, outcome.did = len(arrived) - 2, attacker.account["sent"]
         after = self._accounts()
         outcome.sent = after[0] - before[0]
         outcome.lost = outcome.sent - (after[1] - before[1])
+        outcome.told_lost = sum(one["lost"] for one in self.accounts() if one["source"] in HONEST)
         self.watch(5.0)
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome
@@ -169,6 +176,10 @@ class Arena:
     def _memory(self) -> float:
         usage = self.processes["service"].usage()
         return 0.0 if usage is None else usage.memory_mb
+
+    def _cpu_s(self) -> float:
+        fields = Path(f"/proc/{self.processes['service'].pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def _accounts(self) -> tuple[int, int]:
         """Batches that the honest have sent, and those fused, once all is counted; they pause meanwhile."""

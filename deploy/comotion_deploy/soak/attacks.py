@@ -160,6 +160,15 @@ def tokens(attacker: Attacker) -> None:
     attacker.seq += 100
 
 
+def many_tokens(attacker: Attacker) -> None:
+    """Tokens of ever more sources."""
+    liveliness = attacker.session.liveliness()
+    for _ in range(100):
+        key = attacker.keys.live("source", f"{NAME}-{attacker.seq}")
+        attacker.held.append(liveliness.declare_token(key))
+        attacker.seq += 1
+
+
 def seize(attacker: Attacker) -> None:
     """The token of a service that claims to be older than all."""
     if not attacker.held:
@@ -217,6 +226,7 @@ ATTACKS: dict[str, Attack] = {
     "statuses": Attack(statuses, 3000),
     "large": Attack(large, 10),
     "tokens": Attack(tokens, 400),
+    "many-tokens": Attack(many_tokens, 200),
     "seize": Attack(seize, 1),
     "outrank": Attack(outrank, 1),
 }

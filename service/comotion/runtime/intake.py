@@ -22,6 +22,7 @@ from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
 from .guard import LogLimit
+from .statuses import Statuses
 from .tokens import Tokens
 
 # The ring of a source that has left is closed after this time without data.
@@ -127,6 +128,7 @@ class Intake:
             session, keys.streams("obs"), "obs", RingChannel(_DISCOVERY_RING)
         )
         self.tokens = Tokens(session, keys, 4 * most)
+        self.statuses = Statuses(session, keys, most)
 
     @property
     def present(self) -> dict[str, int]:
@@ -185,6 +187,10 @@ class Intake:
             if name not in self.present and monotonic_ns - ring.used_ns > IDLE_NS:
                 self._close(name)
         self.tokens.reconcile()
+
+    def close(self) -> None:
+        """Stop receiving Statuses; the other subscriptions end with the session."""
+        self.statuses.close()
 
     def _close(self, name: str) -> None:
         self._rings.pop(name).subscriber.undeclare()

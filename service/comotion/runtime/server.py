@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,8 +37,8 @@ from .queries import handlers
 from .source_clocks import SourceClocks
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
+from .statuses import Sent
 from .ticker import HeadStart, Ticker
-from .tokens import Sent
 from .warm_up import prepare
 
 DEFAULT_NAME = "fusion"
@@ -195,7 +195,7 @@ class _Loop:
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
         self._intake = Intake(component.session, component.keys, fusion.ledger, limits.sources)
-        self._sent = Sent(component.session, component.keys, limits.sources)
+        self._sent = Sent(limits.sources)
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
@@ -209,7 +209,7 @@ class _Loop:
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
-        with _uninterrupted():
+        with _uninterrupted(), closing(self._intake):
             self._component.ready()
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
             while not self._component.stop.is_set():
@@ -248,8 +248,11 @@ class _Loop:
                 batch = self._source_clocks.correct(received)
                 self._clock.observe(batch.stamp_ns - fusion.shift_ns, now)
                 fusion.ingest(batch)
-            for claim in self._sent.look():
-                fusion.ledger.sent(claim[:2], claim[2])
+            for status, arrived_s in self._intake.statuses.read():
+                self._source_clocks.on_status(status, arrived_s)
+                self._sent.note(status, now)
+            for source, session, count in self._sent.due(now):
+                fusion.ledger.sent((source, session), count)
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
