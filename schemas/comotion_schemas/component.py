@@ -296,6 +296,9 @@ class Component:
                 _log.exception("no status of %s", self.name)
             if not self._hangs:
                 beat(self._ready_file)
+            if closing.is_set():
+                return
             due = max(due + STATUS_PERIOD_S, time.monotonic())
-            if closing.wait(due - time.monotonic()):
+            # A source says at its end how much it has sent; others have nothing to add.
+            if closing.wait(due - time.monotonic()) and self.role != "source":
                 return

@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -141,16 +141,24 @@ class Arena:
         while (sample := self._statuses.try_recv()) is not None:
             self.status = decode_as(Status, sample.payload.to_bytes())
 
-    def attack(self, name: str, seconds: float) -> Outcome:
-        """Attack for some seconds; the figures are of that time and the three seconds after it."""
-        outcome = Outcome(name, seconds, load=os.getloadavg()[0])
-        before = self._accounts()
-        memory, cpu_s = [self._memory()], self._cpu_s()
+    @contextmanager
+    def attacked_by(self, name: str, seconds: float) -> Iterator[Managed]:
+        """Let the attacker run for some seconds, at most as long as the block."""
         command = (*PYTHON, "comotion_deploy.soak.hostile", self.endpoint, SCENE, str(seconds), "0", name)
         attacker = Managed("hostile", command, self._folder)
         attacker.start()
         try:
             self.until(lambda: "sent" in attacker.account)
+            yield attacker
+        finally:
+            attacker.end()
+
+    def attack(self, name: str, seconds: float) -> Outcome:
+        """Attack for some seconds; the figures are of that time and the three seconds after it."""
+        outcome = Outcome(name, seconds, load=os.getloadavg()[0])
+        before = self._accounts()
+        memory, cpu_s = [self._memory()], self._cpu_s()
+        with self.attacked_by(name, seconds) as attacker:
             del self._arrived[:-1]
             end = time.monotonic() + seconds + 3.0
             while time.monotonic() < end:
@@ -159,8 +167,6 @@ class Arena:
                 if self.status is not None:
                     found = {(one.kind, one.source) for one in self.status.problems}
                     outcome.problems |= found - _PAUSED
-        finally:
-            attacker.end()
         outcome.cpu_s = self._cpu_s() - cpu_s
         arrived = [*self._arrived, time.monotonic()]
         outcome.gap_s = max(b - a for a, b in pairwise(arrived))
@@ -168,7 +174,7 @@ class Arena:
         after = self._accounts()
         outcome.sent = after[0] - before[0]
         outcome.lost = outcome.sent - (after[1] - before[1])
-        outcome.told_lost = sum(one["lost"] for one in self.accounts() if one["source"] in HONEST)
+        outcome.told_lost = sum(one["lost"] or 0 for one in self.accounts() if one["source"] in HONEST)
         self.watch(5.0)
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome

@@ -98,5 +98,15 @@ def test_a_claim_counts_once_the_batches_should_be_here() -> None:
     sent.note(status("viewer", 5, role="viewer"), 0)
     sent.note(status("cam", 9), S)
     assert sent.due(2 * S - 1) == []
-    assert sent.due(2 * S) == [("cam", SESSION, 5)]
+    assert sent.due(2 * S) == [(("cam", SESSION), 5)]
+    # What a session says last counts, though an earlier claim was pending.
+    assert sent.due(9 * S) == [(("cam", SESSION), 9)]
     assert sent.due(9 * S) == []
+
+
+def test_sessions_of_an_earlier_run_are_unknown_until_they_speak() -> None:
+    other = "b" * 16
+    sent = Sent(2, before=[("cam", other), ("cam", SESSION), ("gone", other), ("gone", "")])
+    assert sent.unknown == {("cam", SESSION), ("gone", other)}
+    sent.note(status("cam", 5), 0)
+    assert sent.unknown == {("gone", other)}

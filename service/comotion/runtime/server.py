@@ -195,7 +195,7 @@ class _Loop:
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
         self._intake = Intake(component.session, component.keys, fusion.ledger, limits.sources)
-        self._sent = Sent(limits.sources)
+        self._sent = Sent(limits.sources, fusion.ledger.accounts())
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
@@ -204,7 +204,8 @@ class _Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
+        answers = handlers(fusion, lambda: self._last, component.status, lambda: self._sent.unknown)
+        self._output = Output(component, leadership, answers)
         self._last = self._publish(self._last)
 
     def run(self) -> None:
@@ -246,13 +247,14 @@ class _Loop:
         with self._guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
+                self._sent.unknown.discard((batch.source, batch.session))
                 self._clock.observe(batch.stamp_ns - fusion.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 self._source_clocks.on_status(status, arrived_s)
                 self._sent.note(status, now)
-            for source, session, count in self._sent.due(now):
-                fusion.ledger.sent((source, session), count)
+            for key, count in self._sent.due(now):
+                fusion.ledger.sent(key, count)
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
