@@ -82,12 +82,16 @@ class Outcome:
 
 
 class Arena:
-    """The processes of a scene; a context manager. `held`: the honest start only with :meth:`begin`."""
+    """The processes of a scene; a context manager.
 
-    def __init__(self, folder: Path, *, serve: tuple[str, ...] = (), held: bool = False) -> None:
+    `held`: the honest start only with :meth:`begin`; `also`: further sources of the soak.
+    """
+
+    def __init__(self, folder: Path, *, held: bool = False, also: tuple[str, ...] = ()) -> None:
         self.endpoint = free_endpoint()
-        every = system(self.endpoint, SCENE, folder, serve=serve)
-        self.processes = {name: every[name] for name in ("router", "service", *HONEST)}
+        every = system(self.endpoint, SCENE, folder)
+        self._also = also
+        self.processes = {name: every[name] for name in ("router", "service", *HONEST, *also)}
         self._folder, self._held = folder, held
         self._exit = ExitStack()
         self._arrived: list[float] = []
@@ -117,7 +121,7 @@ class Arena:
 
     def begin(self, stack: ExitStack | None = None) -> None:
         """Start the honest sources and wait until both are fused."""
-        for name in HONEST:
+        for name in (*HONEST, *self._also):
             self._start(name, stack)
         self.until(lambda: {one.name for one in self.last.sources} >= set(HONEST))
         self.watch(3.0)
