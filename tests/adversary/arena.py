@@ -17,10 +17,14 @@ from zenoh.handlers import RingChannel
 
 from comotion_clients.subscription import Subscription
 from comotion_deploy.demo import free_endpoint
+from comotion_deploy.pki.authority import Authority
+from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_deploy.processes import PYTHON
+from comotion_deploy.soak.attacks import NAME
 from comotion_deploy.soak.processes import Managed, system
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
-from comotion_schemas.transport import SessionSettings, connect
+from comotion_schemas.tls import ENVIRONMENT
+from comotion_schemas.transport import client_settings, connect
 
 SCENE = "arena"
 HONEST = ("left", "right")
@@ -81,18 +85,45 @@ class Outcome:
         return any(who in HONEST for _, who in self.problems)
 
 
+def _certificates(folder: Path) -> Path:
+    """Certificates of all processes."""
+    authority = Authority.create(folder)
+    roles: dict[str, CertificateRole] = {"hall": "router", "fusion": "service"}
+    for name, role in (roles | dict.fromkeys((*HONEST, NAME), "source")).items():
+        sources = (name,) if role == "source" else ()
+        grant = Grant(role=role, name=name, common_name="new", scene=SCENE, sources=sources)
+        authority.issue(grant, hosts=("localhost", "127.0.0.1") if role == "router" else ())
+    return folder
+
+
 class Arena:
     """The processes of a scene; a context manager.
 
-    `held`: the honest start only with :meth:`begin`; `also`: further sources of the soak.
+    `held`: the honest start only with :meth:`begin`; `also`: further sources of the soak; `secure`: all have
+    certificates, the attacker an ordinary one.
     """
 
-    def __init__(self, folder: Path, *, held: bool = False, also: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, folder: Path, *, held: bool = False, also: tuple[str, ...] = (), secure: bool = False
+    ) -> None:
         self.endpoint = free_endpoint()
+        self._tls: Path | None = None
+        if secure:
+            self.endpoint = self.endpoint.replace("tcp/127.0.0.1", "tls/localhost")
+            self._tls = _certificates(folder / "pki")
         every = system(self.endpoint, SCENE, folder)
         self._also = also
         self.processes = {name: every[name] for name in ("router", "service", *HONEST, *also)}
         self._folder, self._held = folder, held
+        if self._tls is not None:
+            for process in self.processes.values():
+                process.command = self._with_certificate(process.name, process.command)
+            router = (*PYTHON, "comotion_deploy", "router", "--secure", str(self._tls))
+            self.processes["router"].command = (
+                *router,
+                "--listen",
+                self.endpoint.replace("localhost", "127.0.0.1"),
+            )
         self._exit = ExitStack()
         self._arrived: list[float] = []
         self.status: Status | None = None
@@ -102,7 +133,10 @@ class Arena:
         with ExitStack() as stack:
             for name in ("router", "service"):
                 self._start(name, stack)
-            self.session = stack.enter_context(connect(SessionSettings(connect=(self.endpoint,)), timeout=30))
+            self.session = stack.enter_context(
+                # That of a router may see everything.
+                connect(client_settings([self.endpoint], self._tls and self._tls / "hall"), timeout=60)
+            )
             self._updates = stack.enter_context(Subscription(self.session, HypothesisUpdate, SCENE))
             key = Keys(SCENE).stream("status", "fusion")
             self._statuses = self.session.declare_subscriber(key, RingChannel(16))
@@ -114,6 +148,12 @@ class Arena:
 
     def __exit__(self, *exception: object) -> None:
         self._exit.close()
+
+    def _with_certificate(self, name: str, command: tuple[str, ...]) -> tuple[str, ...]:
+        if self._tls is None:
+            return command
+        own = "fusion" if name == "service" else name
+        return ("env", f"{ENVIRONMENT}={self._tls / own}", *command)
 
     def _start(self, name: str, stack: ExitStack | None = None) -> None:
         self.processes[name].start()
@@ -149,7 +189,7 @@ class Arena:
     def attacked_by(self, name: str, seconds: float) -> Iterator[Managed]:
         """Let the attacker run for some seconds, at most as long as the block."""
         command = (*PYTHON, "comotion_deploy.soak.hostile", self.endpoint, SCENE, str(seconds), "0", name)
-        attacker = Managed("hostile", command, self._folder)
+        attacker = Managed(NAME, self._with_certificate(NAME, command), self._folder)
         attacker.start()
         try:
             self.until(lambda: "sent" in attacker.account)

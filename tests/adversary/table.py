@@ -1,4 +1,4 @@
-"""Every attack once, and none: ``python -m tests.adversary.table [ATTACK...]`` prints a line of each."""
+"""Every attack once, and none: ``python -m tests.adversary.table [--secure] [ATTACK...]``, a line of each."""
 
 import sys
 import tempfile
@@ -12,8 +12,9 @@ SECONDS = 10.0
 
 
 def main(chosen: list[str]) -> None:
-    for name in chosen or ATTACKS:
-        with tempfile.TemporaryDirectory() as folder, Arena(Path(folder)) as arena:
+    secure = "--secure" in chosen
+    for name in [one for one in chosen if one != "--secure"] or ATTACKS:
+        with tempfile.TemporaryDirectory() as folder, Arena(Path(folder), secure=secure) as arena:
             print(arena.attack(name, SECONDS), flush=True)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.transport import client_settings
 
 from .attacks import NAME, WITHIN_LIMITS, Attacker, attack
 
@@ -117,8 +117,10 @@ def main() -> None:
     """Attack for some seconds."""
     endpoint, scene, duration, seed, *chosen = sys.argv[1:]
     chance, seconds = random.Random(seed), float(duration)  # noqa: S311 - load, no secret
-    settings = SessionSettings(connect=(endpoint,))
-    with Component(role="source", name=NAME, scene=scene, settings=settings) as component:
+    settings = client_settings([endpoint])
+    # A token that is held twice neither comes nor goes.
+    holds = "tokens" not in chosen
+    with Component(role="source", name=NAME, scene=scene, settings=settings, has_token=holds) as component:
         attacker = Attacker(component.session, component.keys, chance, component.session_id)
         print(json.dumps({"session": attacker.run, "sent": 0}), flush=True)
         if not chosen:
