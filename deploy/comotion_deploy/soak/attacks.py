@@ -138,7 +138,7 @@ def markup(attacker: Attacker) -> None:
     """Texts that a terminal or a table would obey."""
     texts = {"message": MARKUP, "host": MARKUP, "version": MARKUP, "rates": {MARKUP: 1.0}}
     attacker.send("status", attacker.status(), texts)
-    attacker.send("obs", attacker.batch(5), {"space": "[/nope]" if attacker.seq % 4 else MARKUP})
+    attacker.send("obs", attacker.batch(5), {"space": MARKUP if attacker.seq % 4 == 1 else "[/nope]"})
 
 
 def statuses(attacker: Attacker) -> None:
