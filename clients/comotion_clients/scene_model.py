@@ -12,6 +12,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.text import shown
 
@@ -151,8 +152,13 @@ class SceneModel:
         return new
 
     def on_status(self, status: Status) -> None:
-        """Add a Status; the one of the service that speaks also names sources that sent nothing yet."""
-        if status.role == "service" and status.replica != "standby":
+        """Add a Status; the one of the service that speaks also names sources that sent nothing yet.
+
+        Where services have tokens, who has none is no service.
+        """
+        short = status.component[:TOKEN_NAME_CHARACTERS]
+        holds = any(token in (status.component, short) for token in map(token_name, self._services))
+        if status.role == "service" and status.replica != "standby" and (holds or not self._services):
             self._service = status
             for name in status.ages:
                 self._source(name)

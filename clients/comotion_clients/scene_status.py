@@ -4,14 +4,13 @@ Clocks are compared by the stamps of Statuses and the round trips of queries: th
 with its clock, and those that the cache of every component's publisher answers.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from comotion_schemas import HypothesisUpdate, Status
 from comotion_schemas.clock_bounds import ClockBounds
-from comotion_schemas.keys import TOKEN_NAME_CHARACTERS
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.text import shown
 
 from .scene_problems import ComponentRow, find_problems
@@ -24,7 +23,6 @@ _MOST_CHARACTERS, _MOST_TEXT = 80, 500
 _MOST_LOCATORS = 8
 # Components and routers that are remembered; a scene has hundreds at most.
 _MOST = 4096
-_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,14 @@ class _Seen:
     status: Status | None = None
     arrived_s: float = float("-inf")
     present: bool = False
-    role: str = ""
+    tokens: set[str] = field(default_factory=set)
     clock: ClockBounds = field(default_factory=ClockBounds)
+
+    @property
+    def role(self) -> str:
+        """The role of its token; what its Status says counts only without one, or among several."""
+        said = "" if self.status is None else self.status.role
+        return said if not self.tokens or said in self.tokens else min(self.tokens)
 
 
 class StatusModel:
@@ -84,16 +88,15 @@ class StatusModel:
     def on_status(self, status: Status, arrived_s: float) -> None:
         """Add a Status; one from a publisher's cache is older than its arrival tells."""
         seen = self._of(status.component)
-        seen.status, seen.arrived_s, seen.role = status, arrived_s, status.role
+        seen.status, seen.arrived_s = status, arrived_s
         seen.clock.on_stamp(status.stamp_ns / 1e9 - arrived_s)
 
     def on_presence(self, role: str, token: str, *, alive: bool) -> None:
         """Add a change of a liveliness token; `token` is its last chunk."""
-        claim = _CLAIM.fullmatch(token) if role == "service" else None
-        name = self._full_name(claim[1]) if claim else token
+        name = self._full_name(token_name(token)) if role == "service" else token
         if alive:
             seen = self._of(name)
-            seen.role = seen.role or role
+            seen.tokens.add(role)
             seen.present = True
         elif name in self._seen:
             self._seen[name].present = False
@@ -160,8 +163,10 @@ class StatusModel:
 
     def _newest_service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
-        found = [s.status for s in self._seen.values() if s.status and s.status.role == "service"]
-        speaking = [status for status in found if status.replica != "standby"]
+        found = [seen for seen in self._seen.values() if seen.status and seen.role == "service"]
+        # Where services have tokens, who has none is no service.
+        holding = [seen for seen in found if seen.tokens] or found
+        speaking = [seen.status for seen in holding if seen.status and seen.status.replica != "standby"]
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 
     def _updates_hz(self) -> float | None:
