@@ -206,11 +206,11 @@ class _Loop:
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
         answers = handlers(fusion, lambda: self._last, component.status, lambda: self._sent.unknown)
         self._output = Output(component, leadership, answers)
-        self._last = self._publish(self._last)
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
         with _uninterrupted(), closing(self._intake):
+            self._last = self._publish(self._last)
             self._component.ready()
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
             while not self._component.stop.is_set():
