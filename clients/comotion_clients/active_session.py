@@ -7,6 +7,7 @@ successor does not go back, unless the successor has fallen silent.
 from collections import deque
 
 from comotion_schemas import HypothesisUpdate
+from comotion_schemas.epochs import Epochs
 
 _SILENT_S = 1.0
 _SILENT_PERIODS = 3
@@ -17,7 +18,7 @@ class ActiveSession:
     """Follows one session of the services of a scene."""
 
     def __init__(self) -> None:
-        self._epoch = 0
+        self._epochs = Epochs()
         self._session = ""
         self._heard_s = 0.0
         self._left: deque[str] = deque(maxlen=_REMEMBERED)
@@ -32,14 +33,15 @@ class ActiveSession:
         now_s
             When, on a monotonic clock.
         """
-        if update.epoch < self._epoch:
+        if not self._epochs.allows(update.epoch, now_s):
             return False
         if update.session != self._session:
             silent_s = max(_SILENT_S, _SILENT_PERIODS * update.period_ns * 1e-9)
             replaced = update.session in self._left and now_s - self._heard_s <= silent_s
-            if replaced and update.epoch == self._epoch:
+            if replaced and update.epoch == self._epochs.newest:
                 return False
             self._left.append(self._session)
             self._session = update.session
-        self._epoch, self._heard_s = update.epoch, now_s
+        self._epochs.follow(update.epoch, now_s)
+        self._heard_s = now_s
         return True

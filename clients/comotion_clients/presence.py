@@ -5,6 +5,7 @@ from typing import Any
 import zenoh
 
 from comotion_schemas import Keys
+from comotion_schemas.types import is_name
 
 
 class Presence:
@@ -21,7 +22,8 @@ class Presence:
         found = []
         while (sample := self._tokens.try_recv()) is not None:
             role, name = str(sample.key_expr).split("/")[-2:]
-            found.append((role, name, sample.kind == zenoh.SampleKind.PUT))
+            if is_name(name):
+                found.append((role, name, sample.kind == zenoh.SampleKind.PUT))
         return found
 
     def close(self) -> None:

@@ -12,7 +12,9 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.sequence import SequenceCounter
+from comotion_schemas.text import shown
 
 from .joint_rows import joint_row
 from .scene_rows import (
@@ -38,6 +40,9 @@ LOSS_SHOWN_S = 10.0
 GONE_SHOWN_S = 60.0
 """How long a source that has left remains in the list."""
 EVENTS_KEPT = 100
+_MOST_SOURCES = 4096
+# Bounds on what texts of one component may take of a screen.
+_MOST_CHARACTERS, _MOST_TEXT = 80, 500
 
 
 @dataclass
@@ -127,10 +132,10 @@ class SceneModel:
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""
-        source = self._sources.setdefault(batch.source, _Source())
+        source = self._source(batch.source)
         lost = self._sequences.sight(f"obs/{batch.source}", batch.session, batch.seq).lost
         source.stream.arrive(lost, arrived)
-        source.space, source.gone_at = batch.space, None
+        source.space, source.gone_at = shown(batch.space, _MOST_CHARACTERS), None
         source.lag = (wall_ns - batch.stamp_ns) / 1e9
         self._units[batch.space] = batch.unit
 
@@ -147,11 +152,16 @@ class SceneModel:
         return new
 
     def on_status(self, status: Status) -> None:
-        """Add a Status; the one of the service that speaks also names sources that sent nothing yet."""
-        if status.role == "service" and status.replica != "standby":
+        """Add a Status; the one of the service that speaks also names sources that sent nothing yet.
+
+        Where services have tokens, who has none is no service.
+        """
+        short = status.component[:TOKEN_NAME_CHARACTERS]
+        holds = any(token in (status.component, short) for token in map(token_name, self._services))
+        if status.role == "service" and status.replica != "standby" and (holds or not self._services):
             self._service = status
             for name in status.ages:
-                self._sources.setdefault(name, _Source())
+                self._source(name)
 
     def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
         """Process that a component entered or left the scene."""
@@ -160,9 +170,15 @@ class SceneModel:
             self._service_gone = not self._services
         elif role == "source":
             if alive:
-                self._sources.setdefault(name, _Source()).gone_at = None
+                self._source(name).gone_at = None
             elif name in self._sources:
                 self._sources[name].gone_at = now
+
+    def _source(self, name: str) -> _Source:
+        """What is known of a source; one too many is not remembered."""
+        if len(self._sources) >= _MOST_SOURCES and name not in self._sources:
+            return _Source()
+        return self._sources.setdefault(name, _Source())
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""
@@ -190,12 +206,12 @@ class SceneModel:
             lost=self._updates.lost,
             losing=self._updates.losing(now),
             seq=-1 if update is None else update.seq,
-            message="" if status is None else status.message,
+            message="" if status is None else shown(status.message, _MOST_TEXT),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
             problems=[]
             if status is None
-            else [ProblemRow(one.kind, one.source, one.text) for one in status.problems],
+            else [ProblemRow(one.kind, one.source, shown(one.text, _MOST_TEXT)) for one in status.problems],
         )
 
     def _service_state(self, now: float) -> ServiceState:
@@ -249,7 +265,7 @@ class SceneModel:
             rows.append(
                 HypothesisRow(
                     id=h.id,
-                    space=h.space,
+                    space=shown(h.space, _MOST_CHARACTERS),
                     unit=self._units.get(h.space) or _usual_unit(h),
                     state=h.state,
                     size=h.size,

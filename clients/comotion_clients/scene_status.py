@@ -4,21 +4,25 @@ Clocks are compared by the stamps of Statuses and the round trips of queries: th
 with its clock, and those that the cache of every component's publisher answers.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from comotion_schemas import HypothesisUpdate, Status
 from comotion_schemas.clock_bounds import ClockBounds
-from comotion_schemas.keys import TOKEN_NAME_CHARACTERS
+from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
+from comotion_schemas.text import shown
 
 from .scene_problems import ComponentRow, find_problems
 
 Overall = Literal["ok", "degraded", "stalled"]
 SILENT_S = 3.5
 """A component whose newest Status is older is silent: it sends one a second."""
-_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
+# Bounds on what one component or router may take of a screen: of a cell, and of a line.
+_MOST_CHARACTERS, _MOST_TEXT = 80, 500
+_MOST_LOCATORS = 8
+# Components and routers that are remembered; a scene has hundreds at most.
+_MOST = 4096
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,14 @@ class _Seen:
     status: Status | None = None
     arrived_s: float = float("-inf")
     present: bool = False
-    role: str = ""
+    tokens: set[str] = field(default_factory=set)
     clock: ClockBounds = field(default_factory=ClockBounds)
+
+    @property
+    def role(self) -> str:
+        """The role of its token; what its Status says counts only without one, or among several."""
+        said = "" if self.status is None else self.status.role
+        return said if not self.tokens or said in self.tokens else min(self.tokens)
 
 
 class StatusModel:
@@ -77,17 +87,16 @@ class StatusModel:
 
     def on_status(self, status: Status, arrived_s: float) -> None:
         """Add a Status; one from a publisher's cache is older than its arrival tells."""
-        seen = self._seen.setdefault(status.component, _Seen())
-        seen.status, seen.arrived_s, seen.role = status, arrived_s, status.role
+        seen = self._of(status.component)
+        seen.status, seen.arrived_s = status, arrived_s
         seen.clock.on_stamp(status.stamp_ns / 1e9 - arrived_s)
 
     def on_presence(self, role: str, token: str, *, alive: bool) -> None:
         """Add a change of a liveliness token; `token` is its last chunk."""
-        claim = _CLAIM.fullmatch(token) if role == "service" else None
-        name = self._full_name(claim[1]) if claim else token
+        name = self._full_name(token_name(token)) if role == "service" else token
         if alive:
-            seen = self._seen.setdefault(name, _Seen())
-            seen.role = seen.role or role
+            seen = self._of(name)
+            seen.tokens.add(role)
             seen.present = True
         elif name in self._seen:
             self._seen[name].present = False
@@ -99,26 +108,28 @@ class StatusModel:
 
     def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
         """Add the answer of a service to a query for its Status."""
-        clock = self._seen.setdefault(status.component, _Seen()).clock
+        clock = self._of(status.component).clock
         clock.on_answer(status.stamp_ns / 1e9, sent_s, received_s)
 
     def on_cache_answer(self, name: str, trip_s: float) -> None:
         """Add the time until a publisher's cache has answered."""
-        self._seen.setdefault(name, _Seen()).clock.on_trip(trip_s)
+        self._of(name).clock.on_trip(trip_s)
 
     def on_router(self, described: Mapping[str, Any]) -> None:
         """Add what a router says of itself; what is malformed is left out."""
+        if len(self._routers) >= _MOST:
+            return
         metadata = described.get("metadata")
         metadata = metadata if isinstance(metadata, dict) else {}
         sessions = described.get("sessions")
         sessions = [s for s in sessions if isinstance(s, dict)] if isinstance(sessions, list) else []
-        zid, locators = str(described.get("zid", "")), described.get("locators")
+        zid, locators = _short(described.get("zid", "")), described.get("locators")
         self._routers[zid] = RouterRow(
-            name=str(metadata.get("name", "")),
-            host=str(metadata.get("host", "")),
+            name=_short(metadata.get("name", "")),
+            host=_short(metadata.get("host", "")),
             zid=zid,
-            version=str(described.get("version", "")).partition("-")[0],
-            locators=[str(one) for one in locators] if isinstance(locators, list) else [],
+            version=_short(described.get("version", "")).partition("-")[0],
+            locators=[_short(one) for one in locators[:_MOST_LOCATORS]] if isinstance(locators, list) else [],
             sessions=sum(s.get("whatami") != "router" for s in sessions),
             routers=sum(s.get("whatami") == "router" for s in sessions),
         )
@@ -140,14 +151,22 @@ class StatusModel:
             problems=problems,
         )
 
+    def _of(self, name: str) -> _Seen:
+        """What is known of a component; one too many is not remembered."""
+        if len(self._seen) >= _MOST and name not in self._seen:
+            return _Seen()
+        return self._seen.setdefault(name, _Seen())
+
     def _full_name(self, short: str) -> str:
         known = (name for name, seen in self._seen.items() if seen.role == "service")
         return next((name for name in known if name[:TOKEN_NAME_CHARACTERS] == short), short)
 
     def _newest_service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
-        found = [s.status for s in self._seen.values() if s.status and s.status.role == "service"]
-        speaking = [status for status in found if status.replica != "standby"]
+        found = [seen for seen in self._seen.values() if seen.status and seen.role == "service"]
+        # Where services have tokens, who has none is no service.
+        holding = [seen for seen in found if seen.tokens] or found
+        speaking = [seen.status for seen in holding if seen.status and seen.status.replica != "standby"]
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 
     def _updates_hz(self) -> float | None:
@@ -167,8 +186,8 @@ class StatusModel:
             role=seen.role,
             name=name,
             state="silent" if status is None or now_s - seen.arrived_s > SILENT_S else status.state,
-            host="" if status is None else status.host,
-            version="" if status is None else status.version,
+            host="" if status is None else _short(status.host),
+            version="" if status is None else _short(status.version),
             # A process that is killed loses its token at once; its last Status stays in this model.
             present=seen.present,
             age_s=now_s - seen.arrived_s,
@@ -179,7 +198,7 @@ class StatusModel:
             clock_error_s=error,
             replica="" if status is None else status.replica,
             epoch=0 if status is None else status.epoch,
-            message="" if status is None else status.message,
+            message="" if status is None else shown(status.message, _MOST_TEXT),
         )
 
     def _clock(self, name: str, seen: _Seen, service: Status | None) -> tuple[float | None, float | None]:
@@ -209,7 +228,11 @@ def _rate(name: str, seen: _Seen, service: Status | None, updates_hz: float | No
 
 def _reported(service: Status | None) -> list[str]:
     """What the service itself says that a person should change."""
-    return [] if service is None else [problem.text for problem in service.problems]
+    return [] if service is None else [shown(problem.text, _MOST_TEXT) for problem in service.problems]
+
+
+def _short(value: object) -> str:
+    return shown(str(value), _MOST_CHARACTERS)
 
 
 def _overall(rows: list[ComponentRow], problems: list[str]) -> Overall:

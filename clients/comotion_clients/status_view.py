@@ -1,7 +1,8 @@
-"""SceneStatus -> tables for a terminal. Pure."""
+"""SceneStatus -> tables for a terminal. Pure; given texts are no markup."""
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from .scene_problems import ComponentRow
 from .scene_status import SceneStatus
@@ -11,15 +12,15 @@ _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red
 
 def show(found: SceneStatus, console: Console) -> None:
     """Print a scene's status: one table of components, one of routers, and the problems."""
-    line = f"scene {found.scene}: [{_STYLES[found.overall]}]{found.overall}[/]"
+    line = Text.assemble(f"scene {found.scene}: ", (found.overall, _STYLES[found.overall]))
     if found.updates_hz is not None and found.update_lag_s is not None:
-        line += f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind"
-    console.print(line, highlight=False)
+        line.append(f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind")
+    console.print(line)
     console.print(_components(found.components))
     if found.routers:
         console.print(_routers(found))
     for problem in found.problems:
-        console.print(f"[yellow]![/] {problem}", highlight=False, soft_wrap=True)
+        console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
 
 
 def _components(rows: list[ComponentRow]) -> Table:
@@ -33,9 +34,9 @@ def _components(rows: list[ComponentRow]) -> Table:
         table.add_row(
             row.role,
             row.name,
-            f"[{_STYLES.get(row.state, 'white')}]{row.state}[/]",
-            row.host,
-            row.version,
+            Text(row.state, _STYLES.get(row.state, "white")),
+            Text(row.host),
+            Text(row.version),
             "" if row.rate_hz is None else f"{row.rate_hz:.1f} Hz",
             "" if row.lag_s is None else f"{1e3 * row.lag_s:.0f} ms",
             str(row.lost) if row.role in {"service", "recorder", "viewer"} else "",
@@ -57,7 +58,6 @@ def _routers(found: SceneStatus) -> Table:
     table.add_column("routers", justify="right")
     for row in found.routers:
         name = row.name or row.zid[:8]
-        table.add_row(
-            name, row.host, row.version, " ".join(row.locators), str(row.sessions), str(row.routers)
-        )
+        given = (name, row.host, row.version, " ".join(row.locators))
+        table.add_row(*map(Text, given), str(row.sessions), str(row.routers))
     return table

@@ -45,6 +45,9 @@ _CAPACITIES: dict[type, int] = {
     Preview: 16,
 }
 _DEFAULT_RING_SAMPLES = 1024
+# Statuses come once a second; of a storm of them so many of one component displace no others.
+_STATUS_S = 0.1
+_MOST_KEYS = 4096
 _RING_SAMPLES: dict[type, int] = {Preview: 32}  # images are large
 
 
@@ -53,8 +56,8 @@ class Counters:
     """Counters of a subscription.
 
     `received`: valid messages; `lost`: missing sequence numbers; `stale`: skipped updates that were
-    repeated, out of order, or of a lower epoch than one before; `invalid`: payloads by rejection reason
-    of the protocol.
+    repeated, out of order, or of an epoch that is not followed, and Statuses less than 0.1 s after the one
+    before; `invalid`: payloads by rejection reason of the protocol.
     """
 
     received: int = 0
@@ -105,6 +108,7 @@ class Subscription(Generic[M]):
         self._message: type[M] = message
         self._scene = scene
         self._sequences = SequenceCounter()
+        self._read: dict[str, float] = {}
         self._active = ActiveSession()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
         key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
@@ -179,9 +183,23 @@ class Subscription(Generic[M]):
                     sample = samples.recv()
                 except zenoh.ZError:  # undeclared, or the session is closed
                     return
-                self._accept(str(sample.key_expr), sample.payload.to_bytes())
+                key = str(sample.key_expr)
+                if self._message is Status and self._is_storm(key):
+                    self.counters.stale += 1
+                    continue
+                self._accept(key, sample.payload.to_bytes())
         finally:
             self._inbox.close()
+
+    def _is_storm(self, key: str) -> bool:
+        """Whether a Status follows another one of its component too soon to be worth reading."""
+        now = time.monotonic()
+        if now - self._read.get(key, -_STATUS_S) < _STATUS_S:
+            return True
+        if len(self._read) >= _MOST_KEYS:
+            self._read.clear()
+        self._read[key] = now
+        return False
 
     def _accept(self, key: str, payload: bytes) -> None:
         try:

@@ -166,9 +166,14 @@ def _table(
         table.add_column(column.title, justify=justify, width=column.width, no_wrap=True, overflow="ellipsis")
     hidden = len(rows) - height_left
     for row in rows[: height_left if hidden <= 0 else max(height_left - 1, 0)]:
-        table.add_row(*(column.cell(row) for column in shown))
+        table.add_row(*(_as_text(column.cell(row)) for column in shown))
     more = [Text(f"... and {hidden + 1} more {title}", style="dim")] if hidden > 0 and height_left else []
     return [table, *more]
+
+
+def _as_text(cell: str | Text) -> Text:
+    """A cell as it is: a table takes a plain string for markup."""
+    return cell if isinstance(cell, Text) else Text(cell)
 
 
 def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:

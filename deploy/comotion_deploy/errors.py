@@ -6,8 +6,11 @@ class UserError(Exception):
 
 
 def one_line(message: object) -> str:
-    """Collapse a message to one line."""
-    return " ".join(str(message).split())
+    """Collapse a message to one line that can be shown."""
+    # Not at the top: what comes with it takes longer than to show the help.
+    from comotion_schemas.text import shown
+
+    return shown(" ".join(str(message).split()))
 
 
 def missing_extra(extra: str, error: ImportError) -> UserError:

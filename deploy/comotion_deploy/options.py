@@ -47,7 +47,11 @@ def _read_config(ctx: typer.Context, path: Path | None) -> Path | None:
 
 def _start_logging(ctx: typer.Context, level: LogLevel) -> LogLevel:
     if not ctx.resilient_parsing:
-        logging.basicConfig(level=level.upper(), format="%(levelname)s: %(message)s")
+        from comotion_schemas.text import LogFormatter
+
+        handler = logging.StreamHandler()
+        handler.setFormatter(LogFormatter("%(levelname)s: %(message)s"))
+        logging.basicConfig(level=level.upper(), handlers=[handler])
     return level
 
 

@@ -32,11 +32,10 @@ from .codec import encode
 from .keys import DEFAULT_SCENE, Keys
 from .messages import Problem, RejectionReason, Role, Status, StatusState
 from .readiness import announce_ready, beat
+from .text import shown
 from .transport import Publisher, SessionSettings, client_settings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
-# What Status accepts; a longer message is cut.
-_MAX_TEXT = 4096
 _SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
 
@@ -258,7 +257,7 @@ class Component:
             ages=fields.ages,
             counters=fields.counters,
             rejected=fields.rejected,
-            message=fields.message[:_MAX_TEXT],
+            message=shown(fields.message),
             problems=fields.problems,
             version=_version(),
             host=socket.gethostname(),
@@ -297,6 +296,9 @@ class Component:
                 _log.exception("no status of %s", self.name)
             if not self._hangs:
                 beat(self._ready_file)
+            if closing.is_set():
+                return
             due = max(due + STATUS_PERIOD_S, time.monotonic())
-            if closing.wait(due - time.monotonic()):
+            # A source says at its end how much it has sent; others have nothing to add.
+            if closing.wait(due - time.monotonic()) and self.role != "source":
                 return

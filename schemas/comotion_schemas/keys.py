@@ -1,5 +1,6 @@
 """Keys of the protocol: scene and names <-> Zenoh key expressions."""
 
+import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -16,6 +17,7 @@ StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
 QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget", "accounts"]
 
 _STREAMS = get_args(StreamKind)
+_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
 
 
 def _chunk(what: str, name: str) -> str:
@@ -73,6 +75,12 @@ class Keys:
 def last_chunk(key: str) -> str:
     """Return the name of the publisher in a stream or liveliness key."""
     return key.rsplit("/", 1)[-1]
+
+
+def token_name(token: str) -> str:
+    """Return the name in a token of a service, cut to 30 characters where a claim follows it."""
+    claim = _CLAIM.fullmatch(token)
+    return claim[1] if claim else token
 
 
 def stream_kind(key: str) -> StreamKind | None:

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StringConstraints
 
-from .columns import Column
+from .columns import Column, reject
+from .text import MOST, shown
 
 MAX_BYTES = 16 * 1024 * 1024
 """Largest message the codec takes (docs/protocol.md)."""
@@ -31,6 +32,13 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _printable(name: str) -> str:
+    """Refuse a name that cannot be shown: changed, it would be that of something else."""
+    if not name.isprintable():
+        raise reject("schema", "it holds characters that cannot be shown")
+    return name
+
+
 _PLAIN = BeforeValidator(_plain)
 Int64 = Annotated[int, Field(strict=True, ge=-(2**63), le=2**63 - 1), _PLAIN]
 UInt64 = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1), _PLAIN]
@@ -40,8 +48,11 @@ Count = UInt64
 
 Name = Annotated[str, StringConstraints(strict=True, pattern=rf"^{_NAME}\z")]
 SessionId = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{16}\z")]
-SpaceName = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=256)]
-ShortText = Annotated[str, StringConstraints(strict=True, max_length=4096)]
+SpaceName = Annotated[
+    str, StringConstraints(strict=True, min_length=1, max_length=256), AfterValidator(_printable)
+]
+ShortText = Annotated[str, StringConstraints(strict=True, max_length=MOST), AfterValidator(shown)]
+"""Whatever is received, decoded text can be shown."""
 Unit = Literal["m", "px"]
 
 IdColumn = Annotated[NDArray[np.uint64], Column("<u8")]

@@ -8,7 +8,8 @@ import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
-from comotion.runtime.intake import IDLE_NS, Intake
+from comotion.runtime.intake import Intake
+from comotion.runtime.rings import IDLE_NS
 from comotion_schemas import Keys, ObservationBatch, encode
 from comotion_schemas.transport import SessionSettings, open_session, stream_publisher
 
@@ -106,6 +107,37 @@ def test_a_flood_of_one_source_does_not_displace_another(sessions) -> None:
     last = ("loud", 3000)
     reader.until(lambda: last in reader.got, meanwhile=lambda: loud.put(payload(*last)))
     assert [seq for source, seq in reader.got if source == "quiet"] == list(range(5))
+
+
+def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(sessions) -> None:
+    router, client = sessions
+    reader = Reader(router)
+    # No congestion here: what is put reaches the service.
+    blocking = zenoh.CongestionControl.BLOCK
+    fast, large = (
+        client.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
+        for name in ("fast", "large")
+    )
+    for name, publisher in (("fast", fast), ("large", large)):
+        publisher.put(payload(name, 0))
+    reader.until(lambda: len(reader.got) == 2)
+
+    def awaited(name: str, newest: bytes, count: int) -> None:
+        pending, deadline = reader.intake.rings.of[name].pending, time.monotonic() + DEADLINE
+        while not pending or pending[-1].sample.payload.to_bytes() != newest or len(pending) != count:
+            assert time.monotonic() < deadline, len(pending)
+
+    # More than the ring in Zenoh holds, and no loss.
+    for seq in range(1, 301):
+        fast.put(payload("fast", seq))
+        if seq % 100 == 0:
+            awaited("fast", payload("fast", seq), seq)
+    for k in range(12):
+        large.put(bytes([k]) * 5_000_000)
+    awaited("large", bytes([11]) * 5_000_000, 6)
+    reader.until(lambda: reader.stats.rejected == {"malformed": 6})
+    assert [seq for source, seq in reader.got if source == "fast"] == list(range(301))
+    assert (reader.stats.overflow, reader.stats.lost) == (6, 0)
 
 
 def test_rings_of_the_gone_and_silent_are_closed_and_open_again(sessions) -> None:

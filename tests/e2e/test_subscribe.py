@@ -143,6 +143,24 @@ def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, sc
         assert next(statuses).component == "cam"
 
 
+def test_a_storm_of_statuses_of_one_component_displaces_no_other(
+    session: zenoh.Session, endpoint: str, scene: str
+) -> None:
+    keys = Keys(scene)
+    with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
+        session.put(keys.stream("status", "quiet"), encode(_status("quiet")))
+        assert next(statuses).component == "quiet"
+        blocking = zenoh.CongestionControl.BLOCK
+        for _ in range(500):
+            key = keys.stream("status", "loud")
+            session.put(key, encode(_status("loud")), congestion_control=blocking)
+        session.put(keys.stream("status", "last"), encode(_status("last")))
+        while (found := next(statuses)).component != "last":
+            assert found.component == "loud"
+        assert statuses.counters.received < 100
+        assert statuses.counters.received + statuses.counters.stale == 502
+
+
 def _status(name: str) -> Status:
     return Status(
         component=name,

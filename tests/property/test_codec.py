@@ -31,7 +31,9 @@ int64 = st.integers(-(2**63), 2**63 - 1)
 uint64 = st.integers(0, 2**64 - 1)
 hypothesis_ids = st.integers(0, UNDETERMINED - 1)
 finite = st.floats(allow_nan=False, allow_infinity=False)
-texts = st.text(max_size=20)
+glyphs = st.characters(exclude_categories=("C", "Z"))
+texts = st.text(glyphs, max_size=20)
+spaces = st.text(glyphs, min_size=1, max_size=20)
 float32 = st.floats(-(2.0**60), 2.0**60, width=32)
 
 
@@ -72,7 +74,7 @@ def observation_batches(draw):
         source=draw(names),
         session=draw(sessions),
         seq=draw(uint64),
-        space=draw(st.text(min_size=1, max_size=20)),
+        space=draw(spaces),
         unit=draw(st.sampled_from(["m", "px"])),
         dim=dim,
         stamp_ns=stamp,
@@ -147,7 +149,7 @@ def hypotheses(draw, identity):
     rotation = finite if dim == 2 else st.sampled_from([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, -0.8]])
     return Hypothesis(
         id=identity,
-        space=draw(st.text(min_size=1, max_size=20)),
+        space=draw(spaces),
         size=draw(uint64) if not absent else 0,
         born_ns=draw(int64),
         state=draw(st.sampled_from(["static", "moving", "undetermined"])),

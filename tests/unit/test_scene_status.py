@@ -51,6 +51,22 @@ def test_a_scene_that_is_well_has_no_problems(model) -> None:
     assert rows(model)["cam"].rate_hz == 30.0
 
 
+def test_who_only_says_that_it_is_the_service_is_not_believed(model) -> None:
+    for liar in ("cam", "ghost"):
+        lie = status(
+            liar,
+            "service",
+            NOW + 9,
+            rates={"cam": 1e9},
+            problems=[{"kind": "limit", "since_ns": 0, "text": "pay"}],
+        )
+        model.on_status(lie, NOW)
+    found = model.snapshot(NOW)
+    assert "pay" not in found.problems
+    assert next(row for row in found.components if row.name == "cam").role == "source"
+    assert next(row for row in found.components if row.name == "cam").rate_hz == 30.0
+
+
 @pytest.mark.parametrize("ahead", [-0.08, -0.005, 0.0, 0.012, 0.08])
 @pytest.mark.parametrize("service_ahead", [0.0, 0.3, -2.0])
 def test_clocks_are_told_against_the_service_within_the_error_stated(ahead, service_ahead) -> None:

@@ -1,7 +1,9 @@
 """The parts of a soak: its schedule, what it sees in updates, its accounts and its verdict."""
 
+import random
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,13 @@ import pytest
 from comotion import Fusion
 from comotion_deploy.soak import load
 from comotion_deploy.soak.accounts import Moment, audit, moment
+from comotion_deploy.soak.attacks import ATTACKS, Attacker
 from comotion_deploy.soak.monitor import Findings, Gap, Monitor
 from comotion_deploy.soak.processes import Managed, Usage
 from comotion_deploy.soak.report import as_json, lines, violations
 from comotion_deploy.soak.run import Soak
 from comotion_deploy.soak.schedule import KINDS, LEAD_S, TAIL_S, Fault, draw
-from comotion_schemas import HypothesisUpdate, ObservationBatch, SourceRef
+from comotion_schemas import DecodeError, HypothesisUpdate, Keys, ObservationBatch, SourceRef, decode
 
 
 class TestSchedule:
@@ -30,6 +33,36 @@ class TestSchedule:
         assert faults[0].at_s >= LEAD_S
         assert faults[-1].at_s < 600 - TAIL_S
         assert all(a.at_s + a.lasts_s < b.at_s for a, b in pairwise(faults))
+
+
+class Recorded:
+    """A session that keeps what is put; tokens come and go unseen."""
+
+    def __init__(self) -> None:
+        self.puts: list[tuple[str, bytes]] = []
+
+    def put(self, key: str, payload: bytes) -> None:
+        self.puts.append((key, payload))
+
+    def liveliness(self) -> SimpleNamespace:
+        return SimpleNamespace(declare_token=lambda _key: SimpleNamespace(undeclare=lambda: None))
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_an_attack_is_within_the_limits_of_a_message(name) -> None:
+    session = Recorded()
+    attacker = Attacker(session, Keys(), random.Random(0))  # type: ignore[arg-type]
+    for _ in range(3):
+        ATTACKS[name].step(attacker)
+    # Only a space whose name cannot be shown is refused, that of the first and the third batch.
+    refused = 0
+    for _, payload in session.puts:
+        try:
+            decode(payload)
+        except DecodeError as error:
+            refused += error.reason == "schema"
+    assert refused == 2 * (name == "markup")
+    assert attacker.seq >= len(session.puts)
 
 
 def test_sources_agree_on_where_a_body_is_and_the_truth_is_in_the_ids() -> None:

@@ -1,5 +1,6 @@
 """Health views: scene snapshots -> curves of rates, lags and sizes, a summary page, and a log. Pure."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -154,7 +155,7 @@ def _time_of_day(stamp_ns: int) -> str:
 
 
 def _table(head: str, rows: "map[list[str]]") -> list[str]:
-    body = ["|".join(cell.replace("|", " ") for cell in row) for row in rows]
+    body = ["|".join(row) for row in rows]
     return [f"|{head}|", "|" + "---|" * (head.count("|") + 1), *(f"|{row}|" for row in body), ""]
 
 
@@ -166,4 +167,9 @@ def _hypothesis(row: HypothesisRow) -> list[str]:
 def _source(row: SourceRow) -> list[str]:
     state = row.state if row.state == "ok" else f"**{row.state}**"
     rate, lag = f"{number(row.rate, 1)} Hz", duration(row.lag)
-    return [row.name, state, rate, lag, str(row.lost), str(row.tracks), row.space]
+    return [row.name, state, rate, lag, str(row.lost), str(row.tracks), _escaped(row.space)]
+
+
+def _escaped(text: str) -> str:
+    """A text as it is, in Markdown: without links, images and HTML."""
+    return re.sub(r"([^\w\s])", r"\\\1", text)

@@ -2,6 +2,11 @@
 
 import re
 
+from comotion_schemas.text import shown
+
+# Characters of a text in the viewer.
+_MOST = 500
+
 
 class Paths:
     """Maps each name to a unique path of characters that need no escape."""
@@ -23,5 +28,5 @@ class Paths:
 
 
 def plain(text: str) -> str:
-    """Replace characters outside Latin-1: a missing glyph has crashed the viewer."""
-    return text.encode("latin-1", "replace").decode("latin-1")
+    """Replace characters outside Latin-1: a missing glyph has crashed the viewer. Cut what is too long."""
+    return shown(text, _MOST).encode("latin-1", "replace").decode("latin-1")

@@ -216,7 +216,8 @@ def components(shape: Shape) -> list[Any]:
         case Entry():
             found = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
         case Document():
-            found = [rr.TextDocument(plain(shape.text), media_type=rr.MediaType.MARKDOWN)]
+            text = "\n".join(map(plain, shape.text.split("\n")))
+            found = [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)]
         case Cleared():
             found = [rr.Clear(recursive=True)]
     return found

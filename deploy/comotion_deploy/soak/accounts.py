@@ -83,12 +83,12 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
     sent = {key: account["sent"] + account["repeated"] for key, account in declared.items()}
     heard: dict[str, int] = {}
     for one in mine:
-        heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + one["lost"]
+        heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + (one["lost"] or 0)
     return Moment(
         service=service,
         sent=sent,
         received=sum(one["batches"] for one in mine),
-        lost=sum(one["lost"] for one in mine),
+        lost=sum(one["lost"] or 0 for one in mine),
         waiting=sum(one["waiting"] for one in mine),
         unsettled=reply["total"]["batches"] - _settled(reply["total"]),
         unheard=sum(max(count - heard.get(name, 0), 0) for (name, _), count in sent.items()),

@@ -1,7 +1,8 @@
-"""A process that publishes what no source should: damaged bytes, lies and extremes, drawn by a seed.
+"""A process that does what no source should: damaged bytes, lies, extremes, and attacks within the limits.
 
-``python -m comotion_deploy.soak.hostile ENDPOINT SCENE SECONDS SEED`` prints how many it has put, as JSON.
-It uses names of its own; that a name of another source can be used too is a matter of access control.
+``python -m comotion_deploy.soak.hostile ENDPOINT SCENE SECONDS SEED`` draws by the seed from both, half of
+the time each; with the name of one of :mod:`.attacks` behind, it does that alone. It says how many messages
+it has sent, as JSON. That it could also use the name of another source is a matter of access control.
 """
 
 import json
@@ -17,9 +18,10 @@ import numpy as np
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas.transport import client_settings
 
-NAME = "hostile"
+from .attacks import NAME, WITHIN_LIMITS, Attacker, attack
+
 _RATE = 50.0
 
 
@@ -101,19 +103,31 @@ _MAKERS: tuple[Callable[[random.Random, str, int], bytes], ...] = (
 )
 
 
+def damage(attacker: Attacker, seconds: float) -> None:
+    """Publish batches that are damaged or extreme."""
+    end, key = time.monotonic() + seconds, attacker.keys.stream("obs", NAME)
+    while time.monotonic() < end:
+        maker = attacker.chance.choice(_MAKERS)
+        attacker.session.put(key, maker(attacker.chance, attacker.run, attacker.seq))
+        attacker.seq += 1
+        time.sleep(1 / _RATE)
+
+
 def main() -> None:
-    """Publish for some seconds."""
-    endpoint, scene, seconds, seed = sys.argv[1:5]
-    chance = random.Random(int(seed))  # noqa: S311 - load, no secret
-    settings = SessionSettings(connect=(endpoint,))
-    put = 0
-    with Component(role="source", name=NAME, scene=scene, settings=settings) as component:
-        publisher = stream_publisher(component.session, component.keys, "obs", NAME)
-        end = time.monotonic() + float(seconds)
-        while time.monotonic() < end and not component.stop.wait(1 / _RATE):
-            publisher.put(chance.choice(_MAKERS)(chance, component.session_id, put))
-            put += 1
-            print(json.dumps({"session": component.session_id, "sent": put, "repeated": 0}), flush=True)
+    """Attack for some seconds."""
+    endpoint, scene, duration, seed, *chosen = sys.argv[1:]
+    chance, seconds = random.Random(seed), float(duration)  # noqa: S311 - load, no secret
+    settings = client_settings([endpoint])
+    # A token that is held twice neither comes nor goes.
+    holds = "tokens" not in chosen
+    with Component(role="source", name=NAME, scene=scene, settings=settings, has_token=holds) as component:
+        attacker = Attacker(component.session, component.keys, chance, component.session_id)
+        print(json.dumps({"session": attacker.run, "sent": 0}), flush=True)
+        if not chosen:
+            damage(attacker, seconds / 2)
+            chosen, seconds = [chance.choice(WITHIN_LIMITS)], seconds / 2
+        attack(chosen[0], attacker, seconds)
+        print(json.dumps({"session": attacker.run, "sent": attacker.seq}), flush=True)
 
 
 if __name__ == "__main__":

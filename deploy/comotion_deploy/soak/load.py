@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas.transport import client_settings, stream_publisher
 
 BODIES = 3
 ID_STEP = 1000
@@ -178,7 +178,7 @@ def _send(source: Source, publisher: Any, account: Account, chance: random.Rando
 def main() -> None:
     """Publish until stopped."""
     endpoint, scene, name = sys.argv[1:4]
-    settings = SessionSettings(connect=(endpoint,))
+    settings = client_settings([endpoint])
     chance = random.Random(name)  # noqa: S311 - load, no secret
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
         source = Source(name, component.session_id, seed=sum(name.encode()))

@@ -2,6 +2,7 @@
 
 import logging
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -70,8 +71,7 @@ class Guard:
         text = "a defect in %s: %s; please report this"
         if not fresh:
             self._limit.log(_log, logging.DEBUG, text, what, error)
-        elif trace is not None:
-            self._limit.log(_log, logging.ERROR, text + "\n%s", what, error, trace)
-        else:
-            self._limit.log(_log, logging.ERROR, text, what, error)
-            _log.error("its trace", exc_info=True)
+            return
+        self._limit.log(_log, logging.ERROR, text, what, error)
+        for line in (trace or traceback.format_exc()).splitlines():
+            _log.error("  %s", line)

@@ -78,7 +78,8 @@ class Housekeeping:
             notes=self._notes(),
             found=problems.of_fusion(self._fusion),
         )
-        counters = {**fields.counters, "clock_steps": self._clocks.steps}
+        own = {"clock_steps": self._clocks.steps, "refused_statuses": intake.statuses.refused}
+        counters = {**fields.counters, **own}
         self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))
 
     def _notes(self) -> list[str]:

@@ -14,6 +14,7 @@ from zenoh.handlers import RingChannel
 
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as, encode
 from comotion_schemas.component import Component
+from comotion_schemas.epochs import Epochs
 from comotion_schemas.keys import QueryName, last_chunk
 from comotion_schemas.transport import Publisher, declare_publisher, declare_subscriber
 
@@ -77,7 +78,8 @@ class Output:
     def _switch(self, epoch: int | None) -> None:
         scene = self._component.keys.scene
         if epoch is None:
-            _log.warning("another service may speak for scene %r: this one is a standby now", scene)
+            if isinstance(self._leadership, Election):
+                _log.warning("another service may speak for scene %r: this one is a standby now", scene)
             self._close()
         elif self._publisher is None:
             if epoch:
@@ -114,7 +116,7 @@ class Follower:
         self._election = election
         self._fusion = fusion
         self._intake = intake
-        self._epoch = 0
+        self._epochs = Epochs()
         self._asked_ns, self._period_ns = time.monotonic_ns(), 0
         keys, session = component.keys, component.session
         self._updates = declare_subscriber(session, keys.hypotheses, "hypotheses", RingChannel(_MOST_UPDATES))
@@ -147,9 +149,10 @@ class Follower:
         except DecodeError as error:
             _log.debug("an update of another service is not valid: %s", error)
             return None
-        if update.session == self._component.session_id or update.epoch < self._epoch:
+        now_s = time.monotonic()
+        if update.session == self._component.session_id or not self._epochs.allows(update.epoch, now_s):
             return None
-        self._epoch = update.epoch
+        self._epochs.follow(update.epoch, now_s)
         self._election.fence(update.epoch)
         return update
 

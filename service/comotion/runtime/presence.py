@@ -4,25 +4,28 @@ Without an election (:mod:`.election`) one service has a scene, and the others r
 
 - The token of a service is ``live/service/<name>-<claim>-<session>``, where the claim is the time at which it
   was declared, ns since the Unix epoch in 16 hex digits.
-- A service that starts looks for tokens of others before it declares its own, and refuses if there are any.
-  It waits as long as the token of a service that was killed or stopped may take to vanish.
-- Of those that start together, the oldest claim has the scene. The others refuse before they publish.
+- A service speaks while its updates come, one newer than the other. A token alone makes nobody yield.
+- A service that starts looks for tokens of others before it declares its own, and refuses if one of them
+  speaks. It waits as long as the token of a service that was killed or stopped may take to vanish.
+- Of those that start together, the oldest claim has the scene. The others refuse before they publish: they
+  wait some seconds for the first update of an older claim of the last minutes.
 - A service that was cut off, because it was stopped or had no router, may have a successor. It withdraws its
   token, publishes nothing until it has been connected again for a second, and is then as one that starts.
-- A service that speaks and finds an older claim for longer than a second yields.
+- A service that finds that an older claim speaks for longer than a second yields.
 """
 
 import logging
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
-from zenoh import SampleKind
+from zenoh import Locality, Sample, SampleKind
 from zenoh.handlers import RingChannel
 
+from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, last_chunk
@@ -37,8 +40,14 @@ _POLL_S = 0.02
 _AT_WORK = 0.05
 # Until the tokens of all others have come in; and until one that was cut off has withdrawn its own.
 _SETTLE_NS = _SECOND_NS
-# Tokens that come in between two looks.
+# A service that has just claimed the scene has so long until its first update; it may be compiling.
+_STARTING_NS = 300 * _SECOND_NS
+_START_S = 10.0
+# Silence after which a service speaks no more: so many of its periods, at least so long.
+_SILENT_PERIODS, _SILENT_NS = 3, _SECOND_NS
+# Tokens, and updates of others, that come in between two looks.
 _MOST_TOKENS = 256
+_MOST_UPDATES = 4
 _MAX_OTHERS = 256
 _TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-[0-9a-f]{16}")
 _NEVER_NS = 1 << 64
@@ -68,6 +77,19 @@ class Claim:
         found = _TOKEN.fullmatch(self.token)
         return found[1] if found else self.token
 
+    @property
+    def session(self) -> str:
+        """Session of the service; empty where the token does not tell."""
+        return self.token[-16:] if _TOKEN.fullmatch(self.token) else ""
+
+
+class _Voice(NamedTuple):
+    """Number of the last update of another service, until when it counts, and whether one came before it."""
+
+    seq: int
+    until_ns: int
+    is_newer: bool
+
 
 class Presence:
     """Claims the scene of a component that stands alone; a context manager.
@@ -85,6 +107,7 @@ class Presence:
         self._own: Claim | None = None
         self._token: Any = None
         self._others: dict[str, Claim] = {}
+        self._voices: dict[str, _Voice] = {}
         self._older_ns: int | None = None
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
@@ -93,6 +116,9 @@ class Presence:
         liveliness = component.session.liveliness()
         self._tokens: Any = liveliness.declare_subscriber(
             component.keys.all_live("service"), RingChannel(_MOST_TOKENS), history=True
+        )
+        self._updates = component.session.declare_subscriber(
+            component.keys.hypotheses, RingChannel(_MOST_UPDATES), allowed_origin=Locality.REMOTE
         )
 
     @property
@@ -122,8 +148,7 @@ class Presence:
         self._drain()
         while self._others and time.monotonic() < deadline and not self._component.stop.wait(_POLL_S):
             self._drain()
-        if self._others and not self._component.stop.is_set():
-            raise self._taken(min(self._others.values()))
+            self._refuse_beside(self._others.values())
         self._claim()
         self._looked_ns = self._speaks_ns = time.monotonic_ns()
         return self
@@ -133,6 +158,7 @@ class Presence:
     ) -> None:
         self._withdraw()
         self._tokens.undeclare()
+        self._updates.undeclare()  # type: ignore[no-untyped-call]
 
     def require(self) -> None:
         """Check the claim right before the first update.
@@ -142,9 +168,14 @@ class Presence:
         SceneTakenError
             If a service that has started at the same time has the older claim.
         """
+        deadline = time.monotonic() + _START_S
         self._drain()
-        for other in self._older():
-            raise self._taken(other)
+        while any(map(self._is_starting, self._older())) and time.monotonic() < deadline:
+            if self._component.stop.wait(_POLL_S):
+                return
+            self._drain()
+            self._refuse_beside(self._older())
+        self._refuse_beside(self._older())
         # What came before the loop took its time.
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
@@ -185,12 +216,12 @@ class Presence:
         if not self._is_connected():
             self._speaks_ns = monotonic_ns + _SETTLE_NS
         elif self._speaks_ns is not None and monotonic_ns >= self._speaks_ns:
-            for other in self._others.values():
-                raise self._taken(other)
+            self._refuse_beside(self._others.values())
+            _log.info("no other service speaks for the scene: this one goes on")
             self._claim()
 
     def _defend(self, monotonic_ns: int) -> None:
-        older = next(self._older(), None)
+        older = next(filter(self._speaks, self._older()), None)
         if older is None:
             self._older_ns = None
         elif self._older_ns is None:
@@ -202,9 +233,43 @@ class Presence:
         own = self._own
         return (other for other in sorted(self._others.values()) if own is not None and other < own)
 
+    def _is_starting(self, other: Claim) -> bool:
+        return abs(time.time_ns() - other.since_ns) < _STARTING_NS
+
+    def _speaks(self, other: Claim) -> bool:
+        """Whether updates come of another service, one newer than the other."""
+        voice = self._voices.get(other.session)
+        return voice is not None and voice.is_newer and time.monotonic_ns() < voice.until_ns
+
+    def _refuse_beside(self, others: Iterable[Claim]) -> None:
+        for other in others:
+            if self._speaks(other):
+                raise self._taken(other)
+
     def _drain(self) -> None:
-        while (sample := self._tokens.try_recv()) is not None:
+        for _ in range(_MOST_TOKENS):
+            sample = self._tokens.try_recv()
+            if sample is None:
+                break
             self._note(last_chunk(str(sample.key_expr)), present=sample.kind == SampleKind.PUT)
+        for _ in range(_MOST_UPDATES):
+            update = self._updates.try_recv()
+            if update is None:
+                break
+            if self._others:
+                self._hear(update)
+
+    def _hear(self, sample: Sample) -> None:
+        """Take note of an update of a service that has a token."""
+        try:
+            update = decode_as(HypothesisUpdate, sample.payload.to_bytes())
+        except DecodeError:
+            return
+        known = {other.session for other in self._others.values()}
+        who = update.session if update.session in known else ""
+        before, lasts_ns = self._voices.get(who), max(_SILENT_NS, _SILENT_PERIODS * update.period_ns)
+        is_newer = before is not None and update.seq > before.seq
+        self._voices[who] = _Voice(update.seq, time.monotonic_ns() + lasts_ns, is_newer)
 
     def _note(self, token: str, *, present: bool) -> None:
         # Its own session is in all of its tokens, those that it has withdrawn too.
@@ -214,6 +279,7 @@ class Presence:
             self._others[token] = Claim.read(token)
         elif not present:
             self._others.pop(token, None)
+            self._voices.pop(Claim.read(token).session, None)
 
     def _claim(self) -> None:
         component = self._component

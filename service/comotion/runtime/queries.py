@@ -20,7 +20,7 @@ Every query gets a reply, or an error that says what is wrong.
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from functools import cache
 from typing import Any, get_args
@@ -35,6 +35,7 @@ from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, enc
 from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 
+from ..event_time.stats import Key
 from ..fusion import AffinitySnapshot, Fusion
 
 AFFINITY_SCHEMA = "comotion.Affinity/1"
@@ -106,7 +107,10 @@ def _parameters(query: zenoh.Query) -> dict[str, str]:
 
 
 def handlers(
-    fusion: Fusion, last_update: Callable[[], HypothesisUpdate], status: Callable[[], Status]
+    fusion: Fusion,
+    last_update: Callable[[], HypothesisUpdate],
+    status: Callable[[], Status],
+    unknown: Callable[[], Collection[Key]] = tuple,
 ) -> dict[QueryName, Handler]:
     """Build the handler of every queryable.
 
@@ -118,6 +122,8 @@ def handlers(
         Returns the update published last.
     status
         Returns the Status as of now.
+    unknown
+        Returns the sessions of which nobody knows how much they have sent.
     """
     answers: dict[QueryName, Handler] = {
         "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
@@ -128,7 +134,7 @@ def handlers(
             _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
             _AFFINITY_ENCODING,
         ),
-        "accounts": lambda _: (_accounts(fusion), _JSON),
+        "accounts": lambda _: (_accounts(fusion, unknown()), _JSON),
         "forget": lambda parameters: (_forget(fusion, parameters.get("id")), _JSON),
     }
     assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
@@ -140,9 +146,11 @@ def _schemas() -> dict[str, dict[str, Any]]:
     return json_schemas()
 
 
-def _accounts(fusion: Fusion) -> bytes:
-    accounts = fusion.timeline.ledger.accounts().items()
-    listed = [{"source": source, "session": session} | asdict(one) for (source, session), one in accounts]
+def _accounts(fusion: Fusion, unknown: Collection[Key]) -> bytes:
+    listed = []
+    for key, account in fusion.timeline.ledger.accounts().items():
+        one = {"source": key[0], "session": key[1]} | asdict(account)
+        listed.append(one | {"lost": None} if key in unknown else one)
     return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
 
 

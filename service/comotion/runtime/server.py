@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,8 +37,8 @@ from .queries import handlers
 from .source_clocks import SourceClocks
 from .state_file import load_fusion
 from .state_keeper import StateKeeper
+from .statuses import Sent
 from .ticker import HeadStart, Ticker
-from .tokens import Sent
 from .warm_up import prepare
 
 DEFAULT_NAME = "fusion"
@@ -193,7 +193,7 @@ class _Loop:
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
-        self._sent = Sent(component.session, component.keys, limits.sources)
+        self._sent = Sent(limits.sources, fusion.timeline.ledger.accounts())
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
@@ -203,12 +203,13 @@ class _Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
-        self._last = self._publish(self._last)
+        answers = handlers(fusion, lambda: self._last, component.status, lambda: self._sent.unknown)
+        self._output = Output(component, leadership, answers)
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
-        with _uninterrupted():
+        with _uninterrupted(), closing(self._intake):
+            self._last = self._publish(self._last)
             self._component.ready()
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
             while not self._component.stop.is_set():
@@ -245,10 +246,14 @@ class _Loop:
         with self._guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
+                self._sent.unknown.discard((batch.source, batch.session))
                 self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
-            for claim in self._sent.look():
-                fusion.timeline.ledger.sent(claim[:2], claim[2])
+            for status, arrived_s in self._intake.statuses.read():
+                self._source_clocks.on_status(status, arrived_s)
+                self._sent.note(status, now)
+            for key, count in self._sent.due(now):
+                fusion.timeline.ledger.sent(key, count)
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:

@@ -11,15 +11,13 @@ import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import zenoh
 
-from comotion_schemas import DecodeError, ObservationBatch, Status, decode_as
+from comotion_schemas import ObservationBatch, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
-from comotion_schemas.keys import last_chunk
-from comotion_schemas.transport import declare_subscriber
 
 _ASK_S = 2.0  # between two rounds of queries
 _ANSWER_S = 1.0  # a source that is slower is asked again with the next round
@@ -63,12 +61,8 @@ class SourceClocks:
         self._notes: deque[tuple[float, str]] = deque(maxlen=_NOTES)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._ask, name="clocks", daemon=True)
-        self._subscriber: Any = None
 
     def __enter__(self) -> Self:
-        self._subscriber = declare_subscriber(
-            self._session, self._keys.streams("status"), "status", self._receive
-        )
         self._thread.start()
         return self
 
@@ -76,7 +70,6 @@ class SourceClocks:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        self._subscriber.undeclare()
         self._thread.join(2 * _ANSWER_S)
 
     def offsets(self) -> dict[str, float]:
@@ -103,17 +96,10 @@ class SourceClocks:
         stamps = None if batch.stamps_ns is None else batch.stamps_ns - shift_ns
         return replace(batch, stamp_ns=batch.stamp_ns - shift_ns, stamps_ns=stamps)
 
-    def _receive(self, sample: zenoh.Sample) -> None:
-        arrived_s = time.time()
-        try:
-            status = decode_as(Status, sample.payload.to_bytes())
-        except DecodeError:
-            return
-        if status.role == "source" and status.component == last_chunk(str(sample.key_expr)):
-            self.on_status(status, arrived_s)
-
     def on_status(self, status: Status, arrived_s: float) -> None:
-        """Add a Status of a source that arrived at a time of this machine's wall clock, s."""
+        """Add a Status that arrived at a time of this machine's wall clock, s; only a source's counts."""
+        if status.role != "source":
+            return
         with self._lock:
             if len(self._sources) >= _MOST_SOURCES and status.component not in self._sources:
                 return

@@ -1,25 +1,21 @@
-"""Liveliness tokens and Statuses of sources in; which sources are there, and how much they have sent, out."""
+"""Liveliness tokens of sources in; which sources are there, out."""
 
 import logging
-import time
 from typing import Any
 
 import zenoh
 from zenoh.handlers import RingChannel
 
-from comotion_schemas import DecodeError, Keys, Status, decode_as
+from comotion_schemas import Keys
 from comotion_schemas.keys import last_chunk
-from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
 from .guard import LogLimit
 
 # Tokens that come and go between two turns of the loop; more are read with the next full list.
 _MOST_CHANGES = 1024
-# Tokens and Statuses that are read at a time: a storm of them must not delay an update.
+# Tokens that are read at a time: a storm of them must not delay an update.
 _AT_ONCE = 256
-# A batch that was sent before a Status may arrive after it.
-_GRACE_NS = 2_000_000_000
 _log = logging.getLogger(__name__)
 
 
@@ -89,45 +85,3 @@ def _next(replies: Any) -> zenoh.Reply | None:
     except zenoh.ZError:
         return None
     return found
-
-
-class Sent:
-    """What sources say in their Status about how many batches they have sent.
-
-    Parameters
-    ----------
-    session
-        Open Zenoh session.
-    keys
-        Keys of the scene.
-    most
-        Sources that are remembered.
-    """
-
-    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
-        self._most = most
-        self._statuses = declare_subscriber(
-            session, keys.streams("status"), "status", RingChannel(_MOST_CHANGES)
-        )
-        self._claims: dict[tuple[str, str], tuple[int, int]] = {}
-
-    def look(self) -> list[tuple[str, str, int]]:
-        """Source, session and number of batches, of claims so old that the batches should be here."""
-        now = time.monotonic_ns()
-        for _ in range(_AT_ONCE):
-            sample = self._statuses.try_recv()
-            if sample is None:
-                break
-            try:
-                status = decode_as(Status, sample.payload.to_bytes())
-            except DecodeError:
-                continue
-            key = status.component, status.session
-            if status.role == "source" and "sent" in status.counters and key not in self._claims:
-                self._claims[key] = now, status.counters["sent"]
-                if len(self._claims) > self._most:
-                    del self._claims[next(iter(self._claims))]
-        due = [(*key, count) for key, (at, count) in self._claims.items() if now - at >= _GRACE_NS]
-        for source, session, _ in due:
-            del self._claims[source, session]
-        return due

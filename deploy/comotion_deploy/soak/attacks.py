@@ -1,0 +1,245 @@
+"""What one source within every limit of a message can do to a scene: by name, what it does and how often.
+
+Each attack is a function of an :class:`Attacker`, called at a rate for as long as the attack lasts. The soak
+draws from them by its seed; the scripts in ``tests/adversary`` measure each alone.
+"""
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgpack
+import numpy as np
+import zenoh
+
+from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Status, encode
+from comotion_schemas.component import new_session_id
+from comotion_schemas.keys import StreamKind
+
+NAME = "hostile"
+VICTIM = "left"
+"""The source in whose name it lies."""
+MARKUP = "[/nope] [bold]\x1b[2J\x1b]0;owned\x07\x9b31m\r\nok: all is well\u202e.\u2066 " + 60 * "x"
+"""What ends a table of rich, clears a terminal, forges a line and turns what follows."""
+_TOP = 2**64 - 1
+
+
+@dataclass
+class Attacker:
+    """An open session at the scene, and what an attack has done so far."""
+
+    session: zenoh.Session
+    keys: Keys
+    chance: random.Random
+    run: str = field(default_factory=new_session_id)
+    seq: int = 0
+    held: list[Any] = field(default_factory=list)
+
+    def batch(self, count: int = 50, /, **changes: Any) -> ObservationBatch:
+        """The next batch: `count` features at rest, with changes."""
+        fields: dict[str, Any] = {
+            "source": NAME,
+            "session": self.run,
+            "seq": self.seq,
+            "space": "world",
+            "unit": "m",
+            "dim": 3,
+            "stamp_ns": time.time_ns(),
+            "ids": np.arange(count, dtype=np.uint64),
+            "positions": np.zeros((count, 3), np.float32),
+        }
+        return ObservationBatch(**(fields | changes))
+
+    def put(self, batch: ObservationBatch) -> None:
+        """Publish it under its own name."""
+        self.session.put(self.keys.stream("obs", batch.source), encode(batch))
+        self.seq += 1
+
+    def send(self, kind: StreamKind, message: Message, forged: dict[str, Any]) -> None:
+        """Publish a message with fields that no message of ours can have."""
+        content = msgpack.unpackb(encode(message)) | forged
+        self.session.put(self.keys.stream(kind, NAME), msgpack.packb(content))
+        self.seq += 1
+
+    def status(self, **changes: Any) -> Status:
+        """A Status of its own, with changes."""
+        fields: dict[str, Any] = {
+            "component": NAME,
+            "role": "source",
+            "session": self.run,
+            "stamp_ns": time.time_ns(),
+            "state": "ok",
+            "rates": {},
+            "ages": {},
+            "counters": {},
+            "rejected": {},
+            "message": "",
+        }
+        return Status(**(fields | changes))
+
+    def say(self, status: Status) -> None:
+        """Publish a Status on its own key."""
+        self.session.put(self.keys.stream("status", NAME), encode(status))
+        self.seq += 1
+
+
+def rest(_: Attacker) -> None:
+    """Nothing, for comparison."""
+
+
+def instants(attacker: Attacker) -> None:
+    """1000 instants in a batch of 30 kB."""
+    now, rows = time.time_ns(), 1000
+    stamps = now - np.arange(rows)[::-1] * 30_000
+    attacker.put(
+        attacker.batch(rows, stamp_ns=now, stamps_ns=stamps, ids=np.arange(rows, dtype=np.uint64) % 10)
+    )
+
+
+def spaces(attacker: Attacker) -> None:
+    """2000 features in 100 spaces, one space a batch."""
+    space = attacker.seq % 100
+    ids = np.arange(20 * space, 20 * space + 20, dtype=np.uint64)
+    rows = np.random.default_rng(attacker.seq).normal(0, 1, (20, 3)).astype(np.float32)
+    attacker.put(attacker.batch(20, space=f"space-{space}", ids=ids, positions=rows))
+
+
+def new_spaces(attacker: Attacker) -> None:
+    """Another space in every batch."""
+    attacker.put(attacker.batch(5, space=f"space-{attacker.seq}"))
+
+
+def names(attacker: Attacker) -> None:
+    """Another name in every batch."""
+    attacker.put(attacker.batch(5, source=f"{NAME}-{attacker.seq}", seq=0))
+
+
+def claim(attacker: Attacker) -> None:
+    """An empty batch that says that the space of the others is one of pixels."""
+    nothing: dict[str, Any] = {"ids": np.zeros(0, np.uint64), "positions": np.zeros((0, 2), np.float32)}
+    attacker.put(attacker.batch(0, unit="px", dim=2, **nothing))
+
+
+def carry(attacker: Attacker) -> None:
+    """Features that say that the frame of the space of the others is carried."""
+    rows = np.random.default_rng(1).normal(0, 1, (100, 3)).astype(np.float32)
+    attacker.put(attacker.batch(100, moving=True, positions=rows))
+
+
+def lie(attacker: Attacker) -> None:
+    """A Status on its own key that says how much another source has sent."""
+    counters = {"sent": 2**31 - 1, "batches": 2**31 - 1}
+    attacker.say(attacker.status(component=VICTIM, session=new_session_id(), counters=counters))
+
+
+def markup(attacker: Attacker) -> None:
+    """Texts that a terminal or a table would obey."""
+    texts = {"message": MARKUP, "host": MARKUP, "version": MARKUP, "rates": {MARKUP: 1.0}}
+    attacker.send("status", attacker.status(), texts)
+    attacker.send("obs", attacker.batch(5), {"space": MARKUP if attacker.seq % 4 == 1 else "[/nope]"})
+
+
+def statuses(attacker: Attacker) -> None:
+    """A Status of 2 kB."""
+    attacker.say(attacker.status(message=2000 * "x", counters={"sent": attacker.seq}))
+
+
+def large(attacker: Attacker) -> None:
+    """A valid batch of 3.9 MB."""
+    rows = 195_000
+    attacker.put(attacker.batch(rows, positions=np.zeros((rows, 3), np.float32)))
+
+
+def tokens(attacker: Attacker) -> None:
+    """Its own liveliness token comes and goes."""
+    liveliness = attacker.session.liveliness()
+    for _ in range(100):
+        liveliness.declare_token(attacker.keys.live("source", NAME)).undeclare()  # type: ignore[no-untyped-call]
+    attacker.seq += 100
+
+
+def many_tokens(attacker: Attacker) -> None:
+    """Tokens of ever more sources."""
+    liveliness = attacker.session.liveliness()
+    for _ in range(100):
+        key = attacker.keys.live("source", f"{NAME}-{attacker.seq}")
+        attacker.held.append(liveliness.declare_token(key))
+        attacker.seq += 1
+
+
+def seize(attacker: Attacker) -> None:
+    """The token of a service that claims to be older than all."""
+    if not attacker.held:
+        key = attacker.keys.live("service", f"x-{1:016x}-{attacker.run}")
+        attacker.held.append(attacker.session.liveliness().declare_token(key))
+        attacker.seq += 1
+
+
+def outrank(attacker: Attacker) -> None:
+    """One update of the highest epoch there is."""
+    if attacker.seq:
+        return
+    columns: dict[str, Any] = {
+        "track_source": np.zeros(0, np.uint16),
+        "track_id": np.zeros(0, np.uint64),
+        "track_hypothesis": np.zeros(0, np.uint32),
+        "track_confidence": np.zeros(0, np.float32),
+        "track_position": np.zeros((0, 3), np.float32),
+    }
+    header: dict[str, Any] = {
+        "scene": attacker.keys.scene,
+        "session": attacker.run,
+        "seq": 0,
+        "epoch": _TOP,
+        "live": True,
+        "stamp_ns": time.time_ns(),
+        "published_ns": time.time_ns(),
+        "period_ns": 100_000_000,
+        "sources": [],
+        "hypotheses": [],
+        "events": [],
+    }
+    attacker.session.put(attacker.keys.hypotheses, encode(HypothesisUpdate(**header, **columns)))
+    attacker.seq += 1
+
+
+@dataclass(frozen=True)
+class Attack:
+    """What is done, and how often a second."""
+
+    step: Callable[[Attacker], None]
+    rate: float
+
+
+ATTACKS: dict[str, Attack] = {
+    "none": Attack(rest, 1),
+    "instants": Attack(instants, 30),
+    "spaces": Attack(spaces, 240),
+    "new-spaces": Attack(new_spaces, 400),
+    "names": Attack(names, 1500),
+    "claim": Attack(claim, 0.5),
+    "carry": Attack(carry, 30),
+    "lie": Attack(lie, 1),
+    "markup": Attack(markup, 2),
+    "statuses": Attack(statuses, 3000),
+    "large": Attack(large, 10),
+    "tokens": Attack(tokens, 400),
+    "many-tokens": Attack(many_tokens, 200),
+    "seize": Attack(seize, 1),
+    "outrank": Attack(outrank, 1),
+}
+# What needs no more than an ordinary certificate: the router's access control denies the others.
+WITHIN_LIMITS = tuple(name for name in ATTACKS if name not in ("none", "seize", "outrank"))
+
+
+def attack(name: str, attacker: Attacker, seconds: float) -> int:
+    """Run an attack for some seconds; returns how much it has done."""
+    chosen, began, done = ATTACKS[name], time.monotonic(), 0
+    while (elapsed := time.monotonic() - began) < seconds:
+        while done <= elapsed * chosen.rate and time.monotonic() - began < seconds:
+            chosen.step(attacker)
+            done += 1
+        time.sleep(min(1 / chosen.rate, 0.002))
+    return attacker.seq

@@ -1,0 +1,38 @@
+"""Text from outside -> text that can be shown: in terminals, logs, pages, metrics, frames and file names."""
+
+import logging
+from typing import Any
+
+MOST = 4096
+"""Most characters of a text in a message."""
+
+
+def shown(text: str, most: int = MOST) -> str:
+    """Make a text harmless to show.
+
+    Characters that are no glyph become a space, a run of them one: control characters (C0, C1, escape), ends
+    of lines, marks that turn the direction of what follows, surrogates. What is longer is cut, with an
+    ellipsis. Brackets stay: who formats text, as rich or Markdown, escapes what its format obeys.
+
+    Parameters
+    ----------
+    most
+        Most characters of the result, at least 1.
+    """
+    if not text.isprintable():
+        text = " ".join(
+            "".join(one if one.isprintable() else "\0" for one in text).replace("\0", " ").split()
+        )
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+class LogFormatter(logging.Formatter):
+    """Writes a message as one line, and the lines of a trace indented: none looks like another message."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the name of the base class
+        """Format the message of a record."""
+        return shown(super().formatMessage(record))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802
+        """Format the trace of an exception."""
+        return "\n".join(f"  {shown(line)}" for line in super().formatException(ei).splitlines())

@@ -1,0 +1,157 @@
+"""Statuses of a scene's components in; out come those worth reading, and what sources say they have sent.
+
+A Status is believed about the component of its own key alone. Of a storm of them each component's newest is
+read, twice a second at most, and some in a turn of the loop: what one component sends costs nobody else.
+"""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from comotion_schemas import DecodeError, Keys, Status, decode_as
+from comotion_schemas.keys import last_chunk
+from comotion_schemas.transport import declare_subscriber
+from comotion_schemas.types import is_name
+
+from ..event_time.stats import Key
+from .guard import LogLimit
+
+_RING = 1024
+# Between two Statuses of one component that are read.
+_AGAIN_NS = 500_000_000
+# Read in one turn of the loop: a millisecond of work.
+_AT_ONCE = 16
+# That of a service with a thousand sources is as large.
+_MOST_BYTES = 256 * 1024
+# A batch that was sent before a Status may arrive after it.
+_GRACE_NS = 2_000_000_000
+# Of one session within that time: two a second are read.
+_CLAIMS = 8
+_log = logging.getLogger(__name__)
+
+
+class _Unread(NamedTuple):
+    sample: zenoh.Sample
+    arrived_s: float
+
+
+class Statuses:
+    """The subscription; a thread keeps the newest of each component with the time of its arrival.
+
+    `refused` counts those of another component than that of the key, those that are no Status, and those of
+    more components than are remembered.
+
+    Parameters
+    ----------
+    session
+        Open Zenoh session.
+    keys
+        Keys of the scene.
+    most
+        Components that are remembered.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
+        self.refused = 0
+        self._most = most
+        self._lock = threading.Lock()
+        self._unread: dict[str, _Unread] = {}
+        self._read_ns: dict[str, int] = {}
+        self._limit = LogLimit(5, 60.0)
+        self._subscriber = declare_subscriber(session, keys.streams("status"), "status", RingChannel(_RING))
+        # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
+        self._thread = threading.Thread(
+            target=self._receive, args=(self._subscriber.handler,), name="statuses", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._subscriber.undeclare()
+        self._thread.join()
+
+    def read(self) -> list[tuple[Status, float]]:
+        """Statuses that are due, each with the time of its arrival by this machine's wall clock, s."""
+        now = time.monotonic_ns()
+        self._read_ns = {name: at for name, at in self._read_ns.items() if now - at < _AGAIN_NS}
+        with self._lock:
+            names = [name for name in self._unread if name not in self._read_ns][:_AT_ONCE]
+            due = [(name, self._unread.pop(name)) for name in names]
+        self._read_ns |= dict.fromkeys(names, now)
+        return [
+            (status, one.arrived_s) for name, one in due if (status := self._decode(name, one)) is not None
+        ]
+
+    def _receive(self, samples: Any) -> None:
+        while True:
+            try:
+                sample = samples.recv()
+            except zenoh.ZError:  # undeclared, or the session is closed
+                return
+            name = last_chunk(str(sample.key_expr))
+            with self._lock:
+                if name in self._unread or (len(self._unread) < self._most and is_name(name)):
+                    self._unread[name] = _Unread(sample, time.time())
+                else:
+                    self.refused += 1
+
+    def _decode(self, name: str, one: _Unread) -> Status | None:
+        payload = one.sample.payload
+        try:
+            if len(payload) > _MOST_BYTES:
+                raise DecodeError("too-large", f"{len(payload)} bytes")
+            status = decode_as(Status, payload.to_bytes())
+            if status.component != name:
+                raise DecodeError("source-mismatch", f"it is about {status.component!r}")
+        except DecodeError as error:
+            self.refused += 1
+            self._limit.log(_log, logging.WARNING, "refused a Status on status/%s: %s", name, error)
+            return None
+        return status
+
+
+class Sent:
+    """What sources say in their Status about how many batches they have sent.
+
+    `unknown` holds the newest sessions of an earlier run of the service of which nothing has come since: what
+    they have sent meanwhile nobody knows.
+
+    Parameters
+    ----------
+    most
+        Sessions that are remembered.
+    before
+        Source and session of those of an earlier run, the newest last.
+    """
+
+    def __init__(self, most: int, before: Iterable[Key] = ()) -> None:
+        self._most = most
+        self._claims: dict[Key, deque[tuple[int, int]]] = {}
+        newest = {source: session for source, session in before if session}
+        self.unknown = set(newest.items())
+
+    def note(self, status: Status, monotonic_ns: int) -> None:
+        """Take note of what a source says."""
+        if status.role != "source" or "sent" not in status.counters:
+            return
+        key = status.component, status.session
+        self.unknown.discard(key)
+        self._claims.setdefault(key, deque(maxlen=_CLAIMS)).append((monotonic_ns, status.counters["sent"]))
+        if len(self._claims) > self._most:
+            del self._claims[next(iter(self._claims))]
+
+    def due(self, monotonic_ns: int) -> list[tuple[Key, int]]:
+        """Session and number of batches, of claims so old that the batches should be here."""
+        due = []
+        for key, claims in list(self._claims.items()):
+            while claims and monotonic_ns - claims[0][0] >= _GRACE_NS:
+                due.append((key, claims.popleft()[1]))
+            if not claims:
+                del self._claims[key]
+        return due

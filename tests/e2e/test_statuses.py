@@ -1,0 +1,112 @@
+"""What the service reads of Statuses: each component's newest, about itself alone."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from comotion.runtime.statuses import Sent, Statuses
+from comotion_schemas import Keys, Status, encode
+from comotion_schemas.transport import SessionSettings, open_session
+
+from .conftest import DEADLINE
+
+pytestmark = pytest.mark.e2e
+KEYS = Keys()
+SESSION = "00000000000000aa"
+S = 10**9
+
+
+def status(component: str, sent: int = 0, **changes: object) -> Status:
+    fields = {
+        "component": component,
+        "role": "source",
+        "session": SESSION,
+        "stamp_ns": 0,
+        "state": "ok",
+        "rates": {},
+        "ages": {},
+        "counters": {"sent": sent},
+        "rejected": {},
+        "message": "",
+    }
+    return Status(**(fields | changes))
+
+
+class Reader:
+    """Reads until enough has come."""
+
+    def __init__(self, statuses: Statuses) -> None:
+        self.statuses = statuses
+        self.got: list[tuple[str, int]] = []
+
+    def until(self, fulfilled: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + DEADLINE
+        while not fulfilled():
+            assert time.monotonic() < deadline, (self.got[-9:], self.statuses.refused)
+            found = self.statuses.read()
+            assert len(found) <= 16
+            self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+
+
+@pytest.fixture
+def reader(free_port_endpoint) -> Iterator[Reader]:
+    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
+        statuses = Statuses(router, KEYS, most=100)
+        yield Reader(statuses)
+        statuses.close()
+
+
+@pytest.fixture
+def put(reader, free_port_endpoint, connect) -> Callable[[str, Status], None]:
+    session = connect(free_port_endpoint)
+    return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
+
+
+def test_of_a_storm_the_newest_is_read_and_others_with_it(reader, put) -> None:
+    for k in range(3000):
+        put("loud", status("loud", k))
+    put("quiet", status("quiet", 7))
+    reader.until(lambda: {("loud", 2999), ("quiet", 7)} <= set(reader.got))
+    # Twice a second at most: what the storm took is some of 3000.
+    assert sum(name == "loud" for name, _ in reader.got) < 100
+    assert reader.statuses.refused == 0
+
+
+def test_a_status_about_another_component_is_refused_and_counted(reader, put) -> None:
+    put("liar", status("cam", 2**31))
+    put("cam", status("cam", 5))
+    reader.until(lambda: reader.statuses.refused == 1 and bool(reader.got))
+    assert reader.got == [("cam", 5)]
+
+
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(
+    reader, put, free_port_endpoint, connect
+) -> None:
+    put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
+    connect(free_port_endpoint).put(KEYS.stream("status", "cam"), b"\x00")
+    reader.until(lambda: reader.statuses.refused == 2)
+    for k in range(300):
+        put(f"cam-{k}", status(f"cam-{k}"))
+    reader.until(lambda: len(reader.got) + reader.statuses.refused == 302)
+    assert len(reader.got) >= 100
+
+
+def test_a_claim_counts_once_the_batches_should_be_here() -> None:
+    sent = Sent(most=2)
+    sent.note(status("cam", 5), 0)
+    sent.note(status("viewer", 5, role="viewer"), 0)
+    sent.note(status("cam", 9), S)
+    assert sent.due(2 * S - 1) == []
+    assert sent.due(2 * S) == [(("cam", SESSION), 5)]
+    # What a session says last counts, though an earlier claim was pending.
+    assert sent.due(9 * S) == [(("cam", SESSION), 9)]
+    assert sent.due(9 * S) == []
+
+
+def test_sessions_of_an_earlier_run_are_unknown_until_they_speak() -> None:
+    other = "b" * 16
+    sent = Sent(2, before=[("cam", other), ("cam", SESSION), ("gone", other), ("gone", "")])
+    assert sent.unknown == {("cam", SESSION), ("gone", other)}
+    sent.note(status("cam", 5), 0)
+    assert sent.unknown == {("gone", other)}

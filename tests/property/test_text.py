@@ -1,0 +1,156 @@
+"""Text from outside, whatever it holds: nothing that shows it obeys it."""
+
+import io
+import logging
+import re
+from dataclasses import replace
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from comotion_clients.scene_model import SceneModel
+from comotion_clients.scene_status import StatusModel
+from comotion_clients.status_view import show
+from comotion_clients.viewing.health import summary
+from comotion_clients.viewing.paths import plain
+from comotion_clients.watch_view import WHOLE, plain_line, render
+from comotion_deploy.soak.attacks import MARKUP
+from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, decode, encode
+from comotion_schemas.text import LogFormatter, shown
+
+SESSION = "0123456789abcdef"
+# All planes but lone surrogates, which are no UTF-8; those that formats and terminals obey come often.
+texts = st.text(
+    st.sampled_from("[]/\\<>!`*|\x1b\x9b\r\n\t\x00\u202e\u2066\u200b\u2028 ab")
+    | st.characters(exclude_categories=("Cs",)),
+    max_size=60,
+)
+
+
+def status(text: str, **changes: object) -> Status:
+    """As it arrives: what the sender has checked is not relied on."""
+    fields = {
+        "schema": "comotion.Status/1", "component": "fusion", "role": "service", "session": SESSION,
+        "stamp_ns": 0, "state": "degraded", "rates": {text: 1.0}, "ages": {text: 1.0},
+        "counters": {text: 1}, "rejected": {}, "message": text, "version": text, "host": text,
+        "clock_offsets": {text: 0.5},
+        "problems": [{"kind": "limit", "since_ns": 0, "text": text}],
+    }  # fmt: skip
+    found = decode(msgpack.packb(fields | changes))
+    assert isinstance(found, Status)
+    return found
+
+
+def batch(space: str) -> ObservationBatch:
+    return ObservationBatch(
+        source="cam",
+        session=SESSION,
+        seq=0,
+        space=space,
+        unit="m",
+        dim=3,
+        stamp_ns=0,
+        ids=[1],
+        positions=np.zeros((1, 3), np.float32),
+    )
+
+
+def lines_of(*what: object) -> list[str]:
+    """What a console prints, all in one line each."""
+    out = io.StringIO()
+    console = Console(file=out, width=2000, color_system=None)
+    for one in what:
+        console.print(one)
+    lines = out.getvalue().split("\n")
+    assert all(line.isprintable() for line in lines)
+    return lines
+
+
+@given(texts, st.integers(1, 80))
+@example(MARKUP, 500)
+def test_what_is_shown_has_glyphs_only_and_is_bounded_and_stays_as_it_is(text, most) -> None:
+    found = shown(text, most)
+    assert found.isprintable()
+    assert len(found) <= most
+    assert shown(found, most) == found
+    if text.isprintable() and len(text) <= most:
+        assert found == text
+
+
+@given(texts)
+@example(MARKUP)
+def test_every_text_of_a_decoded_status_can_be_shown(text) -> None:
+    found = status(text)
+    maps = (found.rates, found.ages, found.counters, found.clock_offsets)
+    given_ = [found.message, found.version, found.host, found.problems[0].text, *(k for m in maps for k in m)]
+    assert given_ == [shown(text)] * 8
+
+
+@given(texts.filter(lambda text: not text.isprintable()))
+@example(MARKUP)
+def test_a_space_whose_name_cannot_be_shown_is_refused(space) -> None:
+    content = msgpack.unpackb(encode(batch("world"))) | {"space": space}
+    with pytest.raises(DecodeError) as refusal:
+        decode(msgpack.packb(content))
+    assert refusal.value.reason == "schema"
+    assert str(refusal.value).isprintable()
+
+
+@given(texts)
+@example(MARKUP)
+def test_status_prints_texts_as_they_are_each_in_its_line(text) -> None:
+    model = StatusModel("lab")
+    model.on_presence("service", "fusion", alive=True)
+    model.on_status(status(text), 0.0)
+    model.on_router(
+        {"zid": text, "version": text, "metadata": {"name": text, "host": text}, "locators": [text] * 99}
+    )
+    found = model.snapshot(0.0)
+    out = io.StringIO()
+    show(found, Console(file=out, width=4000, color_system=None))
+    lines = out.getvalue().split("\n")
+    assert all(line.isprintable() for line in lines)
+    assert sum(line.startswith("! ") for line in lines) == len(found.problems)
+    assert any(shown(text, 80).strip() in line for line in lines)
+
+
+@given(texts.filter(bool))
+@example(MARKUP)
+def test_watch_shows_texts_as_they_are(text) -> None:
+    space = shown(text) or "x"
+    model = SceneModel("lab")
+    model.on_status(status(text))
+    model.on_batch(batch(space), 0.0, 0)
+    snapshot = model.snapshot(0.0)
+    lines = lines_of(render(snapshot, 160, WHOLE, "size", keys=False))
+    assert any(line.rstrip().endswith(f"limit {shown(text)}".rstrip()) for line in lines)
+    assert any(line.startswith("cam") and shown(space)[:5].strip() in line for line in lines)
+    assert plain_line(snapshot).isprintable()
+    for line in summary(snapshot).split("\n"):
+        assert plain(line).isprintable()
+    row = next(line for line in summary(snapshot).split("\n") if line.startswith("|cam|"))
+    assert not re.search(r"(?<!\\)[\[\]<>!`]", row)
+
+
+@given(texts)
+@example(MARKUP)
+def test_a_log_line_is_one_line_and_a_trace_is_indented(text) -> None:
+    formatter = LogFormatter("%(levelname)s: %(message)s")
+    record = logging.LogRecord("x", logging.WARNING, "x.py", 1, "rejected %s", (text,), None)
+    assert formatter.format(record).isprintable()
+    try:
+        raise ValueError(text)
+    except ValueError as error:
+        record.exc_info = ValueError, error, error.__traceback__
+    first, *trace = formatter.format(record).split("\n")
+    assert first.startswith("WARNING: rejected")
+    assert all(line.startswith("  ") and line.isprintable() for line in trace)
+
+
+def test_a_problem_that_the_service_builds_can_be_shown() -> None:
+    assert Problem(kind="limit", since_ns=0, text="a\x1b[2Jb\nc").text == "a [2Jb c"
+    assert replace(status("x"), message="a\nb").message == "a b"
