@@ -25,7 +25,7 @@ from numba.core.caching import (
 _PACKAGE = Path(__file__).parent
 _MARK = b"@compiled"
 # Modules without kernels whose constants go into them, as tests/unit/test_kernel_cache.py finds.
-_USED_BY_KERNELS = {"compiled.py", "lanes.py", "partition.py"}
+_USED_BY_KERNELS = {"compiled.py", "partition.py"}
 
 
 def kernel_sources() -> Iterator[Path]:
