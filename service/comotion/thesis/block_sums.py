@@ -95,7 +95,7 @@ class BlockSums:
         sigma_switch
             Standard deviation at which the affinity is 0.5.
         place
-            intp [rows]: row and column of `out` that each row is written to.
+            intp [rows]: row and column of `out` that each row is written to, -1 for none.
         out
             float32 [n, n], symmetric: log(0.5) for pairs with fewer than two samples.
 

@@ -230,7 +230,7 @@ def _two_means(affinity: Floats32, sums: Floats, second: Bools) -> _Halves:
 
 
 def _part(affinity: Floats32, members: Slots) -> Floats32:
-    many = worth_waking(len(members) ** 2)
+    many = worth_waking(affinity.size)
     return gather(affinity, members) if many else affinity[np.ix_(members, members)]
 
 

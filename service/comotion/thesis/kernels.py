@@ -266,10 +266,12 @@ def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
     """Write a block on both sides of the diagonal."""
     for i in range(STRIP):
         for j in range(STRIP):
-            out[mine[i], theirs[j]] = logs[i, j]
+            if mine[i] >= 0 and theirs[j] >= 0:
+                out[mine[i], theirs[j]] = logs[i, j]
     for j in range(STRIP):
         for i in range(STRIP):
-            out[theirs[j], mine[i]] = logs[i, j]
+            if mine[i] >= 0 and theirs[j] >= 0:
+                out[theirs[j], mine[i]] = logs[i, j]
 
 
 @compiled(parallel=True)

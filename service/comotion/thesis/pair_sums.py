@@ -112,7 +112,7 @@ class PairSums:
         self._pending = SampleBuffer(0, self.sums.dtype)
         self._times = ObservationTimes()
         self._updates = 0
-        self._room: Floats32 = np.zeros((0, 0), np.float32)
+        self._room: Floats32 = np.zeros(0, np.float32)
 
     def observed(self, window: Window, rows: Rows) -> None:
         """Take note of observations that have just been stored."""
@@ -169,12 +169,12 @@ class PairSums:
         self._take_in(window)
         self._assign_rows(window, slots)
         n = len(slots)
-        if len(self._room) <= n:
-            self._room = aligned_zeros((n + n // 8 + 1,) * 2, np.float32)
-        # One more row and column are for rows of the sums that are not asked for.
-        place = np.full(self.sums.strips * STRIP, n)
+        if len(self._room) < n * n:
+            self._room = aligned_zeros((n * n + n * n // 4,), np.float32)
+        affinity = self._room[: n * n].reshape(n, n)
+        place = np.full(self.sums.strips * STRIP, -1)
         place[self.rows.of[slots]] = np.arange(n)
-        wanted = sigma_switch, place, self._room
+        wanted = sigma_switch, place, affinity
         imprecise = self.sums.add_and_compare(self._pending, *wanted)
         self._pending.count = 0
         self._updates += 1
@@ -184,7 +184,6 @@ class PairSums:
         if len(imprecise):
             self._recompute(window, imprecise)
             self.sums.compare(imprecise, *wanted)
-        affinity = self._room[:n, :n]
         np.exp(affinity, out=affinity)
         np.fill_diagonal(affinity, 1.0)
         return affinity
