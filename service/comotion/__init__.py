@@ -8,14 +8,19 @@ In a program of your own::
     update = scene.push(ids, positions, t)
 
 The package is a pure core - arrays in, arrays out, time injected - and :mod:`comotion.runtime`,
-the process that puts it on the wire.
+the process that puts it on the wire. Each name is imported at its first use: the compiler and SciPy take a
+second, which a program that only reads the configuration need not wait for.
 """
 
-from .config import FusionConfig
-from .event_time.sources import SourceHealth
-from .event_time.stats import Stats
-from .fusion import AffinitySnapshot, Fusion
-from .library import Grouping, Scene, group
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .config import FusionConfig
+    from .event_time.sources import SourceHealth
+    from .event_time.stats import Stats
+    from .fusion import AffinitySnapshot, Fusion
+    from .library import Grouping, Scene, group
 
 __all__ = [
     "AffinitySnapshot",
@@ -27,3 +32,25 @@ __all__ = [
     "Stats",
     "group",
 ]
+
+_DEFINED_IN = {
+    "AffinitySnapshot": ".fusion",
+    "Fusion": ".fusion",
+    "FusionConfig": ".config",
+    "Grouping": ".library",
+    "Scene": ".library",
+    "SourceHealth": ".event_time.sources",
+    "Stats": ".event_time.stats",
+    "group": ".library",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _DEFINED_IN:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_DEFINED_IN[name], __name__), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from comotion.partition import Rows
-from comotion.thesis.kernels.samples import STRIP
-from comotion.thesis.kernels.sums import COMPARABLE_SAMPLES, FIRST, SAMPLES, SECOND, WEIGHTS
+from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, SAMPLES, SECOND, STRIP, WEIGHTS
 from comotion.thesis.pair_sums import PairSums
 from comotion.trajectories.window import Window
 
@@ -121,7 +120,7 @@ class SideBySide:
     def check_affinities(self, sigma_switch: float) -> None:
         """Assert that affinities are equal to 1e-4, which single precision resolves at a few metres."""
         tracks = sorted(self.slots)
-        found = self.pairs.affinity(self.window, self.slots_of(tracks), sigma_switch).dense()
+        found = self.pairs.affinity(self.window, self.slots_of(tracks), sigma_switch)
         for a, i in enumerate(tracks):
             for b, j in enumerate(tracks[:a]):
                 pair = self.lists[i], self.lists[j]

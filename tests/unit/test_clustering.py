@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import KMeans
 
-from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import by_appearance, make_clustering
-from comotion.thesis.clustering.divisive_kmeans import halve
-from comotion.thesis.clustering.submatrix import Submatrix
+from comotion.thesis.halving import halve
+from comotion.thesis.kernels import gather
 
 DIVISIVE = "divisive-kmeans"
 ALL = [DIVISIVE, "gmm-bic", "eigengap", "eigengap-normalized"]
@@ -27,7 +26,12 @@ def blocks(sizes, inside=0.9, outside=0.05, noise=0.03, seed=0):
 
 
 def cluster(name, affinity):
-    return make_clustering(name, STOP)(Affinity.of(affinity)).labels
+    return clusters(make_clustering(name, STOP), affinity).labels
+
+
+def clusters(clustering, affinity):
+    affinity = np.asarray(affinity, np.float32)
+    return clustering(affinity, np.arange(len(affinity)))
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -124,41 +128,21 @@ def test_spectral_clustering_answers_for_any_affinity(name, affinity):
     np.testing.assert_array_equal(labels, by_appearance(labels))
 
 
-def gathered(affinity, members, some):
-    """Rows and columns of some members, with room for one more."""
-    room = np.full((len(members) + 1,) * 2, np.nan, np.float32)
-    lower = np.where(np.tri(len(affinity), dtype=bool), affinity, np.nan).astype(np.float32)
-    return Submatrix.gathered(lower, members, room, some)
-
-
-def first_half(affinity):
-    nobody, everybody = np.zeros(len(affinity), bool), np.arange(len(affinity))
-    return halve(*gathered(affinity, everybody, nobody), nobody)
-
-
 @pytest.mark.parametrize("count", [1, 2, 40, 299])
-@pytest.mark.parametrize("size", [40, 300])
-def test_a_submatrix_is_read_from_below_the_diagonal(size, count):
-    rng = np.random.default_rng(size + count)
-    affinity = _symmetric(size, count, ())
-    members = np.sort(rng.choice(size, min(size, count), replace=False))
-    some, vector = rng.uniform(size=len(members)) < 0.3, rng.normal(size=len(members))
-    matrix, totals = gathered(affinity, members, some)
-    dense = affinity[np.ix_(members, members)]
-    np.testing.assert_allclose(totals.sums, dense.sum(axis=1), rtol=1e-5)
-    np.testing.assert_allclose(totals.part, dense[:, some].sum(axis=1), rtol=1e-5)
-    assert totals.least == pytest.approx(dense.min(), abs=1e-7)
-    np.testing.assert_allclose(matrix.times(vector), dense @ vector, atol=1e-4)
-    np.testing.assert_allclose(matrix.rows(), dense, rtol=1e-6)
-    np.testing.assert_allclose(matrix.row(len(members) // 2), dense[len(members) // 2], rtol=1e-6)
+def test_rows_and_columns_are_gathered(count):
+    rng = np.random.default_rng(count)
+    matrix, members = rng.uniform(size=(300, 300)).astype(np.float32), rng.choice(300, count, replace=False)
+    np.testing.assert_array_equal(gather(matrix, members), matrix[np.ix_(members, members)])
 
 
+@pytest.mark.parametrize("sizes", [(14, 9, 6), (140, 90, 60)])
 @pytest.mark.parametrize("seed", range(20))
-def test_the_first_split_is_as_good_as_that_of_ten_random_starts(seed):
+def test_the_first_split_is_as_good_as_that_of_ten_random_starts(sizes, seed):
     rng = np.random.default_rng(seed)
-    affinity, _ = blocks((14, 9, 6), inside=0.7, outside=0.3, noise=rng.uniform(0.05, 0.3), seed=seed)
+    affinity, _ = blocks(sizes, inside=0.7, outside=0.3, noise=rng.uniform(0.05, 0.3), seed=seed)
     theirs = KMeans(2, n_init=10, random_state=0).fit(affinity)
-    second = first_half(affinity)
+    single = affinity.astype(np.float32)
+    second = halve(single, single.sum(1), np.zeros(len(single), bool))
     ours = sum(((half - half.mean(axis=0)) ** 2).sum() for half in (affinity[second], affinity[~second]))
     assert ours <= 1.02 * theirs.inertia_
 
@@ -166,11 +150,11 @@ def test_the_first_split_is_as_good_as_that_of_ten_random_starts(seed):
 @pytest.mark.parametrize("name", [DIVISIVE, "eigengap"])
 def test_cohesion_is_the_mean_affinity_to_the_other_members(name):
     affinity, truth = blocks((9, 7, 12))
-    found = make_clustering(name, STOP)(Affinity.of(affinity))
+    found = clusters(make_clustering(name, STOP), affinity)
     for k, label in enumerate(truth):
         mates = (truth == label) & (np.arange(len(truth)) != k)
         assert found.cohesion[k] == pytest.approx(affinity[k, mates].mean(), abs=1e-6)
-    alone = make_clustering(name, STOP)(Affinity.of(np.eye(1)))
+    alone = clusters(make_clustering(name, STOP), np.eye(1))
     assert alone.cohesion.tolist() == [0.5]
 
 
@@ -179,7 +163,7 @@ def test_a_first_guess_from_the_call_before_changes_nothing_about_the_answer(see
     cluster = make_clustering(DIVISIVE, STOP)
     for sizes in ((60, 30, 40), (60, 30, 40), (50, 50, 30), (130,), (20, 20, 20, 70)):
         affinity, truth = blocks(sizes, seed=seed)
-        np.testing.assert_array_equal(cluster(Affinity.of(affinity)).labels, truth)
+        np.testing.assert_array_equal(clusters(cluster, affinity).labels, truth)
 
 
 def test_labels_are_numbered_by_appearance():

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,17 @@ from comotion_sources.runtime import SourcePublisher
 
 DATA = Path(os.environ.get("COMOTION_DATA", "/nowhere"))
 CONFIG = FusionConfig(period=0.2)
+
+
+def test_the_core_is_imported_at_its_first_use():
+    code = (
+        "import sys, comotion; from comotion import FusionConfig; FusionConfig();"
+        "assert 'numba' not in sys.modules; assert set(comotion.__all__) <= set(dir(comotion));"
+        "from comotion import *; assert Fusion(FusionConfig()).spaces == []; assert 'numba' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        comotion.nothing  # noqa: B018
 
 
 def last_update(messages):

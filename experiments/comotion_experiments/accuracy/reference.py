@@ -1,8 +1,10 @@
 """The thesis method with 2-means as everybody has it, for what our own splits cost or gain."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from comotion import Fusion, FusionConfig
 from comotion.partition import Method, SpaceSpec
-from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import Clusters, by_appearance
 from comotion.thesis.method import ThesisMethod
 
@@ -14,11 +16,11 @@ class ReferenceFusion(Fusion):
 
     def make_method(self, spec: SpaceSpec) -> Method:
         """Build the thesis method with the other split."""
-        return ThesisMethod(self.config, spec, lambda affinity: _split(affinity, self.config))
+        return ThesisMethod(self.config, spec, lambda affinity, _: _split(affinity, self.config))
 
 
-def _split(affinity: Affinity, config: FusionConfig) -> Clusters:
-    dense = affinity.dense().astype(float)
+def _split(affinity: NDArray[np.float32], config: FusionConfig) -> Clusters:
+    dense = affinity.astype(float)
     labels = by_appearance(divide(dense, config.thesis.stop_affinity))
     # Confidence is no part of what is compared.
     return Clusters(labels, dense.mean(axis=1))

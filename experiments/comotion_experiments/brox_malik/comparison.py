@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion.config import ThesisConfig
-from comotion.thesis.affinity import Affinity
 from comotion.thesis.clustering import make_clustering
 from comotion_clients.metrics import Truth, nmi
 from comotion_schemas import ObservationBatch, TruthBatch
@@ -47,7 +46,7 @@ def divisive(matrix: Floats, count: int) -> Labels:
     """Divisive k-means of the thesis, which finds the number itself."""
     del count
     cluster = make_clustering("divisive-kmeans", ThesisConfig().stop_affinity)
-    return cluster(Affinity.of(matrix)).labels
+    return cluster(matrix.astype(np.float32), np.arange(len(matrix))).labels
 
 
 CLUSTERINGS: dict[str, Callable[[Floats, int], Labels]] = {

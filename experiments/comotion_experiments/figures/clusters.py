@@ -6,8 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion.thesis.clustering.eigengap import MOST_EIGENVALUES, count_clusters, spectrum
-from comotion.thesis.clustering.gmm_bic import COVARIANCES, Mixture, mixtures
+from comotion.thesis.alternatives import (
+    COVARIANCES,
+    MOST_EIGENVALUES,
+    Mixture,
+    count_clusters,
+    mixtures,
+    spectrum,
+)
 
 from . import panels
 from .affinity import EXPECTED, START_TIMES, STARTS, STARTS_CONFIG, starts

@@ -14,7 +14,7 @@ from ..arrays import Bools, Floats, Stamps
 
 # The thesis chooses λ and γ such that the weight is 0.9 at v_move and the affinity 0.5 at sigma_switch.
 _WEIGHT_SHORT_OF_ONE = 0.1
-_AFFINITY_AT_SWITCH = 0.5
+AFFINITY_AT_SWITCH = 0.5
 # ε of (3.2) in units of v_move²; the thesis gives no number. At rest a weight then is 0.0023.
 _EPSILON = 1e-3
 
@@ -96,7 +96,7 @@ def affinity(variances: Floats, sigma_switch: float) -> Floats:
     sigma_switch
         Standard deviation at which the affinity is 0.5, in the unit of the distances.
     """
-    return np.asarray(np.exp(math.log(_AFFINITY_AT_SWITCH) / sigma_switch**2 * variances))
+    return np.asarray(np.exp(math.log(AFFINITY_AT_SWITCH) / sigma_switch**2 * variances))
 
 
 def distance_samples(i: Observations, j: Observations, max_gap: int) -> tuple[Floats, Floats]:

@@ -18,15 +18,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Floats, Ints, Slots
+from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig
 from ..matching import largest_first
 from ..partition import Group, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
-from .affinity import Affinity
 from .clustering import ClusterFunction, make_clustering
 from .pair_sums import PairSums
 
@@ -58,7 +56,7 @@ class ThesisMethod:
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
         self._pair_sums = PairSums(v_move)
         self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
-        self._affinity = Affinity.of(np.zeros((0, 0)))
+        self._affinity: Floats32 = np.zeros((0, 0), np.float32)
 
     def observed(self, window: Window, rows: Rows) -> None:
         """One instant of one source has been stored."""
@@ -78,7 +76,7 @@ class ThesisMethod:
         # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
         self._affinity = self._pair_sums.affinity(window, current, self._sigma_switch)
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
-        clusters = self._cluster(self._affinity)
+        clusters = self._cluster(self._affinity, current)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
@@ -89,9 +87,9 @@ class ThesisMethod:
             described=self._describe(window, current, clusters.labels),
         )
 
-    def affinity(self) -> NDArray[np.float32]:
+    def affinity(self) -> Floats32:
         """Affinity [n, n] of the last update's trajectories."""
-        return self._affinity.dense()
+        return self._affinity.copy()
 
     def state(self) -> dict[str, Any]:
         """Nothing: the sums follow from the window."""

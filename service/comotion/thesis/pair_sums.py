@@ -9,26 +9,78 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Slots, Stamps, aligned_zeros
+from ..arrays import Floats32, Slots, Stamps, aligned_zeros
 from ..partition import Rows
-from ..trajectories.interpolation import locate
 from ..trajectories.window import Window
-from .affinity import Affinity, Matrix
-from .block_sums import NO_ROW, BlockSums, RowIndex
-from .kernels.samples import NEVER, STRIP, find_unsummed
-from .sample_buffer import (
-    LATEST,
-    MOST_INSTANTS,
-    LateObservations,
-    ObservationTimes,
-    Participants,
-    SampleBuffer,
-)
+from .block_sums import BlockSums
+from .kernels import LATEST, NEVER, STRIP, find_unsummed
+from .samples import MOST_INSTANTS, ObservationTimes, Participants, SampleBuffer
 
+NO_ROW = -1
+_NO_OWNER = -1
 _MIN_OBSERVATIONS = 2
 # Rounding adds up over hours: at every so many updates one block is computed again, each in its turn. With
 # the default period that is one block a second.
 _UPDATES_PER_REFRESH = 10
+
+
+class RowIndex:
+    """Rows of slots, handed out by strips that each belong to one source.
+
+    What is observed at an instant then lies in few strips, and most blocks have nothing to do.
+
+    Attributes
+    ----------
+    of
+        intp [slots]: row of a slot, :data:`NO_ROW` for none.
+    strips
+        Number of strips.
+    """
+
+    def __init__(self) -> None:
+        self.of: Slots = np.zeros(0, np.intp)
+        self.strips = 0
+        self._free: dict[int, list[int]] = {}
+        self._owner: list[int] = []
+        self._occupied: list[int] = []
+
+    def fit(self, slots: int) -> None:
+        """Make room for slots below a number."""
+        self.of = np.pad(self.of, (0, slots - len(self.of)), constant_values=NO_ROW)
+
+    def assign(self, slots: Slots, sources: Slots) -> None:
+        """Give rows to those of n slots that have none; `sources` intp [n] are their sources."""
+        without = self.of[slots] == NO_ROW
+        for slot, source in zip(slots[without].tolist(), sources[without].tolist(), strict=True):
+            free = self._free.setdefault(source, [])
+            if not free:
+                self._open_strip(source, free)
+            self.of[slot] = row = free.pop()
+            self._occupied[row // STRIP] += 1
+
+    def release(self, slots: Slots) -> None:
+        """Take the rows of slots back."""
+        for slot in slots[self.of[slots] != NO_ROW].tolist():
+            strip = int(self.of[slot]) // STRIP
+            owner = self._owner[strip]
+            self._free[owner].append(int(self.of[slot]))
+            self.of[slot] = NO_ROW
+            self._occupied[strip] -= 1
+            if not self._occupied[strip]:
+                # The source may never come back: any source may have an empty strip.
+                self._free[owner] = [row for row in self._free[owner] if row // STRIP != strip]
+                self._owner[strip] = _NO_OWNER
+
+    def _open_strip(self, source: int, free: list[int]) -> None:
+        if _NO_OWNER in self._owner:
+            strip = self._owner.index(_NO_OWNER)
+        else:
+            strip = self.strips
+            self.strips += 1
+            self._owner.append(_NO_OWNER)
+            self._occupied.append(0)
+        self._owner[strip] = source
+        free.extend(range(strip * STRIP + STRIP - 1, strip * STRIP - 1, -1))
 
 
 class PairSums:
@@ -60,25 +112,16 @@ class PairSums:
         self._pending = SampleBuffer(0, self.sums.dtype)
         self._times = ObservationTimes()
         self._updates = 0
-        self._matrix: Matrix = np.zeros((0, 0), np.float32)
+        self._room: Floats32 = np.zeros(0, np.float32)
 
     def observed(self, window: Window, rows: Rows) -> None:
         """Take note of observations that have just been stored."""
         self._fit(window)
         slots, stamp = rows.slots, rows.stamp_ns
         self._times.add(stamp)
-        late = slots[window.last_ns[slots] > stamp]
-        late = late[window.times[late, window.stop[late] - 1] > stamp]
-        if not len(late):
-            return
-        index = locate(window, late, stamp)
-        # One next to the first changes what the first's speed is.
-        early = index < window.start[late] + 2
-        self._restart(late[early])
-        # Those later than what has been taken in are taken in with the rest.
-        between = ~early & (self._known[late] > stamp)
-        if between.any():
-            self._insert(window, LateObservations.at(window, late[between], index[between]))
+        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
+        late = slots[self._known[slots] >= stamp]
+        self._restart(late)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -106,7 +149,7 @@ class PairSums:
         self._times.add_all(window, slots)
         self._restart(slots)
 
-    def affinity(self, window: Window, slots: Slots, sigma_switch: float) -> Affinity:
+    def affinity(self, window: Window, slots: Slots, sigma_switch: float) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
 
         Parameters
@@ -120,15 +163,19 @@ class PairSums:
 
         Returns
         -------
-        Affinity
-            Of `slots`; 0.5 for pairs with fewer than two common samples. Overwritten by the next call.
+        NDArray[float32]
+            [n, n], symmetric; 0.5 for pairs with fewer than two common samples. Overwritten by the next call.
         """
         self._take_in(window)
         self._assign_rows(window, slots)
-        width = self.sums.strips * STRIP
-        if len(self._matrix) < width:
-            self._matrix = aligned_zeros((width, width), np.float32)
-        imprecise = self.sums.add_and_compare(self._pending, sigma_switch, self._matrix)
+        n = len(slots)
+        if len(self._room) < n * n:
+            self._room = aligned_zeros((n * n + n * n // 4,), np.float32)
+        affinity = self._room[: n * n].reshape(n, n)
+        place = np.full(self.sums.strips * STRIP, -1)
+        place[self.rows.of[slots]] = np.arange(n)
+        wanted = sigma_switch, place, affinity
+        imprecise = self.sums.add_and_compare(self._pending, *wanted)
         self._pending.count = 0
         self._updates += 1
         if self._updates % _UPDATES_PER_REFRESH == 0 and self.sums.blocks:
@@ -136,9 +183,10 @@ class PairSums:
             imprecise = np.union1d(imprecise, [next_block])
         if len(imprecise):
             self._recompute(window, imprecise)
-            self.sums.compare(imprecise, sigma_switch, self._matrix)
-        np.fill_diagonal(self._matrix, 1.0)
-        return Affinity(self._matrix, self.rows.of[slots])
+            self.sums.compare(imprecise, *wanted)
+        np.exp(affinity, out=affinity)
+        np.fill_diagonal(affinity, 1.0)
+        return affinity
 
     def _fit(self, window: Window) -> None:
         extra = window.capacity - len(self._known)
@@ -199,33 +247,14 @@ class PairSums:
         stamps = self._times.between(oldest - 1, int(until.max()))
         self._enqueue(window, who, stamps, -1)
 
-    def _insert(self, window: Window, late: LateObservations) -> None:
-        """Note what changes with observations that came between two that have been taken in."""
-        slots = self._taking_part(window)
-        slots = slots[self._known[slots] != NEVER]
-        who = Participants.of(slots, self.rows.of[slots])
-        who.known[:] = self._known[slots]
-        index = np.searchsorted(slots, late.slots)
-        who.after[index], who.until[index] = late.times[:, 0], late.times[:, 1]
-        stamps = self._times.between(int(late.times[:, 0].min()), int(late.times[:, 1].max()))
-        self._enqueue(window, who, stamps, -1, late)
-        self._enqueue(window, who, stamps, 1)
-
-    def _enqueue(
-        self,
-        window: Window,
-        who: Participants,
-        stamps: Stamps,
-        sign: int,
-        late: LateObservations | None = None,
-    ) -> None:
+    def _enqueue(self, window: Window, who: Participants, stamps: Stamps, sign: int) -> None:
         """Have samples wait for the next pass over the sums; a full buffer goes there at once."""
         while len(stamps):
             if not self._pending.room:
                 self.sums.add(self._pending)
                 self._pending.count = 0
             part, stamps = stamps[: self._pending.room], stamps[self._pending.room :]
-            self._pending.add(window, who, part, sign=sign, v_move=self._v_move, late=late)
+            self._pending.add(window, who, part, sign=sign, v_move=self._v_move)
 
     def _recompute(self, window: Window, blocks: Slots) -> None:
         """Sum blocks up again from the window, of which everything has been taken in."""

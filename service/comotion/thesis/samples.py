@@ -6,17 +6,15 @@ When states come or go, only pairs change in which one of the two is changing.
 """
 
 from bisect import bisect_left, bisect_right, insort
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from ..arrays import Floats, Slots, Stamps, aligned_zeros
+from ..arrays import Slots, Stamps, aligned_zeros
 from ..trajectories.window import Window
 from .equations import weight_exponent
-from .kernels.samples import ABSENT, SIGN, STATUSES, STRIP, Array, fill_samples, restore_segments
+from .kernels import ABSENT, LATEST, SIGN, STATUSES, STRIP, Array, fill_samples
 
-LATEST = np.iinfo(np.int64).max
 MOST_INSTANTS = 64
 """Instants whose samples are worked out at once: bounds the memory that this takes."""
 
@@ -50,8 +48,7 @@ class ObservationTimes:
         return np.array(self._stamps[first:last], np.int64)
 
 
-@dataclass(frozen=True)
-class Participants:
+class Participants(NamedTuple):
     """Trajectories that have samples, and which of their states come or go.
 
     Attributes
@@ -60,42 +57,17 @@ class Participants:
         intp [n]: slots of the window and rows of the pair sums.
     after, until
         int64 [n] ns: the states in (after, until] are changing.
-    known
-        int64 [n] ns: observations later than this do not count yet.
     """
 
     slots: Slots
     rows: Slots
     after: Stamps
     until: Stamps
-    known: Stamps
 
     @classmethod
     def of(cls, slots: Slots, rows: Slots) -> Self:
-        """Trajectories of which nothing is changing yet, with all their observations."""
-        return cls(slots, rows, *np.full((3, len(slots)), LATEST))
-
-
-@dataclass(frozen=True)
-class LateObservations:
-    """Observations that came late, each between two others of its trajectory: what was there before.
-
-    `slots` intp [n]; times int64 [n, 2] ns and positions float64 [n, 2, dim] of the two neighbours; speed
-    float64 [n] of the segment between them.
-    """
-
-    slots: Slots
-    times: Stamps
-    positions: Floats
-    speed: Floats
-
-    @classmethod
-    def at(cls, window: Window, slots: Slots, index: Slots) -> Self:
-        """Of the observations that now are at `index` (neither the first nor the last of its slot)."""
-        both = slots[:, None], index[:, None] + np.array([-1, 1])
-        times, positions = window.times[both], window.positions[both]
-        step = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=1)
-        return cls(slots, times, positions, step / ((times[:, 1] - times[:, 0]) * 1e-9))
+        """Trajectories of which nothing is changing yet."""
+        return cls(slots, rows, *np.full((2, len(slots)), LATEST))
 
 
 class SampleBuffer:
@@ -159,14 +131,7 @@ class SampleBuffer:
         self.values[strip, :, SIGN:, inside] = 0
 
     def add(
-        self,
-        window: Window,
-        who: Participants,
-        stamps: Stamps,
-        *,
-        sign: int,
-        v_move: float | None,
-        late: LateObservations | None = None,
+        self, window: Window, who: Participants, stamps: Stamps, *, sign: int, v_move: float | None
     ) -> None:
         """Append the samples that come (`sign` 1) or go (-1) at some more instants.
 
@@ -182,16 +147,11 @@ class SampleBuffer:
             1 or -1.
         v_move
             Speed of λ in (3.2), or None.
-        late
-            Take the states as they were before these observations came.
         """
-        out = self.values, self.status, self.any_partner
-        rate, offset = weight_exponent(v_move)
+        if not len(stamps):
+            return
+        part = slice(self.count, self.count + len(stamps))
+        out = self.values[:, part], self.status[:, part], self.any_partner[:, part]
         columns = window.times, window.positions, window.speed, window.start, window.stop
-        whose = who.slots, who.rows, who.after, who.until, who.known
-        fill_samples(*columns, *whose, stamps, window.gap_ns, sign, rate, offset, self.count, *out)
-        if late is not None:
-            rows = who.rows[np.searchsorted(who.slots, late.slots)]
-            before = late.times, late.positions, late.speed
-            restore_segments(*before, rows, stamps, window.gap_ns, sign, rate, offset, self.count, *out)
+        fill_samples(*columns, *who, stamps, window.gap_ns, sign, *weight_exponent(v_move), *out)
         self.count += len(stamps)

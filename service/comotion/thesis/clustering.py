@@ -7,12 +7,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Floats
-from ...config import Clustering
-from ..affinity import INCOMPARABLE, Affinity
-from .divisive_kmeans import DivisiveKMeans
+from ..arrays import Floats, Floats32, Slots
+from ..config import Clustering
+from .halving import DivisiveKMeans
 
 Labels = NDArray[np.intp]
+
+INCOMPARABLE = 0.5
+"""Affinity of a pair with fewer than two common samples: neither high nor low."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class Clusters:
     cohesion: Floats
 
 
-ClusterFunction = Callable[[Affinity], Clusters]
+ClusterFunction = Callable[[Floats32, Slots], Clusters]
+"""Affinities [n, n], symmetric, and intp [n], by which a trajectory is known from call to call."""
 
 
 def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
@@ -37,10 +40,9 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     """
     if name == "divisive-kmeans":
         divide = DivisiveKMeans(stop_affinity)
-        return lambda affinity: _named(*divide(affinity))
+        return lambda affinity, slots: _named(*divide(affinity, slots))
     # They import scikit-learn, which takes half a second and the default does not need.
-    from .eigengap import cut_spectrum  # noqa: PLC0415
-    from .gmm_bic import best_mixture  # noqa: PLC0415
+    from .alternatives import best_mixture, cut_spectrum  # noqa: PLC0415
 
     known: dict[Clustering, Callable[[Floats], Labels]] = {
         "gmm-bic": best_mixture,
@@ -49,8 +51,8 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     }
     choice = known[name]
 
-    def cluster(affinity: Affinity) -> Clusters:
-        dense = affinity.dense().astype(np.float64)
+    def cluster(affinity: Floats32, slots: Slots) -> Clusters:  # noqa: ARG001
+        dense = affinity.astype(np.float64)
         labels = choice(dense)
         return _named(labels, _sums_inside(dense, labels))
 
