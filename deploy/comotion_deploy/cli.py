@@ -4,6 +4,7 @@ import json
 import logging
 import sys
 import tomllib
+import warnings
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -120,6 +121,12 @@ def _fail(message: object, error: Exception) -> int:
     return 2
 
 
+def _warn(message: Warning | str, *_: object) -> None:
+    """Show a warning as one line, without the place in the code."""
+    print(f"warning: {one_line(message)}", file=sys.stderr)
+
+
 def main() -> None:
     """Entry point of the command."""
+    warnings.showwarning = _warn  # type: ignore[assignment]
     sys.exit(run(sys.argv[1:]))

@@ -11,6 +11,8 @@ The package is a pure core - arrays in, arrays out, time injected - and :mod:`co
 the process that puts it on the wire.
 """
 
+from comotion_schemas.errors import Error
+
 from .config import FusionConfig
 from .event_time.sources import SourceHealth
 from .event_time.stats import Stats
@@ -19,6 +21,7 @@ from .library import Grouping, Scene, group
 
 __all__ = [
     "AffinitySnapshot",
+    "Error",
     "Fusion",
     "FusionConfig",
     "Grouping",

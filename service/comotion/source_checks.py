@@ -13,6 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.doubts import trading
+
 from .arrays import Floats
 
 Ids = NDArray[np.uint64]
@@ -30,10 +32,10 @@ MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
 # Two instants are compared so often, if they are not farther apart than the last: ns.
-_COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
+_COMPARE_NS, _UNEVEN_NS, _APART_NS = 150_000_000, 40_000_000, 500_000_000
 _LEAST_SHARED = 5
-# Share of the features that move by more than the size of the scene between two instants.
-_JUMPING = 0.3
+# Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
+_TRADED = 0.5
 # What was seen is told for so long.
 _LASTS_NS = 3_000_000_000
 
@@ -104,7 +106,8 @@ class SourceChecks:
             record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
         if record.last is not None:
             self._compare(record, ids, positions, stamp_ns, at_ns)
-        due = stamp_ns - record.compared_ns >= _COMPARE_NS
+        # At uneven times, so that features that trade ids at even ones are seen.
+        due = stamp_ns - record.compared_ns >= _COMPARE_NS + record.instants % 7 * _UNEVEN_NS
         record.last = (stamp_ns, ids, positions) if due else None
 
     def _compare(self, record: _Record, ids: Ids, positions: Floats, stamp_ns: int, at_ns: int) -> None:
@@ -115,8 +118,9 @@ class SourceChecks:
             return
         record.compared_ns = stamp_ns
         record.compared = 0.9 * record.compared + 1
-        record.jumped = 0.9 * record.jumped + _jumping(positions[mine], places[theirs])
-        if record.compared > 5 and record.jumped > _JUMPING * record.compared:
+        share = trading(places[theirs], positions[mine])
+        record.jumped = 0.9 * record.jumped + share
+        if share and record.jumped > _TRADED:
             record.found["ids-reused"] = record.jumped / record.compared, at_ns
 
     def troubles(self, at_ns: int) -> dict[int, dict[TroubleKind, float]]:
@@ -135,11 +139,3 @@ class SourceChecks:
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
         self._records = {where: one for where, one in self._records.items() if where[0] in sessions}
-
-
-def _jumping(now: Floats, before: Floats) -> float:
-    """Share of features that move, against the others, by more than half of all are from the middle."""
-    step = np.asarray(now, np.float64) - before
-    step -= np.median(step, axis=0)
-    spread = np.median(np.linalg.norm(now - np.median(now, axis=0), axis=1))
-    return float(np.mean(np.linalg.norm(step, axis=1) > max(float(spread), 1e-9)))

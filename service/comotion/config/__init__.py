@@ -7,6 +7,7 @@ from .joints import JointsConfig
 from .limits import LimitsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
+from .reading import put, read_config
 from .rigid import RigidConfig
 from .spaces import SpaceConfig
 from .thesis import Clustering, ThesisConfig, Unit
@@ -27,5 +28,7 @@ __all__ = [
     "Unit",
     "nested",
     "present_name",
+    "put",
+    "read_config",
     "to_ns",
 ]
