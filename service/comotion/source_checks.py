@@ -31,8 +31,8 @@ _LEAST_LIFE = 4.0
 MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
-# Two instants are compared so often, if they are not farther apart than the last: ns.
-_COMPARE_NS, _UNEVEN_NS, _APART_NS = 150_000_000, 40_000_000, 500_000_000
+# Two instants are compared so often, or where a feature leaps, if they are not farther apart than the last.
+_COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
 # Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
 _TRADED = 0.5
@@ -104,15 +104,21 @@ class SourceChecks:
         record.fresh = (1 - _FADE) * record.fresh + fresh * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
             record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
-        if record.last is not None:
-            self._compare(record, ids, positions, stamp_ns, at_ns)
-        # At uneven times, so that features that trade ids at even ones are seen.
-        due = stamp_ns - record.compared_ns >= _COMPARE_NS + record.instants % 7 * _UNEVEN_NS
-        record.last = (stamp_ns, ids, positions) if due else None
+        last, record.last = record.last, (stamp_ns, ids, positions)
+        if last is None:
+            return
+        due = stamp_ns - record.compared_ns >= _COMPARE_NS
+        if due or (np.array_equal(ids, last[1]) and _leaps(positions, last[2])):
+            self._compare(record, last, (ids, positions), (stamp_ns, at_ns))
 
-    def _compare(self, record: _Record, ids: Ids, positions: Floats, stamp_ns: int, at_ns: int) -> None:
-        assert record.last is not None  # noqa: S101 - the caller looks
-        before_ns, known, places = record.last
+    def _compare(
+        self,
+        record: _Record,
+        last: tuple[int, Ids, Floats],
+        new: tuple[Ids, Floats],
+        clocks: tuple[int, int],
+    ) -> None:
+        (before_ns, known, places), (ids, positions), (stamp_ns, at_ns) = last, new, clocks
         _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
         if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
             return
@@ -136,6 +142,15 @@ class SourceChecks:
                     found.setdefault(number, {})[kind] = value
         return found
 
+    def doubted(self, at_ns: int) -> list[int]:
+        """Session numbers whose ids do not stay with their features."""
+        return [number for number, kinds in self.troubles(at_ns).items() if kinds.keys() - {"scale"}]
+
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
         self._records = {where: one for where, one in self._records.items() if where[0] in sessions}
+
+
+def _leaps(now: Floats, before: Floats) -> bool:
+    """Whether any feature moves by a quarter of what all span; a cheap look at every instant."""
+    return float(np.abs(now - before).max()) > 0.25 * float(np.ptp(now, axis=0).max())

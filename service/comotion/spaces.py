@@ -5,7 +5,7 @@ Bounds are kept here: of spaces, and of trajectories, of which each source has i
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -97,12 +97,21 @@ class Spaces:
         for turn, name in enumerate(self.names(), self.stats.updates):
             for keep in (True, False, False):
                 try:
-                    updates.append(self._spaces[name].update(stamp_ns, timeout_ns, effort, turn))
+                    found = self._spaces[name].update(stamp_ns, timeout_ns, effort, turn)
+                    updates.append(self._doubted(found))
                     break
                 except Exception as error:
                     self.faults.note(f"updating space {name!r}", error)
                     self._rebuild(name, keep=keep)
         return updates
+
+    def _doubted(self, update: SpaceUpdate) -> SpaceUpdate:
+        """The same with half the confidence at most in what sources say whose ids change hands."""
+        numbers = self.checks.doubted(self.at_ns)
+        if not numbers:
+            return update
+        most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
+        return replace(update, confidence=np.minimum(update.confidence, most))
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""

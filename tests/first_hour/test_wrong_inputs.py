@@ -173,3 +173,19 @@ def test_a_table_has_a_row_for_each_observation(monkeypatch):
     assert {len(column) for column in table.values()} == {60 * 30}
     np.testing.assert_array_equal(table["hypothesis"].reshape(60, 30), found.labels)
     np.testing.assert_array_equal(table["x"].reshape(60, 30), P[..., 0])
+
+
+@pytest.mark.filterwarnings("ignore:at")
+@pytest.mark.parametrize("every", [1, 5, 10, 20])
+def test_nothing_is_certain_where_ids_change_hands(every):
+    noisy = P + np.random.default_rng(1).normal(0, 0.002, P.shape)
+    rolled = np.stack([np.roll(one, k // every, axis=0) for k, one in enumerate(noisy)])
+    after = [one for one in comotion.group(rolled, TIMES).updates if one.stamp_ns / 1e9 > every / 30]
+    assert max(float(one.track_confidence.max()) for one in after) <= 0.5
+    assert comotion.group(noisy, TIMES).updates[-1].track_confidence.min() > 0.95
+
+
+@pytest.mark.filterwarnings("ignore:at")
+def test_nothing_is_certain_of_white_noise():
+    found = comotion.group(np.random.default_rng(1).normal(0, 1, P.shape), TIMES)
+    assert found.updates[-1].track_confidence.max() < 0.5
