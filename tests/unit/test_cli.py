@@ -88,6 +88,9 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
     ]
     assert run(["serve", "--no-state"]) == 0
     assert seen[-1].state is None
+    assert [one.resume for one in seen] == [False, False, False]
+    assert run(["serve", "--resume"]) == run(["serve", "--state", str(tmp_path / "s")]) == 0
+    assert [one.resume for one in seen[-2:]] == [True, True]
 
 
 def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
