@@ -406,3 +406,12 @@ def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
     how = evaluate.EvaluateOptions(duration=0.1, quiet=True)
     with pytest.raises(TimeoutError):
         evaluate.evaluate("typo", SessionSettings(connect=("tcp/127.0.0.1:1",)), how)
+
+
+def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", "--help"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == "'comotion dev bench' is now 'comotion dev bench'\n"
+    assert "Usage: comotion dev bench" in " ".join(shown.out.split())
+    assert run(["dev", "bench", "--help"]) == 0
+    assert capsys.readouterr().err == ""

@@ -19,6 +19,7 @@ from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
+from .compiling import tell_of_compiling
 from .given import Parameters, config_of, counted, longest_step_s
 
 _SESSION = "0" * 16
@@ -72,6 +73,7 @@ class Scene:
         **parameters: Unpack[Parameters],
     ) -> None:
         check_space(unit)
+        tell_of_compiling()
         self.fusion = Fusion(config_of(config, parameters))
         self.dropped: dict[str, int] = {}
         self._unit: Unit = unit
