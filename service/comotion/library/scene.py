@@ -24,7 +24,7 @@ from .given import Parameters, config_of, counted, longest_step_s
 
 _SESSION = "0" * 16
 # First times of a source by which its unit is judged, and updates that an iteration may come late for.
-_JUDGED, _MOST_UPDATES = 8, 100
+_JUDGED, _MOST_UPDATES = 4, 100
 
 
 class Scene:
