@@ -195,3 +195,22 @@ def test_nothing_is_certain_where_ids_change_hands(every):
 def test_nothing_is_certain_of_white_noise():
     found = comotion.group(np.random.default_rng(1).normal(0, 1, P.shape), TIMES)
     assert found.updates[-1].track_confidence.max() < 0.5
+
+
+def test_a_hinge_is_drawn_and_told_in_words_with_given_names():
+    pytest.importorskip("matplotlib")
+    rng = np.random.default_rng(0)
+    door, shelf = rng.uniform(0, 1, (12, 3)) * [0.5, 0.02, 0.8], rng.uniform(-0.6, 1, (20, 3))
+    times = np.arange(120) / 30
+    positions = np.empty((120, 32, 3))
+    for k, t in enumerate(times):
+        angle, shift = 0.5 * (1 - np.cos(1.2 * t)), [0.05 * np.sin(2 * t), 0.1 * t, 0.0]
+        c, s = np.cos(angle), np.sin(angle)
+        turned = door @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [0.2, 0, 0]
+        positions[k] = np.vstack([turned, shelf]) + shift
+    found = comotion.group(positions + rng.normal(0, 0.001, positions.shape), times)
+    names = {int(found.labels[-1, 0]): "door", int(found.labels[-1, -1]): "shelf"}
+    (words,) = found.joints_in_words(names)
+    assert re.fullmatch(r"(door turns on shelf|shelf turns on door), -?\d+ to \d+°", words)
+    (legend,) = found.plot(names=names).legends
+    assert {"door (12)", "shelf (20)", words} <= {text.get_text() for text in legend.get_texts()}

@@ -133,20 +133,22 @@ class Grouping:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.labels, dtype=dtype, copy=copy)
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the trajectories in the colours of their hypotheses at the end.
+    def plot(self, path: str | Path | None = None, names: Mapping[int, str] | None = None) -> Figure:
+        """Draw the trajectories in the colours of their hypotheses at the end, and the joints.
 
         Parameters
         ----------
         path
             File to write; its suffix tells the format. None: none.
+        names
+            Names of hypotheses by id.
 
         Raises
         ------
         ModuleNotFoundError
             If matplotlib is not installed: ``pip install 'comotion[plot]'``.
         """
-        figure = draw(self.updates, self._positions, self.by_source, self._unit)
+        figure = draw(self.updates, self._positions, self.by_source, self._unit, names)
         if path is not None:
             figure.savefig(path)
         return figure
