@@ -29,6 +29,8 @@ _UNIX_S = (1e9, 4e9)
 # No sensor of features is faster; a sensor of more than 2 kHz is no reason to take a step for its period.
 _SHORTEST_STEP_S, _SENSOR_STEP_S = 1e-5, 5e-4
 _DAY_S = 86_400.0
+# Unix times in seconds may be that slow, and are then refused as such.
+_SLOW_S = 300.0
 _LONGEST_GAP_S = 1 * _DAY_S
 # So many times that go up by one are more likely numbers of frames.
 _MANY = 20
@@ -140,10 +142,10 @@ def _check_order(values: NDArray[np.float64]) -> None:
 
 def _unit(values: NDArray[np.float64], whole: bool, longest_step_s: float) -> TimeUnit:
     """The unit of increasing numbers, as far as it is certain; else s, or an error that guesses."""
-    unix = unix_unit(float(np.median(values)))
-    if unix is not None:
+    unix, step = unix_unit(float(np.median(values))), float(np.median(np.diff(values)))
+    # Nanoseconds since a start look like a Unix time in another unit, but for their steps.
+    if unix is not None and step / PER_SECOND[unix] <= (_SLOW_S if unix == "s" else longest_step_s):
         return unix
-    step = float(np.median(np.diff(values)))
     if step <= longest_step_s:
         return "s"
     fitting: list[TimeUnit] = [
