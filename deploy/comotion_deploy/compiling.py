@@ -1,16 +1,14 @@
-"""Shows on a terminal how far a warm-up is."""
+"""Shows how far a warm-up is."""
 
-import sys
 from collections.abc import Iterable
 
 
 def show_progress(name: str, steps: Iterable[None]) -> None:
-    """Take the steps of a warm-up; on a terminal, one line shows how far it is."""
+    """Take the steps of a warm-up; a line on standard error shows how far it is."""
     from comotion.runtime.warm_up import STEPS
+    from comotion_clients.progress import reporting
 
-    shown = sys.stderr.isatty()
-    for number, _ in enumerate(steps, 1):
-        if shown:
-            print(f"\r{name}: step {number} of at most {STEPS}", end="", file=sys.stderr, flush=True)
-    if shown:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
+        for number, _ in enumerate(steps, 1):
+            text = f"{name}: step {number} of at most {STEPS}"
+            report(text.__str__)
