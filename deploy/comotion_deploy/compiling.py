@@ -1,14 +1,33 @@
 """Shows how far a warm-up is."""
 
+import threading
+import time
 from collections.abc import Iterable
+
+_TICK_S = 0.5
 
 
 def show_progress(name: str, steps: Iterable[None]) -> None:
-    """Take the steps of a warm-up; a line on standard error shows how far it is."""
+    """Take the steps of a warm-up; a line on standard error shows how far it is, in long steps too."""
     from comotion.runtime.warm_up import STEPS
     from comotion_clients.progress import reporting
 
+    begun, number, over = time.monotonic(), 1, threading.Event()
+
+    def line() -> str:
+        return f"{name}: step {number} of at most {STEPS}, {time.monotonic() - begun:.0f} s"
+
     with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
-        for number, _ in enumerate(steps, 1):
-            text = f"{name}: step {number} of at most {STEPS}"
-            report(text.__str__)
+
+        def tick() -> None:
+            while not over.wait(_TICK_S):
+                report(line)
+
+        ticking = threading.Thread(target=tick, daemon=True)
+        ticking.start()
+        try:
+            for _ in steps:
+                number += 1
+        finally:
+            over.set()
+            ticking.join()
