@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record,ros,secure,video]' --group dev
 	@echo "compiling, once: a minute or two"
-	$(BIN)/comotion warm-up
+	$(BIN)/comotion dev warm-up
 	@touch $@
 
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end
@@ -34,7 +34,7 @@ test-long: setup  ## the tests that take a minute or more each
 	$(BIN)/python -m pytest -m long
 
 soak: setup  ## three minutes of a scene under faults: kills, stops, clock steps, hostile input
-	$(BIN)/comotion soak --duration 180 --gap 10 --seed 0 --out out/soak
+	$(BIN)/comotion dev soak --duration 180 --gap 10 --seed 0 --out out/soak
 
 check: setup  ## lint, format, types, import rules
 	$(BIN)/ruff check .

@@ -35,6 +35,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 def on_post_page(output: str, **_: Any) -> str:
     """Put a script of our own for the one that searches in pages opened as files, from the network."""
+    # What introduces a block of code in a docstring is no text of the page.
+    output = output.replace("<p>::</p>", "").replace("::</p>", ":</p>")
     ours = f"<script>{_SEARCH.read_text(encoding='utf-8')}</script>"
     return _FROM_NETWORK.sub(lambda _: ours, output)
 

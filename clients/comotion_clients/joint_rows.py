@@ -8,11 +8,15 @@ import numpy as np
 from rich.table import Table
 
 from comotion_schemas import HypothesisUpdate, Joint
+from comotion_schemas.naming import Names, joint_words
 
 
 @dataclass(frozen=True)
 class JointRow:
-    """One joint as text: `position` (± one-sigma), `rate` and `range` in `unit`, degrees for hinges."""
+    """One joint as text: `position` (± one-sigma), `rate` and `range` in `unit`, degrees for hinges.
+
+    `words`: kind and range in words.
+    """
 
     parent: int
     child: int
@@ -23,9 +27,10 @@ class JointRow:
     rate: str
     range: str
     unit: str
+    words: str
 
 
-def joint_row(joint: Joint) -> JointRow:
+def joint_row(joint: Joint, names: Names | None = None) -> JointRow:
     """Format a joint."""
     return JointRow(
         parent=joint.parent,
@@ -39,6 +44,7 @@ def joint_row(joint: Joint) -> JointRow:
         if joint.lower is None or joint.upper is None
         else f"{_amount(joint, joint.lower)} to {_amount(joint, joint.upper)}",
         unit="°" if joint.kind == "revolute" else " m",
+        words=joint_words(joint, names),
     )
 
 
@@ -51,12 +57,22 @@ def _amount(joint: Joint, value: float | None, sigma: float | None = None) -> st
     return f"{factor * value:.{digits}f}{spread}"
 
 
-def table(joints: Sequence[Joint]) -> Table:
+def table(joints: Sequence[Joint], names: Names | None = None) -> Table:
     """Build a table with one row per joint, the surest kinds first."""
     found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in ("parent", "child", "kind", "conf", "axis", "position", "rate per s", "range seen"):
+    for title in (
+        "parent",
+        "child",
+        "kind",
+        "conf",
+        "axis",
+        "position",
+        "rate per s",
+        "range seen",
+        "in words",
+    ):
         found.add_column(title, no_wrap=True)
-    for row in map(joint_row, sorted(joints, key=_order)):
+    for row in (joint_row(joint, names) for joint in sorted(joints, key=_order)):
         found.add_row(
             str(row.parent),
             str(row.child),
@@ -64,6 +80,7 @@ def table(joints: Sequence[Joint]) -> Table:
             f"{row.confidence:.2f}",
             row.axis,
             *(text if text == "-" else f"{text}{row.unit}" for text in (row.position, row.rate, row.range)),
+            row.words,
         )
     return found
 

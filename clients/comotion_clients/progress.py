@@ -36,7 +36,8 @@ def reporting(*, quiet: bool, terminal_s: float, plain_s: float) -> Iterator[Rep
 class _Periodic:
     def __init__(self, period_s: float, show: Callable[[str], None]) -> None:
         self._period_s, self._show = period_s, show
-        self._due = time.monotonic() + period_s
+        # The first line comes soon: it shows that something happens.
+        self._due = time.monotonic() + min(period_s, 1.0)
 
     def __call__(self, line: Callable[[], str]) -> None:
         now = time.monotonic()

@@ -13,6 +13,7 @@ import numpy as np
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
+from comotion_schemas.naming import Names, named
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.text import shown
 
@@ -105,10 +106,13 @@ class SceneModel:
     ----------
     scene
         Name of the scene.
+    names
+        Names of hypotheses by id.
     """
 
-    def __init__(self, scene: str) -> None:
+    def __init__(self, scene: str, names: Names | None = None) -> None:
         self.scene = scene
+        self._names = names or {}
         self.palette = Palette()
         self._sources: dict[str, _Source] = {}
         self._units: dict[str, str] = {}
@@ -193,7 +197,7 @@ class SceneModel:
             sources=self._source_rows(now),
             hypotheses=[] if update is None else self._hypothesis_rows(update),
             events=[] if update is None else self._event_rows(update),
-            joints=[] if update is None else [joint_row(joint) for joint in update.joints],
+            joints=[] if update is None else [joint_row(joint, self._names) for joint in update.joints],
         )
 
     def _service_row(self, now: float) -> ServiceRow:
@@ -279,6 +283,7 @@ class SceneModel:
                     turning=None if twist is None else float(np.linalg.norm(twist.angular)),
                     translation=None if pose is None else list(pose.translation),
                     rotation=None if pose is None else _rotation_vector(pose.rotation),
+                    name=named(h.id, self._names),
                     extent=None if box is None else [2 * half for half in box.half],
                 )
             )

@@ -38,7 +38,8 @@ class HypothesisRow:
 
     `linked`: hypotheses in other spaces that are the same body. `absent`: it has no current track.
     `turning`: angular speed in rad/s; `translation` [dim] in unit and `rotation` [3] (in 2-D [1]), a
-    rotation vector in rad, since birth; `extent` [dim]: lengths of its box; each None where unknown.
+    rotation vector in rad, since birth; `extent` [dim]: lengths of its box; each None where unknown. `name`:
+    as given by a person, else its id.
     """
 
     id: int
@@ -56,6 +57,7 @@ class HypothesisRow:
     translation: list[float] | None = None
     rotation: list[float] | None = None
     extent: list[float] | None = None
+    name: str = ""
     colour: RGB = GREY
 
 

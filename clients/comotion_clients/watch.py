@@ -7,7 +7,7 @@ import select
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .presence import Presence
@@ -38,7 +39,7 @@ class WatchOptions:
 
     `once`: show one snapshot and end; `json`: one JSON object per line; `sort`: initial order;
     `pose`: angular speed and pose of the hypotheses; `timeout`: seconds that `once` waits for a first
-    message; `ready_file`: written once subscribed.
+    message; `ready_file`: written once subscribed; `names`: of hypotheses, by id.
     """
 
     once: bool = False
@@ -47,13 +48,14 @@ class WatchOptions:
     pose: bool = False
     timeout: float = 5.0
     ready_file: Path | None = None
+    names: Names = field(default_factory=dict)
 
 
 class _Feed:
     """Fills a scene model from the subscriptions of one scene."""
 
-    def __init__(self, session: zenoh.Session, scene: str) -> None:
-        self.model = SceneModel(scene)
+    def __init__(self, session: zenoh.Session, scene: str, names: Names) -> None:
+        self.model = SceneModel(scene, names)
         self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
         self._updates = Subscription(session, HypothesisUpdate, scene)
         self._statuses = Subscription(session, Status, scene)
@@ -107,7 +109,7 @@ def watch(
         role="viewer", name=name, scene=scene, settings=settings, ready_file=options.ready_file
     )
     with presence as component:
-        feed = _Feed(component.session, scene)
+        feed = _Feed(component.session, scene, options.names)
         if options.ready_file is not None:
             component.ready()
         try:
@@ -121,7 +123,7 @@ def watch(
 
 def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     with connect(settings, timeout=options.timeout) as session:
-        feed = _Feed(session, scene)
+        feed = _Feed(session, scene, options.names)
         try:
             _wait_for_message(feed, settings, options.timeout)
             time.sleep(ONCE_S)

@@ -101,7 +101,7 @@ SOURCE_COLUMNS: tuple[Column[SourceRow], ...] = (
 )
 _IDENTITY_COLUMNS: tuple[Column[HypothesisRow], ...] = (
     Column(" ", 1, _swatch),
-    Column("hypothesis", 10, lambda r: str(r.id)),
+    Column("hypothesis", 10, lambda r: r.name[:10]),
     Column("state", 12, _motion, left=True),
     Column("size", 5, lambda r: str(r.size)),
     Column("age", 7, lambda r: duration(r.age)),

@@ -34,7 +34,7 @@ _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended":
     "joined": "green",
     "released": "magenta",
 }
-_JOINT_WORDS = {"fixed": "fixed to", "prismatic": "slides on", "revolute": "turns on"}
+_KNOWN_KINDS = {"fixed", "prismatic", "revolute"}
 _MAX_EVENT_ROWS = 4
 _MAX_PROBLEM_ROWS = 4
 WHOLE = 100_000
@@ -125,15 +125,15 @@ def _head(snapshot: Snapshot) -> list[Text]:
 
 def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> list[Text]:
     """A line about the joints that are known; none without."""
-    known = [row for row in joints if row.kind in _JOINT_WORDS]
+    known = [row for row in joints if row.kind in _KNOWN_KINDS]
     if not known:
         return []
     colours = {row.id: row.colour for row in hypotheses}
     line = Text("joints   ", style="bold dim")
     for row in known:
         line.append("●", style=as_hex(colours.get(row.child, GREY)))
-        position = "" if row.position == "-" else f", {row.position.partition(' ±')[0]}{row.unit}"
-        line.append(f" {row.child} {_JOINT_WORDS[row.kind]} {row.parent}{position}   ")
+        position = "" if row.position == "-" else f", at {row.position.partition(' ±')[0]}{row.unit}"
+        line.append(f" {row.words}{position}   ")
     return [line]
 
 

@@ -1,4 +1,4 @@
-"""``comotion bench --live``: starts router, service, three sources and a probe, and reads its result."""
+"""``comotion dev bench --live``: starts router, service, three sources and a probe, and reads its result."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""``comotion bench --scaling``: many scenes on one machine, with and without standbys."""
+"""``comotion dev bench --scaling``: many scenes on one machine, with and without standbys."""
 
 import os
 import shutil

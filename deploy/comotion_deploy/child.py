@@ -18,6 +18,8 @@ LONGEST_DELAY_S = 10.0
 STABLE_S = 10.0
 """A process that ran for this long restarts after the first delay again."""
 READY_VARIABLE = "COMOTION_READY_FILE"
+RESUME = {"COMOTION_RESUME": "1"}
+"""A service that is restarted goes on with the scene that it has left."""
 
 
 class Child:
@@ -52,7 +54,7 @@ class Child:
 
     def start(self) -> None:
         """Start the process."""
-        spec = self.spec
+        spec, ready = self.spec, {READY_VARIABLE: str(self._ready_file)}
         self._ready_file.unlink(missing_ok=True)
         self._popen = subprocess.Popen(
             [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
@@ -61,7 +63,7 @@ class Child:
             stderr=None if spec.foreground else subprocess.STDOUT,
             text=True,
             errors="replace",
-            env={**os.environ, "PYTHONUNBUFFERED": "1", READY_VARIABLE: str(self._ready_file), **spec.env},
+            env={**RESUME, **os.environ, "PYTHONUNBUFFERED": "1", **ready, **spec.env},
             # In a separate session, Ctrl-C reaches only the launcher, which stops all processes in order.
             start_new_session=not spec.foreground,
         )

@@ -4,32 +4,31 @@ import json
 import logging
 import sys
 import tomllib
+import warnings
 from collections.abc import Sequence
 from importlib import metadata
+from typing import Any
 
 import typer
 
 from .commands import (
-    bench,
     calibrate,
     config,
     demo,
+    dev,
     evaluate,
     fleet,
     joints,
     pki,
     record,
-    reproduce,
     ros2,
     router,
     segment,
     serve,
-    soak,
     source,
     status,
     up,
     view,
-    warm_up,
     watch,
 )
 from .errors import UserError, one_line
@@ -60,27 +59,34 @@ def _root(
     pass
 
 
-app.command("demo", epilog=demo.EPILOG)(demo.demo)
-app.command("up", epilog=up.EPILOG)(up.up)
-app.command("serve", epilog=serve.EPILOG)(serve.serve)
-app.add_typer(source.app, name="source")
-app.add_typer(fleet.app, name="fleet")
-app.command("router", epilog=router.EPILOG)(router.router)
-app.add_typer(pki.app, name="pki")
-app.command("ros2", epilog=ros2.EPILOG)(ros2.ros2)
-app.command("segment", epilog=segment.EPILOG)(segment.segment)
-app.command("status", epilog=status.EPILOG)(status.status)
-app.command("watch", epilog=watch.EPILOG)(watch.watch)
-app.command("view", epilog=view.EPILOG)(view.view)
-app.command("record", epilog=record.EPILOG)(record.record)
-app.command("evaluate", epilog=evaluate.EPILOG)(evaluate.evaluate)
-app.command("joints", epilog=joints.EPILOG)(joints.joints)
-app.command("calibrate", epilog=calibrate.EPILOG)(calibrate.calibrate)
-app.add_typer(reproduce.app, name="reproduce")
-app.command("bench", epilog=bench.EPILOG)(bench.bench)
-app.command("soak", epilog=soak.EPILOG)(soak.soak)
-app.command("warm-up", epilog=warm_up.EPILOG)(warm_up.warm_up)
-app.command("config", epilog=config.EPILOG)(config.config)
+_PANELS: dict[str, dict[str, Any]] = {
+    "Start": {"demo": demo, "up": up},
+    "Run": {"router": router, "serve": serve, "source": source, "ros2": ros2},
+    "Look": {"watch": watch, "view": view, "status": status},
+    "Data": {
+        "segment": segment,
+        "record": record,
+        "evaluate": evaluate,
+        "joints": joints,
+        "calibrate": calibrate,
+    },
+    "Operate": {"config": config, "pki": pki, "fleet": fleet},
+    "Develop": {"dev": dev},
+}
+for _panel, _commands in _PANELS.items():
+    for _name, _module in _commands.items():
+        if hasattr(_module, "app"):
+            app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
+        else:
+            app.command(_name, epilog=_module.EPILOG, rich_help_panel=_panel)(getattr(_module, _name))
+
+
+def _present(arguments: Sequence[str]) -> list[str]:
+    """Arguments with the present names of commands; says where one has moved."""
+    if arguments and arguments[0] in dev.MOVED:
+        print(f"'comotion {arguments[0]}' is now 'comotion dev {arguments[0]}'", file=sys.stderr)
+        return ["dev", *arguments]
+    return list(arguments)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -89,7 +95,7 @@ def run(arguments: Sequence[str]) -> int:
     Any other error is a defect; its traceback is shown.
     """
     try:
-        result = helped(app, arguments)(prog_name="comotion", standalone_mode=False)
+        result = helped(app, _present(arguments))(prog_name="comotion", standalone_mode=False)
     except typer.TyperException as error:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
@@ -120,6 +126,12 @@ def _fail(message: object, error: Exception) -> int:
     return 2
 
 
+def _warn(message: Warning | str, *_: object) -> None:
+    """Show a warning as one line, without the place in the code."""
+    print(f"warning: {one_line(message)}", file=sys.stderr)
+
+
 def main() -> None:
     """Entry point of the command."""
+    warnings.showwarning = _warn  # type: ignore[assignment]
     sys.exit(run(sys.argv[1:]))

@@ -1,16 +1,33 @@
-"""Shows on a terminal how far a warm-up is."""
+"""Shows how far a warm-up is."""
 
-import sys
+import threading
+import time
 from collections.abc import Iterable
+
+_TICK_S = 0.5
 
 
 def show_progress(name: str, steps: Iterable[None]) -> None:
-    """Take the steps of a warm-up; on a terminal, one line shows how far it is."""
+    """Take the steps of a warm-up; a line on standard error shows how far it is, in long steps too."""
     from comotion.runtime.warm_up import STEPS
+    from comotion_clients.progress import reporting
 
-    shown = sys.stderr.isatty()
-    for number, _ in enumerate(steps, 1):
-        if shown:
-            print(f"\r{name}: step {number} of at most {STEPS}", end="", file=sys.stderr, flush=True)
-    if shown:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    begun, number, over = time.monotonic(), 1, threading.Event()
+
+    def line() -> str:
+        return f"{name}: step {number} of at most {STEPS}, {time.monotonic() - begun:.0f} s"
+
+    with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
+
+        def tick() -> None:
+            while not over.wait(_TICK_S):
+                report(line)
+
+        ticking = threading.Thread(target=tick, daemon=True)
+        ticking.start()
+        try:
+            for _ in steps:
+                number += 1
+        finally:
+            over.set()
+            ticking.join()

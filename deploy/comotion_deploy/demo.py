@@ -74,10 +74,12 @@ def demo_processes(
         )
         for k, rate in enumerate(RATES, 1)
     ]  # fmt: skip
+    state = options.out / "demo.state"
+    state.unlink(missing_ok=True)
     report = (*PYTHON, "comotion_deploy.demo", endpoint, options.simulated, str(options.out))
     return [
         comotion("router", "router", "--listen", endpoint),
-        comotion("serve", "serve", "--state", options.out / "demo.state", *options.fusion, *at),
+        comotion("serve", "serve", "--state", state, *options.fusion, *at),
         ProcessSpec(name="report", command=report, restart="never", stop_s=_REPORT_S),
         *sources,
         comotion("watch", "watch", *at, foreground=on_terminal),

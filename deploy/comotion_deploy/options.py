@@ -164,6 +164,15 @@ Method = Annotated[
     str | None,
     typer.Option("--method", envvar="COMOTION_METHOD", help="Method: comotion or thesis."),
 ]
+BodyNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--name",
+        envvar="COMOTION_NAMES",
+        metavar="ID=NAME",
+        help="Name of a hypothesis, such as 2=truck; may be repeated.",
+    ),
+]
 Assignments = Annotated[
     list[str] | None,
     typer.Option(
@@ -247,7 +256,8 @@ def _parameters(ctx: typer.Context) -> dict[str, str]:
 
 
 def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) -> None:
-    commands = set(getattr(ctx.find_root().command, "commands", {}))
+    root = getattr(ctx.find_root().command, "commands", {})
+    commands = root.keys() | getattr(root.get("dev"), "commands", {}).keys()
     for key, value in content.items():
         allowed = commands | FREE_TABLES if isinstance(value, dict) else COMMON
         if spelling(key) not in allowed and key not in allowed:
@@ -259,7 +269,7 @@ def _command_table(
     ctx: typer.Context, path: Path, content: dict[str, Any], known: dict[str, str]
 ) -> dict[str, Any]:
     table: Any = content
-    chunks = ctx.command_path.split()[1:]
+    chunks = [one for one in ctx.command_path.split()[1:] if one != "dev"]
     for chunk in chunks:
         table = table.get(chunk, {})
         if not isinstance(table, dict):

@@ -2,19 +2,18 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from comotion import FusionConfig
 from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
+from comotion_clients.progress import Report, reporting
 from comotion_clients.scoring import Summary, finite_or_none
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
@@ -81,7 +80,7 @@ def evaluate_inputs(
     plot
         Path of the plot; with several inputs the name of the input is added.
     progress
-        Show a progress bar if standard error is a terminal.
+        Show progress on standard error.
     comparator
         Score the affinity of Brox and Malik as well.
 
@@ -91,12 +90,13 @@ def evaluate_inputs(
         If an input has no observation, or is shorter than a period.
     """
     results: list[Evaluated] = []
-    for one in _with_progress(inputs, shown=progress):
+    for number, one in enumerate(inputs, 1):
         trace, digest = Trace(), hashlib.sha256()
+        name = f"{number}/{len(inputs)} {_label(one.name, 30)}"
         try:
-            run = run_offline(
-                one.open(), config, period=period, duration=duration, on_update=_tee(trace, digest)
-            )
+            with reporting(quiet=not progress, terminal_s=0.25, plain_s=3.0) as report:
+                on_update = _tee(trace, digest, report, name)
+                run = run_offline(one.open(), config, period=period, duration=duration, on_update=on_update)
         except ValueError as error:
             raise KnownError(f"{one.name}: {error}") from None
         compared = compare(one.open(), duration).means() if comparator else {}
@@ -106,8 +106,9 @@ def evaluate_inputs(
     return results
 
 
-def _tee(trace: Trace, digest: "hashlib._Hash") -> OnUpdate:
+def _tee(trace: Trace, digest: "hashlib._Hash", report: Report, name: str) -> OnUpdate:
     def on_update(update: HypothesisUpdate, score: Score) -> None:
+        report(lambda: f"{name}: {len(trace.updates)} updates, NMI {score.nmi:.2f}")
         trace.add(update, score)
         digest.update(encode(update))
 
@@ -141,20 +142,6 @@ def plot_path(path: Path, one: Input, *, several: bool) -> Path:
     seed = "" if one.seed is None else f"-{one.seed}"
     name = Path(one.name.replace(":", "-")).stem
     return path.with_name(f"{path.stem}-{name}{seed}{path.suffix}")
-
-
-def _with_progress(inputs: Sequence[Input], *, shown: bool) -> Iterator[Input]:
-    console = Console(stderr=True)
-    if not shown or not console.is_terminal:
-        yield from inputs
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=len(inputs))
-        for one in inputs:
-            progress.update(task, description=_label(one.name, 30))
-            yield one
-            progress.advance(task)
 
 
 def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:

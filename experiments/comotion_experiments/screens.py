@@ -62,7 +62,7 @@ def take(folder: Path, name: str) -> Path:
             case "watch.png":
                 image = _watched(program, work)
             case _:
-                _run(work, "reproduce", "--quick", "--out", work / "figures")
+                _run(work, "dev", "reproduce", "--quick", "--out", work / "figures")
                 image = _page(program, work, (work / "figures" / "index.html").as_uri(), (1000, 1400))
     cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else [])
     return path

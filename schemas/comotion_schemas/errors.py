@@ -1,8 +1,22 @@
 """The error of those who call or configure us, apart from defects of our own."""
 
+from pydantic import ValidationError
 
-class KnownError(ValueError):
-    """Something given is wrong; the message says what, in one line.
+
+class Error(ValueError):
+    """Something given is wrong; the message says what, in one line. ``comotion.Error`` for users.
 
     Commands print it without a trace. Any other :class:`ValueError` is a defect, whose trace is kept.
     """
+
+
+KnownError = Error
+"""Name of the error within the packages."""
+
+
+def describe(error: ValidationError) -> str:
+    """Format the first validation error as one line: field, then message."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in first["loc"])
+    message = " ".join(first["msg"].removeprefix("Value error, ").split())
+    return f"{place}: {message}" if place else message

@@ -1,6 +1,7 @@
 """Ids and positions as people have them in, usable columns of a batch out."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,8 @@ class Rows:
         Rows that were left out, by reason.
     kept
         intp [N], which of the given rows they are.
+    given
+        Number of the given rows.
     """
 
     ids: NDArray[np.uint64]
@@ -30,6 +33,20 @@ class Rows:
     sigma: float | NDArray[np.float32] | None
     dropped: dict[RejectionReason, int]
     kept: NDArray[np.intp]
+    given: int
+
+    def of(self, name: str, column: ArrayLike) -> NDArray[Any]:
+        """The kept rows of another column.
+
+        Raises
+        ------
+        ValueError
+            If it has not a row for each of the given ones.
+        """
+        values = _array(name, column)
+        if values.shape[:1] != (self.given,):
+            raise KnownError(f"{name} has the shape {values.shape}, not {self.given} rows")
+        return values[self.kept]
 
 
 def usable_rows(
@@ -37,7 +54,6 @@ def usable_rows(
     positions: ArrayLike,
     sigma: float | ArrayLike | None = None,
     *,
-    unseen: bool = False,
     drop: bool = False,
     instants: bool = False,
 ) -> Rows:
@@ -48,14 +64,11 @@ def usable_rows(
     ids
         Integers [N].
     positions
-        float [N, 2 or 3].
+        float [N, 2 or 3]; a row with NaN means that the feature is not seen, and is left out.
     sigma
         None, a number, or float [N].
-    unseen
-        A row of NaN means that the feature is not seen; it is left out and not counted.
     drop
-        Leave out and count rows with a negative id (``range``) or a position that is not finite
-        (``non-finite``).
+        Leave out and count rows with a negative id (``range``) or an infinite position (``non-finite``).
     instants
         The rows are of several instants, so that an id may occur again.
 
@@ -64,14 +77,14 @@ def usable_rows(
     ValueError
         If the arrays do not fit each other, or a row cannot be used and is not to be left out.
     """
-    numbers, states = np.asarray(ids), np.asarray(positions, np.float64)
+    numbers, states = _array("ids", ids), _array("positions", positions, np.float64)
     if numbers.size == 0 and states.size == 0:
         numbers = numbers.reshape(0).astype(np.int64)
         states = states if states.ndim == 2 and states.shape[1] in {2, 3} else np.zeros((0, 3))
     _check_shapes(numbers, states)
     with np.errstate(over="ignore"):
         usable = np.isfinite(states.astype(np.float32)).all(axis=1)
-    absent = np.isnan(states).all(axis=1) if unseen else np.zeros(len(states), bool)
+    absent = np.isnan(states).any(axis=1)
     negative = numbers < 0 if numbers.dtype.kind == "i" else np.zeros(len(numbers), bool)
     bad: dict[RejectionReason, NDArray[np.bool_]] = {
         "range": negative,
@@ -89,7 +102,33 @@ def usable_rows(
         _sigma(sigma, len(states), kept),
         {reason: int(rows.sum()) for reason, rows in bad.items() if rows.any()},
         kept,
+        len(states),
     )
+
+
+def check_space(unit: str, dim: int | None = None) -> None:
+    """Check a unit, and that it goes with a number of coordinates.
+
+    Raises
+    ------
+    ValueError
+        If the unit is neither ``m`` nor ``px``, or does not go with the number of coordinates.
+    """
+    if unit not in {"m", "px"}:
+        metres = {"mm": 1000, "cm": 100, "km": 0.001}.get(unit)
+        cure = f"; divide positions by {metres:g}, and give 'm'" if metres else ""
+        raise KnownError(f"the unit is {unit!r}, not 'm' or 'px'{cure}")
+    if dim not in {None, 2, 3}:
+        raise KnownError(f"positions have {dim} coordinates, not 2 or 3")
+    if unit == "px" and dim == 3:
+        raise KnownError("positions in px have 2 coordinates, not 3; give unit='m' for places in space")
+
+
+def _array(name: str, values: ArrayLike, dtype: type | None = None) -> NDArray[Any]:
+    try:
+        return np.asarray(values, dtype)
+    except (TypeError, ValueError):
+        raise KnownError(f"{name} are no array of numbers") from None
 
 
 def _check_shapes(ids: NDArray[np.int64], positions: NDArray[np.float64]) -> None:
@@ -104,7 +143,7 @@ def _check_shapes(ids: NDArray[np.int64], positions: NDArray[np.float64]) -> Non
 def _refuse(ids: NDArray[np.int64], bad: dict[RejectionReason, NDArray[np.bool_]]) -> None:
     words: dict[RejectionReason, str] = {
         "range": "is negative",
-        "non-finite": "has a position that is not finite",
+        "non-finite": "has a position that is infinite",
     }
     for reason, rows in bad.items():
         if rows.any():
@@ -118,7 +157,7 @@ def _sigma(
 ) -> float | NDArray[np.float32] | None:
     if sigma is None or np.isscalar(sigma):
         return sigma  # type: ignore[return-value]
-    values = np.asarray(sigma, np.float32)
+    values = _array("values of sigma", sigma, np.float32)
     if values.shape != (count,):
         raise KnownError(f"sigma has the shape {values.shape}, not ({count},)")
     return values[kept]

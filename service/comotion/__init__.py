@@ -16,6 +16,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from comotion_schemas.errors import Error
+
     from .config import FusionConfig
     from .event_time.sources import SourceHealth
     from .event_time.stats import Stats
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AffinitySnapshot",
+    "Error",
     "Fusion",
     "FusionConfig",
     "Grouping",
@@ -35,6 +38,7 @@ __all__ = [
 
 _DEFINED_IN = {
     "AffinitySnapshot": ".fusion",
+    "Error": "comotion_schemas.errors",
     "Fusion": ".fusion",
     "FusionConfig": ".config",
     "Grouping": ".library",

@@ -13,6 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.doubts import trading
+
 from .arrays import Floats
 
 Ids = NDArray[np.uint64]
@@ -29,11 +31,11 @@ _LEAST_LIFE = 4.0
 MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
-# Two instants are compared so often, if they are not farther apart than the last: ns.
+# Two instants are compared so often, or where a feature leaps, if they are not farther apart than the last.
 _COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
-# Share of the features that move by more than the size of the scene between two instants.
-_JUMPING = 0.3
+# Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
+_TRADED = 0.5
 # What was seen is told for so long.
 _LASTS_NS = 3_000_000_000
 
@@ -102,21 +104,29 @@ class SourceChecks:
         record.fresh = (1 - _FADE) * record.fresh + fresh * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
             record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
-        if record.last is not None:
-            self._compare(record, ids, positions, stamp_ns, at_ns)
+        last, record.last = record.last, (stamp_ns, ids, positions)
+        if last is None:
+            return
         due = stamp_ns - record.compared_ns >= _COMPARE_NS
-        record.last = (stamp_ns, ids, positions) if due else None
+        if due or (np.array_equal(ids, last[1]) and _leaps(positions, last[2])):
+            self._compare(record, last, (ids, positions), (stamp_ns, at_ns))
 
-    def _compare(self, record: _Record, ids: Ids, positions: Floats, stamp_ns: int, at_ns: int) -> None:
-        assert record.last is not None  # noqa: S101 - the caller looks
-        before_ns, known, places = record.last
+    def _compare(
+        self,
+        record: _Record,
+        last: tuple[int, Ids, Floats],
+        new: tuple[Ids, Floats],
+        clocks: tuple[int, int],
+    ) -> None:
+        (before_ns, known, places), (ids, positions), (stamp_ns, at_ns) = last, new, clocks
         _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
         if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
             return
         record.compared_ns = stamp_ns
         record.compared = 0.9 * record.compared + 1
-        record.jumped = 0.9 * record.jumped + _jumping(positions[mine], places[theirs])
-        if record.compared > 5 and record.jumped > _JUMPING * record.compared:
+        share = trading(places[theirs], positions[mine])
+        record.jumped = 0.9 * record.jumped + share
+        if share and record.jumped > _TRADED:
             record.found["ids-reused"] = record.jumped / record.compared, at_ns
 
     def troubles(self, at_ns: int) -> dict[int, dict[TroubleKind, float]]:
@@ -132,14 +142,15 @@ class SourceChecks:
                     found.setdefault(number, {})[kind] = value
         return found
 
+    def doubted(self, at_ns: int) -> list[int]:
+        """Session numbers whose ids do not stay with their features."""
+        return [number for number, kinds in self.troubles(at_ns).items() if kinds.keys() - {"scale"}]
+
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
         self._records = {where: one for where, one in self._records.items() if where[0] in sessions}
 
 
-def _jumping(now: Floats, before: Floats) -> float:
-    """Share of features that move, against the others, by more than half of all are from the middle."""
-    step = np.asarray(now, np.float64) - before
-    step -= np.median(step, axis=0)
-    spread = np.median(np.linalg.norm(now - np.median(now, axis=0), axis=1))
-    return float(np.mean(np.linalg.norm(step, axis=1) > max(float(spread), 1e-9)))
+def _leaps(now: Floats, before: Floats) -> bool:
+    """Whether any feature moves by a quarter of what all span; a cheap look at every instant."""
+    return float(np.abs(now - before).max()) > 0.25 * float(np.ptp(now, axis=0).max())

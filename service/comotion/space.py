@@ -16,6 +16,7 @@ from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
 from .extent_check import ExtentCheck
+from .hypotheses.explained import explained
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping, representatives
@@ -307,14 +308,15 @@ class Space:
         if self._frame is not None:
             relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
             hypotheses, frame = relative.hypotheses, relative.frame
+        owners, newest = window.source[current], _newest(window, current)
         self._listed = (
             window.key[current],
             SpaceUpdate(
-                sessions=window.source[current],
+                sessions=owners,
                 ids=self._index.ids[current],
-                positions=_newest(window, current),
+                positions=newest,
                 labels=labels,
-                confidence=partition.confidence,
+                confidence=partition.confidence * explained(labels, present, newest, owners),
                 hypotheses=hypotheses,
                 events=events,
                 view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),

@@ -8,7 +8,7 @@ something in it, as long as anybody who agrees does. Who contradicts is refused.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -181,7 +181,7 @@ class Spaces:
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
-        return [updates[name] for name in sorted(updates)]
+        return [self._doubted(updates[name]) for name in sorted(updates)]
 
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
@@ -205,6 +205,14 @@ class Spaces:
                 return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
             self._rebuild(name, keep=keep)
         return {}
+
+    def _doubted(self, update: SpaceUpdate) -> SpaceUpdate:
+        """The same with half the confidence at most in what sources say whose ids change hands."""
+        numbers = self.checks.doubted(self.at_ns)
+        if not numbers:
+            return update
+        most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
+        return replace(update, confidence=np.minimum(update.confidence, most))
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""

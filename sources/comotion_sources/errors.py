@@ -1,7 +1,5 @@
 """Errors of sources that a user can correct; each message is one line."""
 
-from pydantic import ValidationError
-
 from comotion_schemas.errors import KnownError
 
 
@@ -15,11 +13,3 @@ class SceneError(InputError):
 
 class RecordingError(InputError):
     """A recording is missing, truncated, empty or of an unknown format."""
-
-
-def describe(error: ValidationError) -> str:
-    """Format the first validation error as one line: field, then message."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"])
-    message = " ".join(first["msg"].removeprefix("Value error, ").split())
-    return f"{place}: {message}" if place else message

@@ -10,12 +10,13 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, StatusFields, new_session_id
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.messages import RejectionReason
-from comotion_schemas.rows import usable_rows
+from comotion_schemas.rows import check_space, usable_rows
 from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
@@ -52,7 +53,7 @@ class SourcePublisher:
         Without `settings`: the folder that ``comotion pki issue`` has written; None: the folder named by
         ``COMOTION_TLS`` in the environment, if there is one.
     drop_invalid
-        Leave out rows with a position that is not finite (``non-finite``) or a negative id (``range``) and
+        Leave out rows with an infinite position (``non-finite``) or a negative id (``range``) and
         count them in :attr:`dropped` and in Status. Otherwise such a row is an error.
     ready_file
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
@@ -64,7 +65,7 @@ class SourcePublisher:
     Raises
     ------
     ValueError
-        If the name of the scene or source is not valid.
+        If the name of the scene or source is not valid, or the unit does not go with `dim`.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class SourcePublisher:
     ) -> None:
         if connect is not None and settings is not None:
             raise KnownError("give connect or settings, not both")
+        check_space(unit, dim)
         endpoints = (connect,) if isinstance(connect, str) else connect
         self.name = name
         self._drop_invalid = drop_invalid
@@ -170,7 +172,7 @@ class SourcePublisher:
         ids
             Integers [N] at or above 0; an id must never be reused for another feature.
         positions
-            float [N, dim], finite, in the unit of the source. Not finite and negative: see `drop_invalid`.
+            float [N, dim], in the unit of the source; a row with NaN: not seen. Infinite: see `drop_invalid`.
         stamp_ns
             Acquisition time, nanoseconds since the Unix epoch; None: now.
         sigma
@@ -188,15 +190,30 @@ class SourcePublisher:
 
         Raises
         ------
-        ValueError
-            If the arrays are malformed; nothing is published then.
+        comotion.Error
+            A ValueError. If the arrays are malformed; nothing is published then.
         """
+        try:
+            self._observe(ids, positions, stamp_ns, sigma, quaternions, ended, stamps_ns)
+        except ValidationError as error:
+            raise KnownError(describe(error)) from None
+
+    def _observe(
+        self,
+        ids: ArrayLike,
+        positions: ArrayLike,
+        stamp_ns: int | None,
+        sigma: float | ArrayLike | None,
+        quaternions: ArrayLike | None,
+        ended: ArrayLike | None,
+        stamps_ns: ArrayLike | None,
+    ) -> None:
         rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
         for reason, count in rows.dropped.items():
             self._rejected[reason] = self._rejected.get(reason, 0) + count
         stamp = time.time_ns() if stamp_ns is None else stamp_ns
-        stamps = None if stamps_ns is None else np.asarray(stamps_ns)[rows.kept]
-        if stamps is not None and rows.dropped and len(stamps):
+        stamps = None if stamps_ns is None else rows.of("stamps_ns", stamps_ns)
+        if stamps is not None and len(rows.kept) < rows.given and len(stamps):
             stamp = int(stamps.max())
         self.put(
             self.builder.observation(
@@ -204,8 +221,8 @@ class SourcePublisher:
                 ids=rows.ids,
                 positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
                 sigma=rows.sigma,
-                covariance=None if covariance is None else np.asarray(covariance)[rows.kept],
-                quaternions=None if quaternions is None else np.asarray(quaternions)[rows.kept],
+                covariance=None if covariance is None else rows.of("covariance", covariance),
+                quaternions=None if quaternions is None else rows.of("quaternions", quaternions),
                 ended=ended,
                 stamps_ns=stamps,
             )

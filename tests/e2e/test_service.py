@@ -371,7 +371,7 @@ def test_a_clean_stop_keeps_the_state(serve, start, connect, listen, track, tmp_
     again = start("serve", "--listen", service.endpoint, *arguments)
     after = service.updates.until(lambda u: u.session != before.session and is_sorted_out(u))
     assert labels(after) == labels(before)
-    assert "continuing from" in again.output
+    assert "continuing the scene of" in again.output
 
 
 def test_a_useless_state_file_is_kept_aside_and_the_service_starts_afresh(serve, tmp_path: Path) -> None:

@@ -87,6 +87,9 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
     ]
     assert run(["serve", "--no-state"]) == 0
     assert seen[-1].state is None
+    assert [one.resume for one in seen] == [False, False, False]
+    assert run(["serve", "--resume"]) == run(["serve", "--state", str(tmp_path / "s")]) == 0
+    assert [one.resume for one in seen[-2:]] == [True, True]
 
 
 def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -384,3 +387,12 @@ def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
     how = evaluate.EvaluateOptions(duration=0.1, quiet=True)
     with pytest.raises(TimeoutError):
         evaluate.evaluate("typo", SessionSettings(connect=("tcp/127.0.0.1:1",)), how)
+
+
+def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", "--help"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == "'comotion dev bench' is now 'comotion dev bench'\n"
+    assert "Usage: comotion dev bench" in " ".join(shown.out.split())
+    assert run(["dev", "bench", "--help"]) == 0
+    assert capsys.readouterr().err == ""

@@ -95,7 +95,7 @@ def test_there_is_every_figure_and_it_can_be_picked():
     ids=str,
 )
 def test_a_wrong_option_is_one_line(capsys, arguments, words):
-    assert run(["reproduce", *arguments]) == 2
+    assert run(["dev", "reproduce", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert re.fullmatch(r"error: .*\n", captured.err)
@@ -105,7 +105,7 @@ def test_a_wrong_option_is_one_line(capsys, arguments, words):
 @pytest.mark.parametrize("name", ["figures", "fusion", "links", "pixels", "accuracy"])
 def test_experiments_share_their_options(capsys, monkeypatch, name):
     monkeypatch.setenv("COLUMNS", "200")
-    assert run(["reproduce", name, "--help"]) == 0
+    assert run(["dev", "reproduce", name, "--help"]) == 0
     shown = capsys.readouterr().out
     assert all(option in shown for option in ("--quick", "--out", "--config", "--log-level", "Examples:"))
 
@@ -116,7 +116,7 @@ def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone
     monkeypatch.setattr(reproduce_figures, "find_spec", lambda name: None)
     out = tmp_path / "new" / "figures"
     arguments = ["--only", "3.6", "--only", "4.6,4.9", "--seeds", "3", "--out", str(out)]
-    assert run(["reproduce", *arguments]) == 0
+    assert run(["dev", "reproduce", *arguments]) == 0
     said = "figures 4.6, 4.9 are left out; they need the workcell: pip install 'comotion[sim3d]'"
     captured = capsys.readouterr()
     assert said in captured.out
@@ -124,7 +124,7 @@ def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone
     assert sorted(path.name for path in out.iterdir()) == ["fig3_6.png", "figures.json", "index.html"]
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "Figures 4.6, 4.9 are left out" in page
-    assert "<code>comotion reproduce --only 3.6 --only 4.6,4.9 --seeds 3</code>" in page
+    assert "<code>comotion dev reproduce --only 3.6 --only 4.6,4.9 --seeds 3</code>" in page
     assert re.findall(r'<h2 id="(fig[^"]*)"', page) == ["fig3_6"]
     # Nothing is loaded from elsewhere.
     assert re.findall(r'(?:src|href)="(.{5})', page) == ["#fig3", "data:"]
@@ -139,7 +139,7 @@ def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone
 
 def test_the_workcell_alone_cannot_be_drawn_without_mujoco(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(reproduce_figures, "find_spec", lambda name: None)
-    assert run(["reproduce", "--only", "4.6", "--out", str(tmp_path)]) == 2
+    assert run(["dev", "reproduce", "--only", "4.6", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: mujoco is not installed: pip install 'comotion[sim3d]'\n"
 
 

@@ -13,6 +13,7 @@ from comotion_clients.viewing.hypotheses import draw_joints
 from comotion_clients.watch_view import render
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
 from comotion_schemas.colours import Palette
+from comotion_schemas.naming import joint_words, read_names
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
@@ -145,13 +146,22 @@ def test_viewers_and_exports_draw_joints():
 
 
 def test_watch_shows_joints_in_degrees_and_metres():
-    model = SceneModel("default")
+    model = SceneModel("default", {2: "door"})
     model.on_update(update([DOOR, DRAWER, FREE]), arrived=0.0)
-    console = Console(width=100)
+    console = Console(width=140)
     with console.capture() as captured:
-        console.print(render(model.snapshot(0.0), 100, 30, "size"))
-    assert "2 turns on 1, 28.6°" in captured.get()
-    assert "3 slides on 2, 0.100 m" in captured.get()
+        console.print(render(model.snapshot(0.0), 140, 30, "size"))
+    assert "door turns on 1, 0 to 69°, at 28.6°" in captured.get()
+    assert "3 slides on door, 0.00 to 0.30 m, at 0.100 m" in captured.get()
+
+
+def test_joints_are_words_with_the_names_that_people_give():
+    names = read_names(["1=shelf", "2=door"])
+    assert joint_words(DOOR, names) == "door turns on shelf, 0 to 69°"
+    assert joint_words(FREE) == "4 moves freely against 1"
+    for wrong in ("truck", "2=", "=truck", "two=truck", "2=\x1b[31m", "2=" + 41 * "x"):
+        with pytest.raises(ValueError, match="like 2=truck"):
+            read_names([wrong])
 
 
 def test_rows_and_json_leave_out_what_is_unknown():

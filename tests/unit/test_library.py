@@ -145,8 +145,8 @@ def test_what_cannot_be_grouped_is_one_clear_error(positions, times, words):
 
 def test_bad_rows_are_errors_or_on_request_left_out_and_counted():
     strict, forgiving = comotion.Scene(), comotion.Scene(drop_invalid=True)
-    rows = [[0, 0, 0], [np.nan] * 3, [1, np.nan, 0], [2, 2, 2]]
-    with pytest.raises(ValueError, match="id 3 has a position that is not finite"):
+    rows = [[0, 0, 0], [np.nan] * 3, [1, np.inf, 0], [2, 2, 2]]
+    with pytest.raises(ValueError, match="id 3 has a position that is infinite"):
         strict.push([1, 2, 3, 4], rows, 0.0)
     with pytest.raises(ValueError, match="id -1 is negative"):
         strict.push([-1], [[0, 0, 0]], 0.0)
@@ -188,13 +188,13 @@ def test_a_source_takes_ordinary_data():
         "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
     )
     source._obs = Sent()
-    source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.nan, 0, 0]], sigma=[0.1, 0.2, 0.3])
+    source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.inf, 0, 0]], sigma=[0.1, 0.2, 0.3])
     (batch,) = map(decode, source._obs)
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
     strict = SourcePublisher("mine", space="world", unit="m", dim=3)
-    with pytest.raises(ValueError, match="id 6 has a position that is not finite"):
-        strict.observe(ids=[5, 6], positions=[[0, 0, 0], [np.nan, 0, 0]])
+    with pytest.raises(ValueError, match="id 6 has a position that is infinite"):
+        strict.observe(ids=[5, 6], positions=[[0, 0, 0], [np.inf, 0, 0]])
     with pytest.raises(ValueError, match="connect or settings"):
         SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
 

@@ -49,7 +49,7 @@ def test_baselines_that_are_told_the_number_find_two_distant_bodies():
 
 def test_the_command_writes_a_table(folder, tmp_path, capsys):
     out = tmp_path / "out"
-    assert run(["reproduce", "pixels", "--data", str(folder), "--out", str(out), "--json"]) == 0
+    assert run(["dev", "reproduce", "pixels", "--data", str(folder), "--out", str(out), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     rows = {(row["method"], row["frames"]): row for row in shown["rows"]}
     whole = rows["comotion, K unknown", None]

@@ -146,7 +146,7 @@ def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     relay.take(key, tf(transform("b", 1.0, frame="odom")), 0)
     relay.take(key, b"nonsense", 0)
     relay.take("0/tf/std_msgs::msg::dds_::String_/H", b"", 0)
-    relay.take(key, tf(transform("a", float("nan")), transform("c", 2.0, seconds=5)), 0)
+    relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0, seconds=5)), 0)
     batches = [decode(one) for one in source._obs]
     assert [b.ids.tolist() for b in batches] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}

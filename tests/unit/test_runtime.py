@@ -20,7 +20,7 @@ from comotion.runtime import warm_up as warm_up_module
 from comotion.runtime.clocks import EventClock, WallClock, make_clock
 from comotion.runtime.health import Arrivals, Health, Watchdog
 from comotion.runtime.intake import Rejection
-from comotion.runtime.state_file import default_path, load_fusion, write_atomically
+from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import HeadStart, Ticker
 from comotion.runtime.warm_up import STEPS, prepare, warm_up
@@ -411,6 +411,17 @@ class TestStateFile:
         assert again.timeline.watermark_ns is None
         assert next_id(again) > 5000
         assert "10.0 s in the future" in caplog.text
+
+    def test_a_new_scene_keeps_the_one_before_and_says_how_old_it_is(self, tmp_path: Path, caplog) -> None:
+        caplog.set_level("INFO")
+        kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
+        os.utime(tmp_path / "state", (0, time.time() - 600))
+        begin_afresh(tmp_path / "state")
+        assert "a new scene; the one of 10 min ago is kept" in caplog.text
+        assert next_id(self.load(tmp_path / "state.before", now_ns=200 * SECOND)) > 5000
+        assert "continuing the scene of 10 min ago" in caplog.text
+        assert not (tmp_path / "state").exists()
+        begin_afresh(tmp_path / "state")
 
     def test_every_scene_of_every_network_has_a_file_of_its_own(self, tmp_path: Path, monkeypatch) -> None:
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))

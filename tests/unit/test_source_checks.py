@@ -1,5 +1,7 @@
 """Sources whose ids or unit cannot be right: what the service says of them, and that others do not suffer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,13 @@ def good(k: int) -> np.ndarray:
 
 
 IDS = np.arange(12)
+
+
+def rolled(k: int) -> ObservationBatch:
+    """Ids are places in a list whose head is dropped once in ten batches."""
+    return batch(k, IDS, np.roll(good(k), k // 10, axis=0))
+
+
 MISTAKES = {
     "ids-short-lived": lambda k: batch(k, IDS + 12 * k, good(k)),
     "ids-reused": lambda k: batch(k, np.random.default_rng(k).permutation(12), good(k)),
@@ -66,6 +75,23 @@ def test_what_is_right_is_not_complained_about(rate_share) -> None:
         return batch(k, IDS + 100 * ((k + 15 * IDS) // 60), points) if k % rate_share == 0 else None
 
     assert run(Fusion(), right, range(150)) == {}
+
+
+def test_ids_that_change_hands_now_and_then_are_told() -> None:
+    fusion = Fusion()
+    found = [set(run(fusion, rolled, range(k, k + 60))) for k in range(0, 300, 60)]
+    assert found.count({("odd", "ids-reused")}) >= 3
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1, "count from a start"), (1000, "Unix times in us")])
+def test_a_clock_that_counts_from_a_start_is_told_from_one_in_another_unit(factor, words) -> None:
+    # 3e12 ns are 50 minutes, and 3e12 ms a year of this century.
+    start = 3 * 10**12 if factor == 1 else 1_700_000_000 * 10**6
+
+    def odd(k: int) -> ObservationBatch:
+        return replace(batch(k, IDS, good(k)), stamp_ns=start + k * S // RATE // factor)
+
+    assert words in run(Fusion(), odd, range(40))["odd", "clock-zero"]
 
 
 def test_ids_that_come_back_after_their_end_are_reused() -> None:

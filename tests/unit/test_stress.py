@@ -259,7 +259,7 @@ def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) 
     for families in (catalogue.FAMILIES, catalogue.ALL):
         monkeypatch.setitem(families, "late_movers", short)
     options = ["--family", "late_movers", "--seeds", "2", "--jobs", "1", "--json", "--out", str(out)]
-    assert run(["reproduce", "stress", *options]) == 0
+    assert run(["dev", "reproduce", "stress", *options]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert [(r["family"], r["method"], r["seed"]) for r in shown["runs"]] == [
         ("late_movers", "comotion", 2),
@@ -273,7 +273,7 @@ def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) 
 
 @pytest.mark.parametrize("options", [["--family", "fall"], ["--method", "magic"], ["--seeds", "x"]])
 def test_a_wrong_option_is_one_line(options: list[str], tmp_path, capsys) -> None:
-    assert run(["reproduce", "stress", *options, "--out", str(tmp_path)]) == 2
+    assert run(["dev", "reproduce", "stress", *options, "--out", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 

@@ -107,7 +107,7 @@ def test_a_still_scene_is_one_object() -> None:
 def test_the_command_runs_image_families_beside_the_others(tmp_path, capsys) -> None:
     assert "image_few" in {family.name for family in find_families(["image"])}
     options = ["--family", "image_planar", "--seeds", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
-    assert run(["reproduce", "stress", *options]) == 0
+    assert run(["dev", "reproduce", "stress", *options]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert [(row["family"], row["seed"]) for row in shown["images"]] == [("image_planar", 1)]
     assert len(shown["images"][0]["errors"]) == 6

@@ -7,6 +7,7 @@ import numpy as np
 
 from comotion_schemas import HypothesisUpdate
 from comotion_schemas.colours import Palette
+from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
 from ..scoring import SpaceRef, spaces_of
@@ -33,8 +34,9 @@ class Features:
     `palette` has seen the updates.
     """
 
-    def __init__(self, palette: Palette | None = None) -> None:
+    def __init__(self, palette: Palette | None = None, names: Names | None = None) -> None:
         self._palette = palette or Palette()
+        self._names = names or {}
         self._spaces: dict[str, _Space] = {}
         self._paths = Paths("spaces")
         self._trails: dict[str, Trails] = {}
@@ -94,7 +96,7 @@ class Features:
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
         shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette)
-        return shapes + draw_hypotheses(space.view.path, here, space.axis, self._palette)
+        return shapes + draw_hypotheses(space.view.path, here, space.axis, self._palette, self._names)
 
 
 def _points(update: HypothesisUpdate, space: _Space, number: int, palette: Palette) -> Points:

@@ -118,7 +118,7 @@ def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
     """Legend of the colours: a dot and a label per hypothesis, sorted by id, in a grid."""
     rows = sorted(hypotheses, key=lambda row: row.id)
     shown = rows[: LEGEND.columns * LEGEND.rows]
-    words = [f"{row.id} {row.state}, {row.size}" for row in shown]
+    words = [f"{row.name} {row.state}, {row.size}" for row in shown]
     if len(rows) > len(shown):
         words[-1] += f" (+{len(rows) - len(shown)})"
     slots = np.arange(len(shown))
@@ -161,7 +161,7 @@ def _table(head: str, rows: "map[list[str]]") -> list[str]:
 
 def _hypothesis(row: HypothesisRow) -> list[str]:
     speed = "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
-    return [str(row.id), row.state, str(row.size), duration(row.age), number(row.confidence, 2), speed]
+    return [row.name, row.state, str(row.size), duration(row.age), number(row.confidence, 2), speed]
 
 
 def _source(row: SourceRow) -> list[str]:

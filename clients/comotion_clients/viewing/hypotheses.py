@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Hypothesis, Joint
 from comotion_schemas.colours import RGB, Palette
+from comotion_schemas.naming import Names, named
 
 from ..joint_lines import joint_lines
 from .shapes import Arrows, Boxes, Points, Positions, Segments, Shape
@@ -41,7 +42,7 @@ def axis_length(positions: Positions, before: float) -> float:
 
 
 def draw_hypotheses(
-    path: str, hypotheses: Sequence[Hypothesis], axis: float, palette: Palette
+    path: str, hypotheses: Sequence[Hypothesis], axis: float, palette: Palette, names: Names | None = None
 ) -> list[Shape]:
     """Draw the hypotheses of one space, with axes of length `axis`.
 
@@ -55,7 +56,7 @@ def draw_hypotheses(
     centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
     shades = palette.colours(ids)
     inks = [palette.legible(h.id) for h in hypotheses]
-    words = labels(f"{path}/hypotheses", inks, centroids, tuple(label(h) for h in hypotheses))
+    words = labels(f"{path}/hypotheses", inks, centroids, tuple(label(h, names) for h in hypotheses))
     rows = [k for k, h in enumerate(hypotheses) if not h.absent]
     hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
     return [
@@ -106,12 +107,13 @@ def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[st
     return Points(path, positions, shades, radius=0.0, labels=words)
 
 
-def label(hypothesis: Hypothesis) -> str:
-    """Text of a hypothesis: its id, and its state if known."""
+def label(hypothesis: Hypothesis, names: Names | None = None) -> str:
+    """Text of a hypothesis: its name or id, and its state if known."""
+    name = named(hypothesis.id, names or {})
     if hypothesis.absent:
-        return f"{hypothesis.id} absent"
+        return f"{name} absent"
     state = "" if hypothesis.state == "undetermined" else f" {hypothesis.state}"
-    return f"{hypothesis.id}{state}" if hypothesis.confirmed else f"{hypothesis.id}{state}?"
+    return f"{name}{state}" if hypothesis.confirmed else f"{name}{state}?"
 
 
 def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, axis: float) -> Arrows:

@@ -5,6 +5,7 @@ shapes are at acquisition times; curves of rates and lags are at the stamp of th
 """
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch, Preview, Status, TruthBatch
+from comotion_schemas.naming import Names
 
 from ..scene_model import SceneModel
 from ..scoring import SETTLE_S, Observed
@@ -28,16 +29,20 @@ class ScenePicture:
         Most updates, and images of a camera, that are drawn per second; the others are left out. None: all.
     dense
         Whether to draw the regions of hypotheses in images.
+    names
+        Names of hypotheses by id.
     """
 
-    def __init__(self, scene: str, rate: float | None = None, *, dense: bool = False) -> None:
-        self.model = SceneModel(scene)
+    def __init__(
+        self, scene: str, rate: float | None = None, *, dense: bool = False, names: Names | None = None
+    ) -> None:
+        self.model = SceneModel(scene, names)
         self._gap = 0.0 if rate is None else 1 / rate
         self._drawn_at: dict[str, float] = {}
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
         self._observed = Observed()
-        self._features = Features(self.model.palette)
+        self._features = Features(self.model.palette, names)
         self._cameras = Cameras(self.model.palette, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")

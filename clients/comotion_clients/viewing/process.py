@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -26,6 +26,7 @@ from comotion_schemas import (
     TruthBatch,
 )
 from comotion_schemas.component import Component, StatusFields, viewer_name
+from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings
 
 from ..presence import Presence
@@ -68,12 +69,15 @@ class ViewOptions:
         File to write once the viewer is subscribed.
     dense
         Whether to draw the regions of hypotheses in images.
+    names
+        Names of hypotheses by id.
     """
 
     duration: float | None = None
     rate: float | None = None
     ready_file: Path | None = None
     dense: bool = False
+    names: Names = field(default_factory=dict)
 
 
 class Ages:
@@ -123,7 +127,7 @@ class _Feed:
     """Fills a scene picture from the subscriptions of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str, options: ViewOptions) -> None:
-        self.picture = ScenePicture(scene, options.rate, dense=options.dense)
+        self.picture = ScenePicture(scene, options.rate, dense=options.dense, names=options.names)
         self._presence = Presence(session, scene)
         self._truths = Subscription(session, TruthBatch, scene)
         self._statuses = Subscription(session, Status, scene)
@@ -227,7 +231,12 @@ def _status(feeds: list[_Feed], ages: Ages) -> StatusFields:
 
 
 def view_messages(
-    messages: Iterable[tuple[int, Message]], scene: str, sink: Sink, *, dense: bool = False
+    messages: Iterable[tuple[int, Message]],
+    scene: str,
+    sink: Sink,
+    *,
+    dense: bool = False,
+    names: Names | None = None,
 ) -> int:
     """Send a recording to a sink as fast as possible; the viewer then plays it.
 
@@ -237,14 +246,14 @@ def view_messages(
         (Time of receipt in ns, message), in order.
     scene
         Name of the scene.
-    dense
+    dense, names
         As in :class:`ViewOptions`.
 
     Returns
     -------
     Number of updates shown.
     """
-    picture, updates = ScenePicture(scene, dense=dense), 0
+    picture, updates = ScenePicture(scene, dense=dense, names=names), 0
     for moments, message in _replayed(picture, messages):
         sink.arrange(picture.layout)
         sink.show(moments)

@@ -1,4 +1,4 @@
-"""Options and checks of the commands of ``comotion reproduce``."""
+"""Options and checks of the commands of ``comotion dev reproduce``."""
 
 import json
 import os

@@ -19,6 +19,8 @@ Examples:
 
   comotion joints   # of a running scene
 
+  comotion joints --name 1=cabinet --name 2=door   # "door turns on cabinet, 0 to 65°"
+
   comotion joints take.mcap --urdf cabinet.urdf
 
   comotion joints sim:fig4_4 --duration 6 --json
@@ -57,6 +59,7 @@ def joints(
         float,
         typer.Option("--timeout", envvar="COMOTION_TIMEOUT", min=0.1, help="s to wait for an update."),
     ] = 5.0,
+    names: options.BodyNames = None,
     method: options.Method = None,
     assignments: options.Assignments = None,
     scene: options.Scene = "default",
@@ -85,7 +88,7 @@ def joints(
         except ImportError as error:
             raise missing_extra("record", error) from None
         update = last_update(one.open(), config, duration)
-    _print(update, json_=json_)
+    _print(update, names or [], json_=json_)
     if urdf is not None:
         from comotion_clients.urdf import to_urdf
 
@@ -104,8 +107,9 @@ def _live(scene: str, settings: "SessionSettings", timeout: float) -> "Hypothesi
             raise UserError(f"no update of scene {scene} within {timeout:g} s") from None
 
 
-def _print(update: "HypothesisUpdate", *, json_: bool) -> None:
+def _print(update: "HypothesisUpdate", names: list[str], *, json_: bool) -> None:
     from comotion_clients.joint_rows import as_json, table
+    from comotion_schemas.naming import read_names
 
     if json_:
         import json
@@ -114,4 +118,4 @@ def _print(update: "HypothesisUpdate", *, json_: bool) -> None:
         return
     from rich.console import Console
 
-    Console(width=None if sys.stdout.isatty() else 120).print(table(update.joints))
+    Console(width=None if sys.stdout.isatty() else 120).print(table(update.joints, read_names(names)))

@@ -1,4 +1,4 @@
-"""``comotion reproduce``: runs the experiments of the project."""
+"""``comotion dev reproduce``: runs the experiments of the project."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 FUSION_EPILOG = """
 Examples:
 
-  comotion reproduce fusion --quick
+  comotion dev reproduce fusion --quick
 
-  comotion reproduce fusion --seeds 0-4 --out fusion
+  comotion dev reproduce fusion --seeds 0-4 --out fusion
 
-  comotion reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
+  comotion dev reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
 """
 
 PIXELS_EPILOG = """
 Examples:
 
-  comotion reproduce pixels --data recordings --out pixels
+  comotion dev reproduce pixels --data recordings --out pixels
 
-  comotion reproduce pixels --data recordings --no-baselines --json
+  comotion dev reproduce pixels --data recordings --no-baselines --json
 
 The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall01.npz.
 """
@@ -44,21 +44,21 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 ACCURACY_EPILOG = """
 Examples:
 
-  comotion reproduce accuracy --data recordings/mocap --out docs/research
+  comotion dev reproduce accuracy --data recordings/mocap --out docs/research
 
-  comotion reproduce accuracy --quick
+  comotion dev reproduce accuracy --quick
 
-  comotion reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
+  comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
 
 EPILOG = """
 Examples:
 
-  comotion reproduce --quick
+  comotion dev reproduce --quick
 
-  comotion reproduce figures --help
+  comotion dev reproduce figures --help
 
-  comotion reproduce fusion --quick
+  comotion dev reproduce fusion --quick
 """
 
 

@@ -1,4 +1,4 @@
-"""``comotion reproduce figures``, also ``comotion reproduce``: the figures of the thesis."""
+"""``comotion dev reproduce figures``, also ``comotion dev reproduce``: the figures of the thesis."""
 
 import json
 import shlex
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 EPILOG = """
 Examples:
 
-  comotion reproduce --quick
+  comotion dev reproduce --quick
 
-  comotion reproduce --only 4.4 --only 4.5 --out figures
+  comotion dev reproduce --only 4.4 --only 4.5 --out figures
 
-  comotion reproduce figures --only 4.1,4.2 --seeds 0-9 --json
+  comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
 """
 
 
@@ -98,7 +98,7 @@ def _command(
     quick: bool,
 ) -> str:
     """Return the command line that makes the same page."""
-    words = ["comotion", "reproduce"]
+    words = ["comotion", "dev", "reproduce"]
     for name in only or ():
         words += ["--only", name]
     for option, value in (("--seeds", seeds), ("--workcell-seeds", workcell_seeds)):

@@ -1,4 +1,4 @@
-"""``comotion reproduce joints``: joints between bodies, and a camera that moves."""
+"""``comotion dev reproduce joints``: joints between bodies, and a camera that moves."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,11 +11,11 @@ from .experiments import Cache, cache_folder, check_folder, known_parts, progres
 EPILOG = """
 Examples:
 
-  comotion reproduce joints --quick
+  comotion dev reproduce joints --quick
 
-  comotion reproduce joints --seeds 1,3,5 --data recordings/mocap --out joints
+  comotion dev reproduce joints --seeds 1,3,5 --data recordings/mocap --out joints
 
-  comotion reproduce joints --part poses --part free --json
+  comotion dev reproduce joints --part poses --part free --json
 """
 
 

@@ -1,4 +1,4 @@
-"""``comotion reproduce links``: the gain of linking a camera without depth to bodies in 3-D."""
+"""``comotion dev reproduce links``: the gain of linking a camera without depth to bodies in 3-D."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,11 +12,11 @@ from .experiments import Cache, Period, cache_folder, check_folder, progress, wr
 EPILOG = """
 Examples:
 
-  comotion reproduce links --quick
+  comotion dev reproduce links --quick
 
-  comotion reproduce links --seeds 2-6 --out links
+  comotion dev reproduce links --seeds 2-6 --out links
 
-  comotion reproduce links --workcell shelf --turned 2 --json
+  comotion dev reproduce links --workcell shelf --turned 2 --json
 """
 
 

@@ -1,4 +1,4 @@
-"""``comotion reproduce regions``: dense regions of an image from labelled features."""
+"""``comotion dev reproduce regions``: dense regions of an image from labelled features."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,9 +13,9 @@ from .experiments import check_folder, progress, write_report
 EPILOG = """
 Examples:
 
-  comotion reproduce regions --quick
+  comotion dev reproduce regions --quick
 
-  comotion reproduce regions --seeds 1,3,5 --workcell shelf --out regions
+  comotion dev reproduce regions --seeds 1,3,5 --workcell shelf --out regions
 """
 
 

@@ -1,4 +1,4 @@
-"""``comotion reproduce stress``: streams that are not clean, and how soon the methods get over it."""
+"""``comotion dev reproduce stress``: streams that are not clean, and how soon the methods get over it."""
 
 import json
 from pathlib import Path
@@ -13,11 +13,11 @@ from .experiments import check, progress
 EPILOG = """
 Examples:
 
-  comotion reproduce stress --quick
+  comotion dev reproduce stress --quick
 
-  comotion reproduce stress --out docs/research
+  comotion dev reproduce stress --out docs/research
 
-  comotion reproduce stress --family restart --family cover --seeds 0,2 --method comotion
+  comotion dev reproduce stress --family restart --family cover --seeds 0,2 --method comotion
 
 A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.
 """

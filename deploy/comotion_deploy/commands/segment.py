@@ -1,6 +1,5 @@
 """``comotion segment``: a video in, a video out, offline."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -181,14 +180,13 @@ def _print_summary(found: "Segmented") -> None:
 
 @contextmanager
 def _progress(what: str) -> "Iterator[Progress]":
-    """A bar on standard error if it is a terminal."""
-    if not sys.stderr.isatty():
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
+    from comotion.library.compiling import tell_of_compiling
+    from comotion_clients.progress import reporting
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(Path(what).name, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    tell_of_compiling()
+    name = Path(what).name
+    with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
+        yield lambda done, total: report(
+            lambda: f"{name}: frame {done}" + ("" if total is None else f" of {total}")
+        )

@@ -19,6 +19,8 @@ Examples:
 
   comotion serve --method thesis --set thesis.sigma_switch=0.01 --set thesis.v_move=null
 
+  comotion serve --resume   # go on where the last one has stopped: the same objects, the same ids
+
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
 
   comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies of a depth camera
@@ -48,10 +50,18 @@ def serve(
             envvar="COMOTION_STATE",
             metavar="FILE",
             dir_okay=False,
-            help="Keep hypotheses and their ids in this file across restarts. Default: a file for the scene "
-            "in the user's state folder, ~/.local/state/comotion.",
+            help="Go on from this file, and keep hypotheses and their ids in it. Default: a new scene, kept "
+            "in a file for the scene in the user's state folder, ~/.local/state/comotion.",
         ),
     ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            envvar="COMOTION_RESUME",
+            help="Go on from the scene's file. 'up', 'fleet', the image and the units of systemd do.",
+        ),
+    ] = False,
     no_state: Annotated[
         bool,
         typer.Option(
@@ -144,6 +154,7 @@ def serve(
             settings=settings,
             clock=clock.value,
             state=None if no_state else kept,
+            resume=resume or state is not None,
             state_interval=state_interval,
             ready_file=ready_file,
             etcd=options.urls(etcd),

@@ -1,4 +1,4 @@
-"""``comotion soak``: a scene under load and faults, and a report."""
+"""``comotion dev soak``: a scene under load and faults, and a report."""
 
 import json
 import threading
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 EPILOG = """
 Examples:
 
-  comotion soak
+  comotion dev soak
 
-  comotion soak --duration 2700 --seed 3 --out /tmp/soak
+  comotion dev soak --duration 2700 --seed 3 --out /tmp/soak
 
-  comotion soak --kills 100      # kill -9 of the service in a row, then SIGSTOP of each process
+  comotion dev soak --kills 100      # kill -9 of the service in a row, then SIGSTOP of each process
 
 The status is 0 if nothing was violated, and 1 otherwise.
 """

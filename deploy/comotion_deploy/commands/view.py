@@ -94,6 +94,7 @@ def view(
         float | None,
         typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
     ] = None,
+    names: options.BodyNames = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     json_: options.Json = False,
@@ -110,6 +111,7 @@ def view(
     if regions:
         require_dense()
     from comotion_clients.viewing.sink import Destination
+    from comotion_schemas.naming import read_names
 
     if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", memory) is None:
         raise UserError(f"--memory {memory}: expected something like 500MB, 2GB or 25%")
@@ -128,12 +130,13 @@ def view(
         file=save,
         memory=memory,
     )
+    called = read_names(names or ())
     if recording is not None:
-        _show_recording(recording, where, duration, dense=regions)
+        _show_recording(recording, where, duration, dense=regions, names=called)
     else:
         from comotion_clients.viewing.process import ViewOptions
 
-        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file, dense=regions)
+        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file, dense=regions, names=called)
         _show_scene(where, scene, options.session_settings(connect, tls=tls), how, json_=json_)
 
 
@@ -162,7 +165,9 @@ def _show_scene(
         print(result.line(), file=sys.stderr)
 
 
-def _show_recording(recording: Path, where: "Destination", duration: float | None, *, dense: bool) -> None:
+def _show_recording(
+    recording: Path, where: "Destination", duration: float | None, *, dense: bool, names: dict[int, str]
+) -> None:
     import threading
 
     try:
@@ -176,7 +181,7 @@ def _show_recording(recording: Path, where: "Destination", duration: float | Non
     stop = threading.Event()
     with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
         _print_address(sink)
-        shown = view_messages(reading.messages(), reading.scene(), sink, dense=dense)
+        shown = view_messages(reading.messages(), reading.scene(), sink, dense=dense, names=names)
         if not shown:
             raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
         print(f"{recording}: {shown} updates", file=sys.stderr)

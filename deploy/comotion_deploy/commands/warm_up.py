@@ -1,4 +1,4 @@
-"""``comotion warm-up``: compile everything now, so that no first start has to."""
+"""``comotion dev warm-up``: compile everything now, so that no first start has to."""
 
 from typing import Annotated
 
@@ -10,9 +10,9 @@ from ..errors import UserError
 EPILOG = """
 Examples:
 
-  comotion warm-up
+  comotion dev warm-up
 
-  NUMBA_CACHE_DIR=/var/cache/comotion comotion warm-up   # when an image is built
+  NUMBA_CACHE_DIR=/var/cache/comotion comotion dev warm-up   # when an image is built
 """
 
 

@@ -18,6 +18,8 @@ Examples:
 
   comotion watch --once --pose
 
+  comotion watch --name 2=truck --name 3=gripper
+
   comotion watch > scene.log   # one line a second
 """
 
@@ -50,6 +52,7 @@ def watch(
             "--timeout", envvar="COMOTION_TIMEOUT", min=0.1, help="s that --once waits for the scene."
         ),
     ] = 5.0,
+    names: options.BodyNames = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     json_: options.Json = False,
@@ -63,8 +66,15 @@ def watch(
     Plain lines if the output is not a terminal; with --json one object per line.
     """
     from comotion_clients.watch import WatchOptions, watch
+    from comotion_schemas.naming import read_names
 
     how = WatchOptions(
-        once=once, json=json_, sort=sort.value, pose=pose, timeout=timeout, ready_file=ready_file
+        once=once,
+        json=json_,
+        sort=sort.value,
+        pose=pose,
+        timeout=timeout,
+        ready_file=ready_file,
+        names=read_names(names or ()),
     )
     watch(scene, options.session_settings(connect, tls=tls), how)

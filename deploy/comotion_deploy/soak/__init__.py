@@ -1,1 +1,1 @@
-"""``comotion soak``: a scene under mixed load and faults, watched for what must always hold."""
+"""``comotion dev soak``: a scene under mixed load and faults, watched for what must always hold."""

@@ -29,9 +29,9 @@ def markdown(results: Results, picture: str) -> str:
 
 _HEAD = """# Accuracy
 
-Made by `comotion reproduce accuracy`. NMI (4.1) over every track observed at an update, with an update each
-third of a second, beginning with the first third. Undetermined tracks count as clusters of their own. Mean ±
-standard deviation over seeds {seeds}. The default method has one parameter set, and does not know the
+Made by `comotion dev reproduce accuracy`. NMI (4.1) over every track observed at an update, with an update
+each third of a second, beginning with the first third. Undetermined tracks count as clusters of their own.
+Mean ± standard deviation over seeds {seeds}. The default method has one parameter set, and does not know the
 number of bodies or the noise. The thesis method has equal weights and its best σ_switch: 0.02 m for fig. 4.1,
 else 0.01 m. `by scikit-learn` is the thesis method with clusters split by scikit-learn's 2-means, the best of
 ten random starts. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In
@@ -102,7 +102,7 @@ that of the thesis. Mean NMI over the whole seconds of a run, for all methods on
 same times; one that is too short for a motion over five frames counts as undetermined. The affinity is
 made for pixels: in metres, lengths are scaled to a width of the scene that was chosen in its favour.
 
-`comotion reproduce accuracy --part comparator` makes this table alone."""
+`comotion dev reproduce accuracy --part comparator` makes this table alone."""
 
 
 def _compared(results: Results) -> str:

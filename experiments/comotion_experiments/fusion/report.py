@@ -74,7 +74,7 @@ def lines(results: Results) -> list[str]:
 
 _PAGE = """# Fusing sources
 
-Made by `comotion reproduce fusion`, method {method}, on the [workcell](../workcell.md): camera A at
+Made by `comotion dev reproduce fusion`, method {method}, on the [workcell](../workcell.md): camera A at
 {rate_a:g} Hz, camera B at {rate_b:g} Hz ({width} x {height} px, {features} features each), a robot's joints
 at {rate_robot:g} Hz; seeds {seeds}, mean ± standard deviation. Covered: the lens of camera A is covered from
 {start:g} to {stop:g} s.

@@ -12,7 +12,7 @@ from .experiment import Results
 def markdown(results: Results) -> str:
     """Build the report: a section for each part that was run."""
     seeds = ", ".join(map(str, results.experiment.seeds))
-    sections = [f"# Joints: results\n\nMade by `comotion reproduce joints`; seeds {seeds}."]
+    sections = [f"# Joints: results\n\nMade by `comotion dev reproduce joints`; seeds {seeds}."]
     if results.poses:
         count = results.experiment.pose_seeds
         sections.append(f"## On poses alone\n\nMedians of {count} seeds.\n\n{poses.table(results.poses)}")

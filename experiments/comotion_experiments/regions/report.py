@@ -15,7 +15,7 @@ def markdown(results: Sequence[Scored]) -> str:
     lines = [
         "# Dense regions: results",
         "",
-        f"Made by `comotion reproduce regions`; seeds {seeds}.",
+        f"Made by `comotion dev reproduce regions`; seeds {seeds}.",
         "",
         "| scene | object | " + " | ".join(METHODS) + " |",
         "|---|---|" + "---|" * len(METHODS),

@@ -108,7 +108,7 @@ def markdown(results: Results, picture: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-_OPENING = """Made by `comotion reproduce stress`. Scenes that are not clean: trackers restart,
+_OPENING = """Made by `comotion dev reproduce stress`. Scenes that are not clean: trackers restart,
 features drift, bodies rest. {seeds}{part} All scenes are made up; the parameters of each family are in
 `comotion_experiments.stress`. The thesis method has equal weights and the σ_switch that suits the scene's
 noise. Every cell is a mean over seeds{both}."""

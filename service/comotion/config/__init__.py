@@ -6,6 +6,7 @@ from .joints import JointsConfig
 from .limits import LimitsConfig
 from .linking import Camera, LinkingConfig
 from .pixels import PixelsConfig
+from .reading import put, read_config
 from .rigid import RigidConfig
 from .spaces import SpaceConfig
 from .thesis import Clustering, ThesisConfig, Unit
@@ -24,5 +25,7 @@ __all__ = [
     "SpaceConfig",
     "ThesisConfig",
     "Unit",
+    "put",
+    "read_config",
     "to_ns",
 ]

@@ -49,13 +49,17 @@ ClockKind = Literal["clock-ahead", "clock-behind", "clock-zero"]
 
 @dataclass
 class ClockTrouble:
-    """A source whose clock is off: kind, offset to the scene, last stamp, and when it was seen."""
+    """A source whose clock is off: kind, offset to the scene, last stamp, and when it was seen.
+
+    `pace` is how far the stamp has gone up by, in the time that has passed; 1 for nanoseconds.
+    """
 
     kind: ClockKind
     offset_ns: int
     stamp_ns: int
     seen_ns: int
     count: int = 0
+    pace: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -221,6 +225,8 @@ class Steps:
             while len(self._troubles) >= _MAX_TROUBLES:
                 del self._troubles[next(iter(self._troubles))]
             trouble = self._troubles[batch.source] = ClockTrouble(kind, 0, 0, at_ns)
+        if trouble.count and at_ns > trouble.seen_ns:
+            trouble.pace = (batch.stamp_ns - trouble.stamp_ns) / (at_ns - trouble.seen_ns)
         trouble.offset_ns, trouble.stamp_ns, trouble.seen_ns = offset_ns, batch.stamp_ns, at_ns
         trouble.count += 1
 

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Joint
 from comotion_schemas.colours import BACKGROUND, RGB, Palette, marker
+from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.types import Unit
 
 from ..arrays import Bools, Floats, Labels
@@ -14,12 +15,16 @@ from ..arrays import Bools, Floats, Labels
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Half length of the axis of a joint, in standard deviations of all positions.
+_REACH = 0.8
+
 
 def draw(
     updates: Sequence[HypothesisUpdate],
     positions: Mapping[str, Floats],
     labels: Mapping[str, Labels],
     unit: Unit,
+    names: Names | None = None,
 ) -> "Figure":
     """Draw every trajectory in the colour of the hypothesis that it had last.
 
@@ -31,6 +36,8 @@ def draw(
         float64 [T, N, dim] and int64 [T, N] by source.
     unit
         Of the positions.
+    names
+        Names of hypotheses by id.
 
     Raises
     ------
@@ -54,7 +61,10 @@ def draw(
     seen = np.isfinite(states[..., 0]).any(axis=0)
     for label in np.unique(final[seen]).tolist():
         hypothesis = label if label >= 0 else UNDETERMINED
-        _draw_group(axes, states[:, seen & (final == label)], hypothesis, palette.colour(hypothesis))
+        name = named(hypothesis, names or {})
+        _draw_group(axes, states[:, seen & (final == label)], hypothesis, name, palette.colour(hypothesis))
+    for joint in updates[-1].joints:
+        _draw_joint(axes, joint, joint_words(joint, names), _REACH * float(np.nanstd(states)))
     _frame(axes, dim, unit, seen)
     return figure
 
@@ -72,9 +82,9 @@ def last_labels(labels: Labels) -> Labels:
     return np.where(known.any(axis=0), labels[at, np.arange(labels.shape[1])], -1)
 
 
-def _draw_group(axes: Any, states: Floats, hypothesis: int, rgb: RGB) -> None:
+def _draw_group(axes: Any, states: Floats, hypothesis: int, name: str, rgb: RGB) -> None:
     shade = tuple(value / 255 for value in rgb)
-    name = "undetermined" if hypothesis == UNDETERMINED else str(hypothesis)
+    name = "undetermined" if hypothesis == UNDETERMINED else name
     name += " at rest" if rgb == BACKGROUND else ""
     ends = []
     for k in range(states.shape[1]):
@@ -89,6 +99,15 @@ def _draw_group(axes: Any, states: Floats, hypothesis: int, rgb: RGB) -> None:
         color=shade,
         label=f"{name} ({len(ends)})",
     )
+
+
+def _draw_joint(axes: Any, joint: Joint, words: str, reach: float) -> None:
+    """Draw the axis of a hinge or slide, or in 2-D the point of a hinge."""
+    if joint.point is None or joint.kind not in {"revolute", "prismatic"}:
+        return
+    along = np.zeros(len(joint.point)) if joint.axis is None else reach * np.array(joint.axis)
+    ends = np.array([joint.point - along, joint.point + along])
+    axes.plot(*ends.T, color="black", linestyle="--", marker=".", linewidth=1.2, label=words)
 
 
 def _frame(axes: Any, dim: int, unit: Unit, seen: Bools) -> None:

@@ -1,19 +1,30 @@
 """Online: positions of features at one instant in, the newest update out."""
 
-import math
+from __future__ import annotations  # help() shows short types
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from types import TracebackType
+from typing import Any, Self, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch
-from comotion_schemas.errors import KnownError
-from comotion_schemas.rows import Rows, usable_rows
-from comotion_schemas.types import Unit
+from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.rows import Rows, check_space, usable_rows
+from comotion_schemas.time_units import instant, seconds
+from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
+from .compiling import tell_of_compiling
+from .given import Parameters, config_of, counted, longest_step_s
 
 _SESSION = "0" * 16
+# First times of a source by which its unit is judged, and updates that an iteration may come late for.
+_JUDGED, _MOST_UPDATES = 4, 100
 
 
 class Scene:
@@ -21,19 +32,24 @@ class Scene:
 
     ::
 
-        scene = comotion.Scene(unit="m")
+        scene = comotion.Scene(unit="m", window=5)
         update = scene.push(ids, positions, t)
         for hypothesis in update.hypotheses: ...
+
+    Iteration yields the updates since it was last asked, at most the newest 100. As a context manager, the
+    scene yields the update of its end, and takes nothing in afterwards.
 
     Parameters
     ----------
     unit
         Of the positions: ``m``, or ``px`` for features in an image.
     config
-        Parameters; the defaults when None.
+        Parameters, as a :class:`FusionConfig` or a dict; the defaults when None.
     drop_invalid
-        Leave out rows with a position that is not finite or a negative id, and count them in
-        :attr:`dropped`. Otherwise a negative id is an error, and NaN means not seen.
+        Leave out rows with an infinite position or a negative id, and count them in :attr:`dropped`.
+        Otherwise they are an error.
+    **parameters
+        Single parameters by name, which replace those of `config`.
 
     Attributes
     ----------
@@ -41,12 +57,24 @@ class Scene:
         The core beneath.
     dropped
         Rows left out, by reason: ``non-finite``, ``range``.
+
+    Raises
+    ------
+    comotion.Error
+        A ValueError. If the unit is neither m nor px, or a parameter is unknown or out of bounds.
     """
 
     def __init__(
-        self, unit: Unit = "m", config: FusionConfig | None = None, *, drop_invalid: bool = False
+        self,
+        unit: Unit = "m",
+        config: FusionConfig | Mapping[str, Any] | None = None,
+        *,
+        drop_invalid: bool = False,
+        **parameters: Unpack[Parameters],
     ) -> None:
-        self.fusion = Fusion(config)
+        check_space(unit)
+        tell_of_compiling()
+        self.fusion = Fusion(config_of(config, parameters))
         self.dropped: dict[str, int] = {}
         self._unit: Unit = unit
         self._dim: int | None = None
@@ -56,6 +84,28 @@ class Scene:
         self._newest: dict[str, int] = {}
         self._due_ns: int | None = None
         self._update: HypothesisUpdate | None = None
+        self._first: dict[str, list[float]] = {}
+        self._unread: deque[HypothesisUpdate] = deque(maxlen=_MOST_UPDATES)
+        self._closed = False
+
+    def __repr__(self) -> str:
+        update = self._update
+        found = "" if update is None else f", {len(update.track_id)} features, {counted(update.hypotheses)}"
+        return f"Scene({self._unit}, {len(self._newest)} sources{found})"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._newest and kind is None:
+            self.update()
+        self._closed = True
+
+    def __iter__(self) -> Iterator[HypothesisUpdate]:
+        while self._unread:
+            yield self._unread.popleft()
 
     def push(
         self,
@@ -73,9 +123,9 @@ class Scene:
         ids
             Integers [N] at or above 0, one per feature; never reused for another feature of the source.
         positions
-            float [N, 3], or [N, 2] for images and planes, in the unit of the scene; a row of NaN: not seen.
+            float [N, 3], or [N, 2] for images and planes, in the unit of the scene; a row with NaN: not seen.
         t
-            s; when it was seen, from any origin that all sources share. Increasing per source.
+            s, or a datetime; when it was seen, from any origin that all sources share. Increasing per source.
         source
             Name of the source, ``[a-z0-9_-]{1,64}``. An update waits for the slowest source, at most
             ``max_lag`` of the parameters.
@@ -90,19 +140,20 @@ class Scene:
 
         Raises
         ------
-        ValueError
-            If arrays do not fit, an id is negative or used twice, `t` does not increase, or the number of
-            coordinates changes.
+        comotion.Error
+            A ValueError. If arrays do not fit, an id is negative or used twice, `t` does not increase or is
+            not in s, or the number of coordinates changes.
         """
-        if not math.isfinite(t):
-            raise KnownError(f"the time {t} is not finite")
-        stamp_ns = round(t * 1e9)
-        if stamp_ns <= self._newest.get(source, stamp_ns - 1):
-            raise KnownError(f"source {source!r}: the time {t:g} s does not increase")
-        rows = usable_rows(ids, positions, sigma, unseen=True, drop=self._drop_invalid)
+        if self._closed:
+            raise KnownError("the scene is closed; make a new one")
+        stamp_ns = self._stamp(source, t)
+        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        try:
+            self._ingest(source, stamp_ns, rows)
+        except ValidationError as error:
+            raise KnownError(describe(error)) from None
         for reason, count in rows.dropped.items():
             self.dropped[reason] = self.dropped.get(reason, 0) + count
-        self._ingest(source, stamp_ns, rows)
         self._newest[source] = stamp_ns
         now = max(self._newest.values())
         if self._update is None or self._due_ns is None or now >= self._due_ns:
@@ -124,21 +175,38 @@ class Scene:
         """
         if t is None and not self._newest:
             raise KnownError("nothing has been pushed")
-        now = max(self._newest.values()) if t is None else round(t * 1e9)
+        now = max(self._newest.values()) if t is None else round(instant(t) * 1e9)
         self._update = self.fusion.update(now)
+        self._unread.append(self._update)
         self._due_ns = now + self._period_ns
         return self._update
+
+    def _stamp(self, source: str, t: float) -> int:
+        """Nanoseconds of a time, which is judged with the first ones of its source."""
+        first = self._first.get(source, [])
+        stamp_ns = round(instant(t) * 1e9)
+        if stamp_ns <= self._newest.get(source, stamp_ns - 1):
+            raise KnownError(f"source {source!r}: the time {stamp_ns / 1e9:.9g} s does not increase")
+        if len(first) < _JUDGED:
+            judged = [*first, stamp_ns / 1e9]
+            if len(judged) == _JUDGED:
+                seconds(judged, longest_step_s=longest_step_s(self.fusion.config))
+            self._first[source] = judged
+        return stamp_ns
 
     def _ingest(self, source: str, stamp_ns: int, rows: Rows) -> None:
         seq = self._seq.get(source, 0)
         positions = rows.positions
         if self._dim is None and len(positions):
+            check_space(self._unit, positions.shape[1])
             self._dim = positions.shape[1]
         dim = self._dim or (3 if self._unit == "m" else 2)
         if not len(positions):
             positions = np.zeros((0, dim), np.float32)
         elif positions.shape[1] != dim:
             raise KnownError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
+        if not is_name(str(source)):
+            raise KnownError(f"source {source!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
         batch = ObservationBatch(
             source=source,
             session=_SESSION,

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from comotion_schemas.messages import Problem, ProblemKind
+from comotion_schemas.time_units import unix_unit
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
@@ -24,6 +25,8 @@ _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
 _MOST = 64
 _MOST_ALIKE = 8
+# Microseconds go up by a thousandth of this.
+_PACE_OF_NS = 0.1
 _log = logging.getLogger(__name__)
 
 Key = tuple[str | None, ProblemKind]
@@ -83,8 +86,9 @@ def clocks(troubles: Mapping[str, ClockTrouble]) -> Found:
 def _clock_text(trouble: ClockTrouble) -> str:
     seconds = abs(trouble.offset_ns) / 1e9
     if trouble.kind == "clock-zero":
-        unit = {10: "s", 13: "ms", 16: "us"}.get(len(str(abs(trouble.stamp_ns))))
-        if unit is not None:
+        unit = unix_unit(trouble.stamp_ns)
+        # Stamps that go up as time does are nanoseconds, whatever they look like.
+        if unit is not None and trouble.pace < _PACE_OF_NS:
             return f"its stamps are Unix times in {unit}; send nanoseconds"
         return "its stamps count from a start, not from 1970; add the Unix time of that start, in nanoseconds"
     if trouble.kind == "clock-ahead":

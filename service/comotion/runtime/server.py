@@ -35,7 +35,7 @@ from .overload import Overload
 from .presence import Presence
 from .queries import handlers
 from .source_clocks import SourceClocks
-from .state_file import load_fusion
+from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
 from .statuses import Sent
 from .ticker import HeadStart, Ticker
@@ -54,7 +54,8 @@ class ServeOptions:
     """Options of ``comotion serve``.
 
     `state` is the file that carries identities across restarts, written every `state_interval` s and
-    whenever the set of hypotheses has changed; None: nothing is kept. With `etcd`, the urls of a cluster,
+    whenever the set of hypotheses has changed; None: nothing is kept. Without `resume` it is overwritten by
+    a new scene. With `etcd`, the urls of a cluster,
     the service is one of several replicas of the scene, of which one speaks; `lease` is the time in s after
     which one that the cluster cannot reach loses the scene. `correct_clocks` shifts the stamps of sources
     whose clocks differ from this machine's.
@@ -67,6 +68,7 @@ class ServeOptions:
     clock: ClockName = "wall"
     state: Path | None = None
     state_interval: float = 1.0
+    resume: bool = True
     ready_file: Path | None = None
     etcd: tuple[str, ...] = ()
     etcd_tls: TlsFiles | None = None
@@ -121,7 +123,9 @@ def serve(options: ServeOptions) -> None:
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     scene = Keys(options.scene).scene
-    if options.state is None:
+    if options.state is not None and not options.resume:
+        begin_afresh(options.state)
+    if options.state is None or not options.resume:
         return Fusion(options.config, scene=scene, session=session_id)
     now_ns = time.time_ns() if options.clock == "wall" else None
     return load_fusion(options.state, options.config, scene, session_id, now_ns)

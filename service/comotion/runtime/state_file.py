@@ -7,6 +7,7 @@ Both are replaced in one step and readable by their owner alone.
 import logging
 import os
 import re
+import time
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
@@ -83,9 +84,26 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
         reason = error.strerror if isinstance(error, OSError) else error
         _log.warning("starting afresh: %s cannot be used (%s)%s", path, reason, _put_aside(path))
     else:
-        _log.info("continuing from %s", path)
+        _log.info("continuing the scene of %s, %s", _age(path), path)
         return fusion
     return Fusion(config, scene=scene, session=session, first_id=first_id)
+
+
+def begin_afresh(path: Path) -> None:
+    """Say that a new scene takes the place of a kept one, which stays beside it as ``FILE.before``."""
+    with suppress(OSError):  # there is none, or what is wrong is said when it is written
+        age, before = _age(path), path.with_name(f"{path.name}.before")
+        path.replace(before)
+        _log.info("a new scene; the one of %s is kept: --state %s continues it", age, before)
+
+
+def _age(path: Path) -> str:
+    """How long ago a file was written, in words."""
+    seconds = max(time.time() - path.stat().st_mtime, 0.0)
+    for unit, length in (("days", 86_400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit} ago"
+    return f"{seconds:.0f} s ago"
 
 
 def _head(path: Path) -> snapshot.Header:

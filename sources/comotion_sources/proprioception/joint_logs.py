@@ -9,11 +9,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
+from comotion_schemas.errors import KnownError
+from comotion_schemas.time_units import seconds
+
 from .cdr import JOINT_STATE, decode_message, from_message, ros_types
 from .samples import JointSample, SampleError, joint_sample
 
 _MAX_LINE = 100_000
 _MAX_JOINTS = 1000
+# First samples by which the unit of time is judged.
+_JUDGED = 8
 _SECONDS = ("time", "t", "stamp", "timestamp")
 
 
@@ -30,13 +35,29 @@ def read_csv(path: Path) -> Iterator[JointSample]:
             rows = csv.reader(_lines(path, file))
             header = [cell.strip() for cell in next(rows, [])]
             _check_header(path, header)
+            first: list[int] = []
             for row in rows:
                 if row:
-                    yield _csv_sample(path, rows.line_num, header, row)
+                    sample = _csv_sample(path, rows.line_num, header, row)
+                    first = _judged(path, first, sample)
+                    yield sample
     except OSError as error:
         raise SampleError(f"{path}: {error.strerror}") from None
     except (csv.Error, UnicodeDecodeError) as error:
         raise SampleError(f"{path}: not a CSV file: {error}") from None
+
+
+def _judged(path: Path, first: list[int], sample: JointSample) -> list[int]:
+    """The first stamps of a log, by which its unit is judged as soon as there are enough."""
+    if len(first) >= _JUDGED:
+        return first
+    stamps = [*first, sample.stamp_ns]
+    if len(stamps) == _JUDGED and stamps == sorted(set(stamps)):
+        try:
+            seconds([stamp / 1e9 for stamp in stamps])
+        except KnownError as error:
+            raise SampleError(f"{path}: {error}") from None
+    return stamps
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:

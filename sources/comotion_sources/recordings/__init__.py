@@ -1,7 +1,9 @@
 """Readers of recordings: file -> observations, for replay and offline evaluation."""
 
+import logging
 from pathlib import Path
 
+from comotion_schemas.doubts import doubts
 from comotion_schemas.recording import SUFFIX
 
 from ..errors import RecordingError
@@ -9,6 +11,8 @@ from .recording import Recording
 from .streams import recording_batches, recording_streams
 
 __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
+
+_log = logging.getLogger(__name__)
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -21,11 +25,14 @@ def read_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     try:
-        return _read(path)
+        recording = _read(path)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
+    for text in doubts(recording.positions, recording.unit):
+        _log.warning("%s: %s", path, text)
+    return recording
 
 
 def _read(path: Path) -> Recording:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from comotion_schemas.time_units import LONGEST_STEP_S
+
 from ..errors import RecordingError
 from .npz import METRES
 from .recording import Recording, clean
@@ -31,7 +33,7 @@ def read_c3d(path: Path) -> Recording:
             raise RecordingError(f"reading C3D needs {library}: pip install 'comotion[mocap]'")
     with np.load(io.BytesIO(_parse(path)), allow_pickle=False) as content:
         positions, rate, unit = content["positions"], float(content["rate"]), str(content["unit"])
-    if not 0 < rate < np.inf:
+    if not 1 / LONGEST_STEP_S <= rate < np.inf:
         raise RecordingError(f"its frame rate is {rate:g} Hz")
     scale = METRES.get(unit.lower() or "mm")
     if scale is None:

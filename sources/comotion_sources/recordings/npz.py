@@ -1,8 +1,9 @@
 """Reads ``.npz`` recordings.
 
-Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, and ``times`` (F,) in seconds. Optional:
-``labels`` (N,), number of the true object from 1 on; ``segment_names`` or ``label_names``; ``units``
-(``m``, ``cm`` or ``mm``; m by default). Positions with two coordinates are in pixels.
+Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, and ``times`` (F,) in seconds, as datetime64,
+or as whole numbers of ms, us or ns. Optional: ``labels`` (N,), number of the true object from 1 on;
+``segment_names`` or ``label_names``; ``units`` (``m``, ``cm`` or ``mm``; m by default). Positions with two
+coordinates are in pixels.
 """
 
 import math
@@ -14,6 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from comotion_schemas.errors import KnownError
+from comotion_schemas.time_units import seconds
 
 from ..errors import RecordingError
 from .recording import Recording, clean, clean_labels
@@ -64,14 +68,16 @@ def read_npz(path: Path) -> Recording:
 
 
 def _recording(name: str, archive: Any) -> Recording:
-    positions, times = _numbers(archive, "positions", 3), _numbers(archive, "times", 1)
+    positions, times = _numbers(archive, "positions", 3), _array(archive, "times")
     frames, markers, dim = positions.shape
     if dim not in {2, 3}:
         raise RecordingError(f"its positions have {dim} coordinates, not 2 or 3")
-    if len(times) != frames:
-        raise RecordingError(f"it has {len(times)} times for {frames} frames")
-    if not np.isfinite(times).all():
-        raise RecordingError("its times are not finite")
+    if times.shape != (frames,):
+        raise RecordingError(f"it has {times.shape} times for {frames} frames")
+    try:
+        times = seconds(times)
+    except KnownError as error:
+        raise RecordingError(str(error)) from None
     labels = _labels(archive, markers)
     return Recording(
         name=name,
@@ -83,8 +89,6 @@ def _recording(name: str, archive: Any) -> Recording:
 
 
 def _numbers(archive: Any, name: str, rank: int) -> NDArray[np.float64]:
-    if name not in archive:
-        raise RecordingError(f"it has no array {name!r}")
     array = _array(archive, name)
     if array.ndim != rank or array.dtype.kind not in "iuf":
         raise RecordingError(f"its array {name!r} is not a {rank}-dimensional array of numbers")
@@ -92,6 +96,8 @@ def _numbers(archive: Any, name: str, rank: int) -> NDArray[np.float64]:
 
 
 def _array(archive: Any, name: str) -> NDArray[Any]:
+    if name not in archive:
+        raise RecordingError(f"it has no array {name!r}")
     _require_honest(archive, name)
     array = archive[name]
     if not isinstance(array, np.ndarray):  # NumPy returns other members of the archive as bytes

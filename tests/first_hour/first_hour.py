@@ -1,0 +1,125 @@
+"""A newcomer's first hour: ``first_hour.py [FOLDER]`` writes the seconds of each step, and what was printed.
+
+A wheel is built from this clone and installed in a clean environment, with empty caches. Standard error and
+output of each step are stamped with the second at which each line came.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+TOP = Path(__file__).resolve().parents[2]
+_DATA = """
+import cv2, numpy as np
+t = np.arange(90) / 30
+P = np.random.default_rng(0).uniform(-1, 1, (1, 30, 3)).repeat(90, 0)
+P[:, :10, 0] += 0.4 * t[:, None]
+P += np.random.default_rng(1).normal(0, 0.002, P.shape)
+labels = np.repeat([1, 2], [10, 20])
+np.savez("mine.npz", positions=P, times=t, labels=labels)
+np.savez("ms.npz", positions=P, times=t * 1e3)
+ground = np.random.default_rng(2).integers(0, 255, (24, 32, 3), np.uint8).repeat(10, 0).repeat(10, 1)
+card = np.random.default_rng(3).integers(0, 255, (8, 8, 3), np.uint8).repeat(10, 0).repeat(10, 1)
+video = cv2.VideoWriter("mine.avi", cv2.VideoWriter_fourcc(*"MJPG"), 30, (320, 240))
+for k in range(60):
+    image = ground.copy()
+    image[80:160, 20 + 3 * k : 100 + 3 * k] = card
+    video.write(image)
+video.release()
+"""
+_GROUP = """
+import comotion, numpy as np
+mine = np.load("mine.npz")
+print(comotion.group(mine["positions"], mine["times"]))
+"""
+
+
+@dataclass
+class Step:
+    """One command: its `lines` as (second, text), `seconds` until its end, and its exit `status`."""
+
+    name: str
+    lines: list[tuple[float, str]] = field(default_factory=list)
+    seconds: float = 0.0
+    status: int = 0
+
+    @property
+    def first_s(self) -> float:
+        """Second of the first line; all of its time where it prints nothing."""
+        return self.lines[0][0] if self.lines else self.seconds
+
+
+def run(name: str, command: list[str], folder: Path, environment: dict[str, str]) -> Step:
+    """Run a command to its end and read what it prints, line by line."""
+    step, begun = Step(name), time.monotonic()
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.DEVNULL}
+    process = subprocess.Popen(command, cwd=folder, env=environment, text=True, errors="replace", **pipes)
+    stop = threading.Timer(900.0, process.kill)
+    stop.start()
+    for line in process.stdout:
+        step.lines.append((time.monotonic() - begun, line.rstrip()))
+    step.status = process.wait()
+    stop.cancel()
+    step.seconds = time.monotonic() - begun
+    print(
+        f"{step.seconds:7.1f} s  first line {step.first_s:5.1f} s  status {step.status}  {name}", flush=True
+    )
+    return step
+
+
+def first_hour(folder: Path) -> list[Step]:
+    """Do all steps in an empty folder."""
+    caches = {
+        name: str(folder / name.lower()) for name in ("NUMBA_CACHE_DIR", "XDG_STATE_HOME", "XDG_CACHE_HOME")
+    }
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COMOTION_"))}
+    environment = kept | caches | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    wheels, bin_ = folder / "wheels", folder / "venv" / "bin"
+    python, comotion = str(bin_ / "python"), str(bin_ / "comotion")
+    steps = [
+        run("python -m venv", [sys.executable, "-m", "venv", str(folder / "venv")], folder, environment),
+        run(
+            "build the wheel",
+            [python, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(TOP)],
+            folder,
+            environment,
+        ),
+    ]
+    wheel = str(next(wheels.glob("comotion-*.whl")))
+    commands = {
+        "pip install comotion-*.whl": [python, "-m", "pip", "install", "-q", wheel],
+        "make data": [python, "-c", _DATA],
+        "comotion --help": [comotion, "--help"],
+        "import comotion": [python, "-c", "import comotion"],
+        "comotion.group, first": [python, "-c", _GROUP],
+        "comotion.group, again": [python, "-c", _GROUP],
+        "comotion evaluate mine.npz": [comotion, "evaluate", "mine.npz"],
+        "comotion evaluate ms.npz": [comotion, "evaluate", "ms.npz"],
+        "comotion segment mine.avi": [comotion, "segment", "mine.avi", "--out", "out.mp4"],
+        "comotion demo --duration 10": [comotion, "demo", "--duration", "10"],
+    }
+    return steps + [run(name, command, folder, environment) for name, command in commands.items()]
+
+
+def report(steps: list[Step]) -> str:
+    """All steps as Markdown."""
+    rows = [f"| {one.name} | {one.seconds:.1f} | {one.first_s:.1f} | {one.status} |" for one in steps]
+    head = ["# The first hour", "", "| step | s | first line, s | status |", "|---|---|---|---|", *rows, ""]
+    for one in steps:
+        shown = one.lines if len(one.lines) <= 30 else [*one.lines[:20], (0.0, "..."), *one.lines[-9:]]
+        head += [f"## {one.name}", "", "```", *(f"{at:6.1f} {text}"[:160] for at, text in shown), "```", ""]
+    return "\n".join(head)
+
+
+if __name__ == "__main__":
+    where = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
+    with tempfile.TemporaryDirectory() as temporary:
+        text = report(first_hour(Path(temporary)))
+    where.mkdir(parents=True, exist_ok=True)
+    (where / "first-hour.md").write_text(text, encoding="utf-8")
+    print(f"written: {where / 'first-hour.md'}")

@@ -1,0 +1,216 @@
+"""What a newcomer gives wrongly: one clear sentence, and fast; the work has not begun then."""
+
+import re
+import sys
+import time
+import types
+
+import numpy as np
+import pytest
+
+import comotion
+from comotion_deploy.cli import run
+from comotion_sources.runtime import SourcePublisher
+
+TIMES = np.arange(60) / 30
+IDS = np.arange(30)
+
+
+def scene(unit=1.0):
+    """Thirty features, ten of which slide."""
+    positions = np.repeat(np.random.default_rng(0).uniform(-1, 1, (1, 30, 3)), 60, axis=0)
+    positions[:, :10, 0] += 0.4 * TIMES[:, None]
+    return positions * unit
+
+
+P = scene()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """What is compiled or read from disk once is not part of an answer's time."""
+    comotion.group(P, TIMES)
+
+
+def archive(folder, **arrays):
+    path = folder / "mine.npz"
+    np.savez(path, **arrays)
+    return str(path)
+
+
+def publisher(unit="m", dim=3):
+    return SourcePublisher("mine", space="world", unit=unit, dim=dim, connect="tcp/127.0.0.1:1")
+
+
+def online(factor):
+    online = comotion.Scene()
+    for k, t in enumerate(TIMES.tolist()):
+        online.push(IDS, P[k], t * factor)
+
+
+WRONG = {
+    "times in ms": (lambda: comotion.group(P, TIMES * 1e3), "look like milliseconds (30 Hz): divide by 1000"),
+    "times unsorted": (lambda: comotion.group(P, TIMES[::-1]), "times do not increase"),
+    "a time that was not set": (lambda: comotion.group(P, np.r_[0, 1.7e9 + TIMES[1:]]), "jump by"),
+    "two clocks": (
+        lambda: comotion.group({"a": P, "b": P}, {"a": TIMES, "b": 1.7e9 + TIMES}),
+        "sources share one clock",
+    ),
+    "pushed in ms": (lambda: online(1e3), "look like milliseconds"),
+    "no time": (lambda: comotion.Scene().push(IDS, P[0], None), "the time is None, not a number of seconds"),
+    "unit of the scene": (
+        lambda: comotion.Scene("mm"),
+        "the unit is 'mm', not 'm' or 'px'; divide positions by 1000",
+    ),
+    "unit of a source": (lambda: publisher("mm"), "the unit is 'mm'"),
+    "pixels in space": (
+        lambda: comotion.group(P, TIMES, unit="px"),
+        "positions in px have 2 coordinates, not 3",
+    ),
+    "keyword": (lambda: comotion.group(P, TIMES, windw=5), "'windw'; did you mean window?"),
+    "dict": (
+        lambda: comotion.group(P, TIMES, config={"window": -5}),
+        "parameter window: Input should be greater",
+    ),
+    "shape": (lambda: comotion.group(P[0], TIMES), "positions have the shape (30, 3), not [T, N, 3]"),
+    "shape of a batch": (lambda: publisher().observe(ids=IDS, positions=P[0, :, :2]), "positions"),
+    "shape of quaternions": (
+        lambda: publisher().observe(ids=IDS, positions=P[0], quaternions=np.zeros((30, 3))),
+        "quaternions: expected rows of 4, got 3",
+    ),
+    "infinite": (lambda: comotion.Scene().push(IDS, np.full((30, 3), np.inf), 0.0), "id 0 has a position"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_call_is_one_sentence_at_once(name):
+    call, words = WRONG[name]
+    begun = time.perf_counter()
+    with pytest.raises(comotion.Error, match=re.escape(words)) as raised:
+        call()
+    assert time.perf_counter() - begun < 1
+    assert "\n" not in str(raised.value)
+    assert isinstance(raised.value, ValueError)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        (TIMES * 1e9).astype(np.int64),
+        np.round(TIMES * 1e3).astype(int),
+        np.datetime64("2024-01-01") + (TIMES * 1e9).astype("timedelta64[ns]"),
+        1.7e18 + TIMES * 1e9,
+    ],
+)
+def test_times_of_a_certain_unit_give_what_seconds_give(times):
+    # Instants that coincide with an update may be in it or in the next one.
+    expected = comotion.group(P, TIMES).labels[-1]
+    np.testing.assert_array_equal(comotion.group(P, times).labels[-1], expected)
+
+
+def test_parameters_are_keywords_dicts_or_a_configuration():
+    found = [
+        comotion.group(P, TIMES, window=5, period=0.2),
+        comotion.group(P, TIMES, config={"window": 5, "period": 0.2}),
+        comotion.group(P, TIMES, config=comotion.FusionConfig(window=5), period=0.2),
+    ]
+    assert {len(one.updates) for one in found} == {10}
+    assert repr(found[0]) == "Grouping(60 x 30, 2 hypotheses, 1 at rest)"
+
+
+def test_what_is_probably_wrong_is_said():
+    with pytest.warns(UserWarning, match="if they are millimetres, divide them by 1000"):
+        comotion.group(scene(1000.0), TIMES)
+    rolled = np.stack([np.roll(one, k // 10, axis=0) for k, one in enumerate(P)])
+    with pytest.warns(UserWarning, match="at 5 of 59 steps, first after instant 9, features jump to"):
+        comotion.group(rolled, TIMES)
+
+
+def test_a_gap_costs_no_updates():
+    times = np.r_[TIMES[:30], TIMES[30:] + 80_000]
+    assert len(comotion.group(P, times).updates) < 60
+
+
+def test_nan_means_unseen_everywhere():
+    rows = P[0].copy()
+    rows[3, 1] = np.nan
+    assert 3 not in comotion.Scene().push(IDS, rows, 0.0).track_id
+    whole = P.copy()
+    whole[:, 3, 1] = np.nan
+    assert (comotion.group(whole, TIMES).labels[:, 3] == -1).all()
+    source, sent = publisher(), []
+    source.put = sent.append
+    source.observe(ids=IDS, positions=rows)
+    assert 3 not in sent[0].ids
+    assert source.dropped == {}
+
+
+def test_a_scene_is_a_context_and_yields_each_update_once():
+    with comotion.Scene(period=0.2) as online:
+        for k, t in enumerate(TIMES.tolist()):
+            online.push(IDS, P[k], t)
+        assert len(list(online)) == 10
+        assert list(online) == []
+    assert len(list(online)) == 1
+    with pytest.raises(comotion.Error, match="the scene is closed"):
+        online.push(IDS, P[0], 3.0)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"positions": P, "times": TIMES * 1e3}, "look like milliseconds"),
+        ({"positions": P, "times": TIMES[::-1]}, "times do not increase"),
+        ({"positions": P[0], "times": TIMES}, "'positions' is not a 3-dimensional array"),
+    ],
+)
+def test_a_wrong_file_is_one_line(tmp_path, capsys, arrays, words):
+    assert run(["evaluate", archive(tmp_path, **arrays)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert words in line
+
+
+def test_a_table_has_a_row_for_each_observation(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=dict))
+    found = comotion.group(P, TIMES)
+    table = found.to_pandas()
+    assert list(table) == ["source", "time", "feature", "hypothesis", "x", "y", "z"]
+    assert {len(column) for column in table.values()} == {60 * 30}
+    np.testing.assert_array_equal(table["hypothesis"].reshape(60, 30), found.labels)
+    np.testing.assert_array_equal(table["x"].reshape(60, 30), P[..., 0])
+
+
+@pytest.mark.filterwarnings("ignore:at")
+@pytest.mark.parametrize("every", [1, 5, 10, 20])
+def test_nothing_is_certain_where_ids_change_hands(every):
+    noisy = P + np.random.default_rng(1).normal(0, 0.002, P.shape)
+    rolled = np.stack([np.roll(one, k // every, axis=0) for k, one in enumerate(noisy)])
+    after = [one for one in comotion.group(rolled, TIMES).updates if one.stamp_ns / 1e9 > every / 30]
+    assert max(float(one.track_confidence.max()) for one in after) <= 0.5
+    assert comotion.group(noisy, TIMES).updates[-1].track_confidence.min() > 0.95
+
+
+@pytest.mark.filterwarnings("ignore:at")
+def test_nothing_is_certain_of_white_noise():
+    found = comotion.group(np.random.default_rng(1).normal(0, 1, P.shape), TIMES)
+    assert found.updates[-1].track_confidence.max() < 0.5
+
+
+def test_a_hinge_is_drawn_and_told_in_words_with_given_names():
+    pytest.importorskip("matplotlib")
+    rng = np.random.default_rng(0)
+    door, shelf = rng.uniform(0, 1, (12, 3)) * [0.5, 0.02, 0.8], rng.uniform(-0.6, 1, (20, 3))
+    times = np.arange(120) / 30
+    positions = np.empty((120, 32, 3))
+    for k, t in enumerate(times):
+        angle, shift = 0.5 * (1 - np.cos(1.2 * t)), [0.05 * np.sin(2 * t), 0.1 * t, 0.0]
+        c, s = np.cos(angle), np.sin(angle)
+        turned = door @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [0.2, 0, 0]
+        positions[k] = np.vstack([turned, shelf]) + shift
+    found = comotion.group(positions + rng.normal(0, 0.001, positions.shape), times)
+    names = {int(found.labels[-1, 0]): "door", int(found.labels[-1, -1]): "shelf"}
+    (words,) = found.joints_in_words(names)
+    assert re.fullmatch(r"(door turns on shelf|shelf turns on door), -?\d+ to \d+°", words)
+    (legend,) = found.plot(names=names).legends
+    assert {"door (12)", "shelf (20)", words} <= {text.get_text() for text in legend.get_texts()}
