@@ -13,11 +13,11 @@ from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
 from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
+from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced, frame_pairs
 from comotion.pixels.linkage import Superclusters, link
 from comotion.pixels.memory import Separation
 from comotion.pixels.merging import BoundaryContrast, merge
-from comotion.pixels.method import group
 from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
 from comotion.pixels.wide_baseline import WideBaselineTest, wide_pairs

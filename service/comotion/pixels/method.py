@@ -1,112 +1,34 @@
 """The default method in spaces of unit px: image trajectories in, groups of them out.
 
-The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
-local motions that explain both, and by the subspace that they span together. The steps of an update:
+Before a camera that rests, what is known of each trajectory is carried on (:mod:`.resting`).
+Before a camera that moves:
 
 1. Choose key frames and the trajectories that are compared on them (:mod:`.key_frames`).
-2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`, :mod:`.affine`).
-3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
-4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
-5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
-6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
-   objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
-7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
-8. Keep the labels of trajectories with little evidence, and assign newborn ones (:mod:`.reassignment`).
+2. Group them, in the steps 2 to 8 of :mod:`.grouping`.
 9. Keep hypotheses that have moved on their own apart while they rest (:mod:`.memory`).
 """
 
 from bisect import bisect_left, insort
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats, Floats32, Ints, Labels, Slots
-from ..config import FusionConfig, PixelsConfig
+from ..config import FusionConfig
 from ..matching import continued, largest_first
 from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
-from .affine import explain
+from .belief import Belief
 from .describe import describe
-from .epipolar import EpipolarTest
-from .key_frames import KeyFrames, compared_trajectories, frame_pairs
-from .linkage import link, pool
+from .grouping import group
+from .key_frames import compared_trajectories
 from .memory import Separation
-from .merging import BoundaryContrast, merge
-from .neighbour_sampling import sample_members
-from .reassignment import assign_newborns, label_hysteresis, reassign, vote_of_neighbours
-from .similarity import Similarity, combine, preference, subspace
-from .wide_baseline import WideBaselineTest
+from .reassignment import assign_newborns
+from .resting import RestingCamera
 
 # Affinity of a pair that has not been compared: nothing is known for or against it.
 _UNKNOWN_AFFINITY = 0.5
-
-
-@dataclass(frozen=True)
-class Grouping:
-    """Groups of N trajectories.
-
-    Attributes
-    ----------
-    labels
-        intp [N], 0 to K − 1.
-    confidence
-        float64 [N], 0..1; similarity to the own group over that to the own and the best other.
-    similarity
-        What the groups were found from.
-    """
-
-    labels: Ints
-    confidence: Floats
-    similarity: Similarity
-
-
-def group(
-    frames: KeyFrames, parameters: PixelsConfig, *, seed: int = 0, previous: Labels | None = None
-) -> Grouping:
-    """Group trajectories by motion and find the number of groups: steps 2 to 8.
-
-    Parameters
-    ----------
-    frames
-        F key frames of N ≥ 2 trajectories.
-    parameters
-        Of the method.
-    seed
-        Of the draw of local motions: same input, same groups.
-    previous
-        int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
-    """
-    p, pairs = parameters, frame_pairs(frames, parameters.steps)
-    members = sample_members(frames, p, np.random.default_rng(seed))  # 2
-    residuals = explain(pairs, members, p.ridge, p.cap)
-    kernel = preference(residuals, pairs.seen, p)  # 3
-    vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)  # 4
-    similarity = combine(kernel, vectors, p)
-    superclusters = link(similarity, p.supercluster_similarity)  # 5
-    boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)
-    wide_baseline = WideBaselineTest(frames, superclusters.members(), p)
-    merged = merge(superclusters, boundary, epipolar, wide_baseline, p, previous)  # 6
-    _, labels = np.unique(merged[superclusters.of], return_inverse=True)
-    labels, explained = reassign(frames, labels, p.ridge)  # 7
-    weighted, evidence = pool(similarity, labels)
-    mean = (weighted / evidence).T
-    own_evidence = np.diagonal(similarity.evidence)
-    labels = vote_of_neighbours(frames, own_evidence, mean, labels)  # 8
-    if previous is not None:
-        labels = label_hysteresis(own_evidence, explained, labels, previous)
-    return Grouping(labels, _confidence(mean, labels, p.merge_similarity), similarity)
-
-
-def _confidence(mean: Floats, labels: Ints, least: float) -> Floats:
-    rows = np.arange(len(labels))
-    own = mean[rows, labels]
-    others = mean.copy()
-    others[rows, labels] = 0
-    rival = np.maximum(others.max(axis=1), least)
-    share: Floats = np.clip(own / (own + rival), 0.0, 1.0)
-    return share
 
 
 class PixelMethod:
@@ -127,6 +49,7 @@ class PixelMethod:
         self._p = config.pixels
         self._stamps: list[int] = []
         self._separation = Separation(self._p.smallest)
+        self._camera = RestingCamera(self._p)
         nobody: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
         self._last: tuple[Slots, Slots, Floats32] = (nobody, nobody, np.zeros((0, 0), np.float32))
@@ -134,6 +57,11 @@ class PixelMethod:
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories, and the ended ones that were compared with them."""
         del self._stamps[: bisect_left(self._stamps, stamp_ns - window.span_ns)]
+        belief = None
+        if self._stamps:
+            belief = self._camera.advance(window, self._stamps, stamp_ns, previous.labels)
+        if belief is not None:
+            return self._believed(belief, window, current)
         compared, frames = compared_trajectories(window, current, self._stamps, self._p)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
@@ -160,6 +88,22 @@ class PixelMethod:
             confidence=confidence[current],
             position=window.positions[current, window.stop[current] - 1],
             described=describe(window, current, groups[current], residual[current], count),
+        )
+
+    def _believed(self, belief: Belief, window: Window, current: Slots) -> Partition:
+        """The groups before a resting camera."""
+        slots = window.slots()
+        groups, mine = belief.shown(slots), belief.shown(current)
+        known = current[mine >= 0]
+        same = (mine[mine >= 0, None] == mine[mine >= 0]).astype(np.float32)
+        self._last = current, known, same
+        return Partition(
+            slots=slots,
+            groups=groups,
+            deciding=groups >= 0,
+            confidence=np.where(mine >= 0, belief.confidence(current), 0.0),
+            position=window.positions[current, window.stop[current] - 1],
+            described=describe(window, current, mine, belief.residual(window, current), len(belief.bodies)),
         )
 
     def _newborn(

@@ -1,0 +1,262 @@
+"""Motion before a resting camera in; what is carried from update to update out: whose each trajectory is.
+
+The background rests: that is one hypothesis that needs no fit. Each trajectory carries evidence for it and
+for each body, as logarithms of odds against belonging to nobody, within limits. Motion that a hypothesis
+explains adds to it, motion that it does not explain takes away from it. What nothing explains is nobody's,
+until enough neighbours move as it does: they become a body. Where all rest, nothing changes: what came to
+rest stays whose it was.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Floats, Ints, Labels, Slots
+from ..partition import NO_HYPOTHESIS
+from ..trajectories.window import Window
+from .gains import group_gain, rest_gain
+from .proposals import LEAST_MEMBERS, Together, as_one, find_groups, nearest_votes
+from .recent import Recent
+
+BACKGROUND = 0
+"""Column of the background."""
+
+# nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
+_MOST, _NEIGHBOURS = 4.0, 2.0
+# nat; least evidence for the background of a newborn, so that it takes one contradiction to leave it.
+_NEWBORN_BACKGROUND = -1.0
+# nat; of the members of a new body.
+_FIRST = 1.0
+# nat; gain of one far from all members of a body: another body may move in the same way.
+_FAR = -0.5
+# A body is shown after so many updates in a row with enough members.
+_SUPPORT = 2
+# Share of its members that a body has in one group of the window, if it counts for it as a whole.
+_WHOLE = 0.7
+# nat; gain down to which a group of the window holds its members: what parts contradicts more clearly.
+_HELD = -1.5
+# Steps from one comparison of pairs of bodies to the next.
+_MERGE_EVERY = 3
+# ns; a body is dropped if it could not be shown, or had no member, for so long.
+_UNSHOWN_NS, _GONE_NS = 1_000_000_000, 500_000_000
+# Members with which a body that is not shown goes on.
+_GOING_ON = 4
+# px; a body that has moved less over the longest time scale has not been shown to be one.
+_LEAST_MOTION_PX = 2.0
+
+
+@dataclass
+class Body:
+    """A body beside the background, or the background.
+
+    Attributes
+    ----------
+    born_ns, seen_ns
+        When it was born, and when it had a member last.
+    shown
+        Whether it is published.
+    support
+        Updates in a row with enough members to be shown.
+    farthest
+        px; the farthest it has moved over one of the time scales.
+    """
+
+    born_ns: int
+    seen_ns: int
+    shown: bool = False
+    support: int = 0
+    farthest: float = 0.0
+
+
+class Belief:
+    """Evidence of all slots of a window for the background and for each body.
+
+    Parameters
+    ----------
+    labels
+        int64 [capacity]; hypotheses of slots so far, negative for none. The one with most members becomes the
+        background, the others bodies.
+
+    Attributes
+    ----------
+    bodies
+        By column of the evidence; None for a free one. The first is the background.
+    """
+
+    def __init__(self, window: Window, labels: Labels) -> None:
+        known, counts = np.unique(labels[labels >= 0], return_counts=True)
+        known = known[np.argsort(-counts, kind="stable")]
+        self.bodies: list[Body | None] = [Body(0, 0, len(known) > 0) for _ in range(max(len(known), 1))]
+        self._evidence = np.full((len(labels), len(self.bodies)), -_MOST)
+        for column, one in enumerate(known.tolist()):
+            self._evidence[labels == one, column] = _MOST
+        self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
+        self._newborn = labels < 0
+        self._together, self._steps = Together(), 0
+        self._recent: Recent | None = None
+        # By slot: the body to which the group of the window belongs that it is in.
+        self._owner = np.full(len(labels), NO_HYPOTHESIS)
+
+    def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
+        """Take in the motion up to an instant."""
+        self._admit(window, window.slots())
+        rest, labels = rest_gain(recent), self.labels(recent.slots)
+        votes = nearest_votes(recent.position, labels, len(self.bodies), recent.reach)
+        self._place(recent.slots, votes)
+        gain, motion = self._gains(recent, rest, labels, votes)
+        evidence = self._evidence[recent.slots] + gain
+        evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
+        self._evidence[recent.slots] = np.clip(evidence, -_MOST, _MOST)
+        self._propose(recent, rest, stamp_ns)
+        if self._steps % _MERGE_EVERY == 0:
+            self._merge(recent, motion)
+        self._steps += 1
+        self._review(recent, stamp_ns)
+        self._recent = recent
+
+    def labels(self, slots: Slots) -> Ints:
+        """Column of the body of each slot, intp [n]; :data:`NO_HYPOTHESIS` for those that are nobody's."""
+        evidence = self._evidence[slots]
+        best = evidence.argmax(axis=1)
+        return np.where(evidence[np.arange(len(slots)), best] > 0, best, NO_HYPOTHESIS)
+
+    def shown(self, slots: Slots) -> Ints:
+        """As :meth:`labels`, without the members of bodies that are too young to be shown."""
+        shown = np.array([body is not None and body.shown for body in self.bodies])
+        labels = self.labels(slots)
+        return np.where((labels >= 0) & shown[labels], labels, NO_HYPOTHESIS)
+
+    def confidence(self, slots: Slots) -> Floats:
+        """Probability of the body of each slot against the best other one, or nobody, float64 [n]."""
+        evidence = np.sort(np.pad(self._evidence[slots], ((0, 0), (1, 0))), axis=1)
+        return np.asarray(1 / (1 + np.exp(evidence[:, -2] - evidence[:, -1])))
+
+    def residual(self, window: Window, slots: Slots) -> Floats:
+        """Squared noise of both coordinates of each slot, px² [n]; NaN unknown."""
+        residual = np.full(window.capacity, np.nan)
+        if self._recent is not None:
+            residual[self._recent.slots] = 2 * self._recent.variance
+        return residual[slots]
+
+    def compare(self, slots: Slots, groups: Ints) -> None:
+        """Take in groups of a whole window, which know bodies by their structure: intp [m] each.
+
+        A group belongs to the body that most of its members are of. Its members stay with that body where the
+        motion of the moment contradicts it, as that of a solid body that turns may do. Two bodies that lie
+        mostly in one group come nearer to being merged.
+        """
+        labels = self.labels(slots)
+        shared = np.zeros((len(self.bodies), int(groups.max(initial=-1)) + 1))
+        bodily = labels > BACKGROUND
+        np.add.at(shared, (labels[bodily], groups[bodily]), 1)
+        self._owner[:] = NO_HYPOTHESIS
+        if not shared.any():
+            return
+        owner = np.where(shared.any(axis=0), shared.argmax(axis=0), NO_HYPOTHESIS)
+        self._owner[slots] = owner[groups]
+        size, largest = shared.sum(axis=1), shared.max(axis=1)
+        whole = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
+        self._together.vote({column: int(shared[column].argmax()) for column in whole})
+
+    def _admit(self, window: Window, slots: Slots) -> None:
+        """Make room for every slot, and forget what was known of those that have a new trajectory."""
+        extra = window.capacity - len(self._keys)
+        if extra:
+            self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-_MOST)
+            self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
+            self._owner = np.pad(self._owner, (0, extra), constant_values=NO_HYPOTHESIS)
+            self._newborn = np.pad(self._newborn, (0, extra), constant_values=True)
+        fresh = slots[self._keys[slots] != window.key[slots]]
+        self._evidence[fresh], self._newborn[fresh] = -_MOST, True
+        self._owner[fresh] = NO_HYPOTHESIS
+        self._keys[fresh] = window.key[fresh]
+
+    def _place(self, slots: Slots, votes: Floats) -> None:
+        """Evidence of newborn trajectories from their neighbours; from nowhere else they are background."""
+        new = self._newborn[slots]
+        if not new.any():
+            return
+        first = _NEIGHBOURS * (2 * votes[new] - 1)
+        first[:, BACKGROUND] = np.maximum(first[:, BACKGROUND], _NEWBORN_BACKGROUND)
+        first[~votes[new].any(axis=1), BACKGROUND] = _FIRST
+        self._evidence[slots[new]] = first
+        self._newborn[slots[new]] = False
+
+    def _gains(
+        self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
+    ) -> tuple[Floats, dict[int, float]]:
+        """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
+        gain, motion = np.zeros((len(labels), len(self.bodies))), {}
+        gain[:, BACKGROUND] = rest
+        for column, body in self._living():
+            members = labels == column
+            found = group_gain(recent, members)
+            if found is None:
+                continue
+            held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)
+            gained = np.where(held, np.maximum(found.gain, 0.0), found.gain)
+            near = members | (votes[:, column] > 0)
+            gain[:, column] = np.where(near, gained, np.minimum(gained, _FAR))
+            motion[column] = found.motion
+            body.farthest = max(body.farthest, found.motion)
+        return gain, motion
+
+    def _propose(self, recent: Recent, rest: Floats, stamp_ns: int) -> None:
+        """Make bodies of those that nothing explains, or members of bodies that move as they do."""
+        labels = self.labels(recent.slots)
+        free = (labels < 0) & (rest < 0) & recent.seen[0]
+        for members in find_groups(recent, free):
+            mine = np.isin(np.arange(len(labels)), members)
+            fits = {column: as_one(recent, labels == column, mine) for column, _ in self._living()}
+            column = max(fits, key=lambda one: fits[one], default=BACKGROUND)
+            if fits.get(column, 0.0) <= 0:
+                column = self._new_column(stamp_ns)
+            self._evidence[recent.slots[members], column] = _FIRST
+
+    def _merge(self, recent: Recent, motion: dict[int, float]) -> None:
+        labels = self.labels(recent.slots)
+        members = {column: labels == column for column in motion}
+        self._together.compare(recent, members, motion)
+        while (pair := self._together.merged()) is not None:
+            kept, gone = sorted(pair, key=lambda one: (self._born(one), one))
+            self._evidence[:, kept] = self._evidence[:, [kept, gone]].max(axis=1)
+            self._drop(gone)
+
+    def _review(self, recent: Recent, stamp_ns: int) -> None:
+        """Show bodies that have lasted, drop those that have not, and those without members."""
+        background = self.bodies[BACKGROUND]
+        if background is not None:
+            background.shown |= bool(recent.seen[0].any())
+        sizes = np.bincount(self.labels(recent.slots) + 1, minlength=len(self.bodies) + 1)[1:]
+        for column, body in self._living():
+            age_ns, size = stamp_ns - body.born_ns, int(sizes[column])
+            if size:
+                body.seen_ns = stamp_ns
+            body.support = body.support + 1 if size >= LEAST_MEMBERS else 0
+            lasted = body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
+            body.shown |= lasted and self._together.alone(column)
+            fades = not body.shown and (age_ns > _UNSHOWN_NS or size < _GOING_ON)
+            if fades or stamp_ns - body.seen_ns > _GONE_NS:
+                self._drop(column)
+
+    def _living(self) -> list[tuple[int, Body]]:
+        """Bodies beside the background, with their columns."""
+        return [(column, body) for column, body in enumerate(self.bodies) if column and body is not None]
+
+    def _born(self, column: int) -> int:
+        body = self.bodies[column]
+        return 0 if body is None else body.born_ns
+
+    def _new_column(self, stamp_ns: int) -> int:
+        if None not in self.bodies:
+            self.bodies.append(None)
+            self._evidence = np.pad(self._evidence, ((0, 0), (0, 1)), constant_values=-_MOST)
+        column = self.bodies.index(None)
+        self.bodies[column] = Body(stamp_ns, stamp_ns)
+        return column
+
+    def _drop(self, column: int) -> None:
+        self.bodies[column] = None
+        self._evidence[:, column] = -_MOST
+        self._owner[self._owner == column] = NO_HYPOTHESIS
+        self._together.forget(column)

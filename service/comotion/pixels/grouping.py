@@ -1,0 +1,96 @@
+"""Key frames in; groups of the trajectories by motion, and their number, out.
+
+The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
+local motions that explain both, and by the subspace that they span together. The steps of the method:
+
+2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`, :mod:`.affine`).
+3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
+4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
+5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
+6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
+   objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
+7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
+8. Keep the labels of trajectories with little evidence (:mod:`.reassignment`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Floats, Ints, Labels
+from ..config import PixelsConfig
+from .affine import explain
+from .epipolar import EpipolarTest
+from .key_frames import KeyFrames, frame_pairs
+from .linkage import link, pool
+from .merging import BoundaryContrast, merge
+from .neighbour_sampling import sample_members
+from .reassignment import label_hysteresis, reassign, vote_of_neighbours
+from .similarity import Similarity, combine, preference, subspace
+from .wide_baseline import WideBaselineTest
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Groups of N trajectories.
+
+    Attributes
+    ----------
+    labels
+        intp [N], 0 to K − 1.
+    confidence
+        float64 [N], 0..1; similarity to the own group over that to the own and the best other.
+    similarity
+        What the groups were found from.
+    """
+
+    labels: Ints
+    confidence: Floats
+    similarity: Similarity
+
+
+def group(
+    frames: KeyFrames, parameters: PixelsConfig, *, seed: int = 0, previous: Labels | None = None
+) -> Grouping:
+    """Group trajectories by motion and find the number of groups: steps 2 to 8.
+
+    Parameters
+    ----------
+    frames
+        F key frames of N ≥ 2 trajectories.
+    parameters
+        Of the method.
+    seed
+        Of the draw of local motions: same input, same groups.
+    previous
+        int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
+    """
+    p, pairs = parameters, frame_pairs(frames, parameters.steps)
+    members = sample_members(frames, p, np.random.default_rng(seed))  # 2
+    residuals = explain(pairs, members, p.ridge, p.cap)
+    kernel = preference(residuals, pairs.seen, p)  # 3
+    vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)  # 4
+    similarity = combine(kernel, vectors, p)
+    superclusters = link(similarity, p.supercluster_similarity)  # 5
+    boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)
+    wide_baseline = WideBaselineTest(frames, superclusters.members(), p)
+    merged = merge(superclusters, boundary, epipolar, wide_baseline, p, previous)  # 6
+    _, labels = np.unique(merged[superclusters.of], return_inverse=True)
+    labels, explained = reassign(frames, labels, p.ridge)  # 7
+    weighted, evidence = pool(similarity, labels)
+    mean = (weighted / evidence).T
+    own_evidence = np.diagonal(similarity.evidence)
+    labels = vote_of_neighbours(frames, own_evidence, mean, labels)  # 8
+    if previous is not None:
+        labels = label_hysteresis(own_evidence, explained, labels, previous)
+    return Grouping(labels, _confidence(mean, labels, p.merge_similarity), similarity)
+
+
+def _confidence(mean: Floats, labels: Ints, least: float) -> Floats:
+    rows = np.arange(len(labels))
+    own = mean[rows, labels]
+    others = mean.copy()
+    others[rows, labels] = 0
+    rival = np.maximum(others.max(axis=1), least)
+    share: Floats = np.clip(own / (own + rival), 0.0, 1.0)
+    return share

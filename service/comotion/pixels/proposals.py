@@ -1,0 +1,153 @@
+"""Trajectories that nothing explains in; groups with a common motion, and groups that move as one, out."""
+
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..arrays import Bools, Floats, Ints
+from .gains import group_gain
+from .recent import Recent
+
+LEAST_MEMBERS = 5
+"""Members from which on a group is proposed as a body."""
+
+# Seeds that are tried for each group; a seed and its nearest, to which its motion is fitted first.
+_SEEDS, _PICKED = 12, 7
+# px of distance in the image that a px of difference in displacement counts for.
+_MOTION_WEIGHT = 10.0
+# nat; mean gain from which on two groups move as one.
+_AS_ONE = 0.3
+# Comparisons with motion as one until two bodies are merged, and the limit of what is summed up.
+_MERGE_AFTER, _MOST_SUM = 4.0, 7.0
+# Comparisons that a group of the whole window counts for.
+_VOTE = 1.3
+# px; of two groups that both move less over the longest time scale, nothing is learnt.
+_LEAST_MOTION_PX = 1.0
+# Nearest neighbours that vote, and px that are added to their distance.
+_VOTERS, _SOFT_PX = 5, 5.0
+
+
+def find_groups(recent: Recent, free: Bools) -> list[Ints]:
+    """Groups of trajectories with a common motion, the largest first.
+
+    Parameters
+    ----------
+    recent
+        Of n trajectories.
+    free
+        bool [n]; among which groups are looked for.
+
+    Returns
+    -------
+    list of intp [m]
+        Of :data:`LEAST_MEMBERS` or more each.
+    """
+    found, left = [], np.flatnonzero(free)
+    while len(left) >= LEAST_MEMBERS:
+        some = recent.of(left)
+        seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
+        best = max((_around(some, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
+        members = best & _explained(some, best)
+        if members.sum() < LEAST_MEMBERS:
+            break
+        found.append(left[members])
+        left = left[~best]
+    return found
+
+
+def _around(recent: Recent, seed: int, reach: float) -> Bools:
+    """Those that move as a trajectory and its nearest do, and are near it, bool [n]."""
+    apart = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+    step = recent.displacement[0]
+    apart += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
+    nearest = np.isin(np.arange(len(apart)), np.argsort(apart, kind="stable")[:_PICKED])
+    return np.asarray(_explained(recent, nearest) & (apart < reach))
+
+
+def _explained(recent: Recent, members: Bools) -> Bools:
+    found = group_gain(recent, members)
+    return np.zeros(len(members), np.bool_) if found is None else found.gain > 0
+
+
+def as_one(recent: Recent, first: Bools, second: Bools) -> float:
+    """How well one motion explains two groups of neighbours, above 0 if it does, at most 1.
+
+    It is the mean gain of the group that is explained worse. `first` and `second` are bool [n].
+    """
+    if not first.any() or not second.any():
+        return -1.0
+    apart, _ = cKDTree(recent.position[first]).query(recent.position[second])
+    if apart.min() > recent.reach:
+        return -1.0
+    both = np.flatnonzero(first | second)
+    joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
+    if joint is None:
+        return -1.0
+    worse = min(float(joint.gain[some[both]].mean()) for some in (first, second))
+    return (worse - _AS_ONE) / (1 - _AS_ONE)
+
+
+class Together:
+    """For how many comparisons pairs of bodies have moved as one; less for those that have not."""
+
+    def __init__(self) -> None:
+        self._sums: dict[tuple[int, int], float] = {}
+
+    def compare(self, recent: Recent, members: dict[int, Bools], motion: dict[int, float]) -> None:
+        """Compare all pairs of bodies of which one has moved.
+
+        Parameters
+        ----------
+        recent
+            Of n trajectories.
+        members
+            bool [n] of each body.
+        motion
+            px; how far each has moved lately.
+        """
+        for a, b in combinations(sorted(members), 2):
+            if max(motion[a], motion[b]) >= _LEAST_MOTION_PX:
+                self._add((a, b), as_one(recent, members[a], members[b]))
+
+    def vote(self, group: dict[int, int]) -> None:
+        """Take in the group of a whole window in which each body lies."""
+        for (a, first), (b, second) in combinations(sorted(group.items()), 2):
+            self._add((a, b), _VOTE if first == second else -_VOTE)
+
+    def merged(self) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough."""
+        return next((pair for pair, total in self._sums.items() if total > _MERGE_AFTER), None)
+
+    def alone(self, body: int) -> bool:
+        """Whether it has moved as one with no other body so far."""
+        return all(total <= 0 for pair, total in self._sums.items() if body in pair)
+
+    def forget(self, body: int) -> None:
+        """A body is no more."""
+        self._sums = {pair: total for pair, total in self._sums.items() if body not in pair}
+
+    def _add(self, pair: tuple[int, int], amount: float) -> None:
+        self._sums[pair] = min(max(self._sums.get(pair, 0.0) + amount, -_MOST_SUM), _MOST_SUM)
+
+
+def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floats:
+    """Share of each of `count` labels among the nearest labelled neighbours within reach, float64 [n, count].
+
+    Parameters
+    ----------
+    place
+        float64 [n, 2], px.
+    labels
+        intp [n], negative for none; nobody is a neighbour of their own.
+    reach
+        px.
+    """
+    known = np.flatnonzero(labels >= 0)
+    votes = np.zeros((len(place), count))
+    if len(known) < 2:
+        return votes
+    apart, at = cKDTree(place[known]).query(place, k=min(_VOTERS + 1, len(known)))
+    near = (apart < reach) & (known[at] != np.arange(len(place))[:, None])
+    np.add.at(votes, (np.arange(len(place))[:, None], labels[known[at]]), near / (apart + _SOFT_PX))
+    return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))

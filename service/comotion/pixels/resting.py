@@ -1,0 +1,114 @@
+"""The window in; whether the camera rests, and what is believed of each trajectory then, out."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import Ints, Labels, Slots
+from ..config import PixelsConfig
+from ..trajectories.window import Window
+from .belief import BACKGROUND, Belief
+from .grouping import group
+from .key_frames import evenly_spaced, key_frames
+from .recent import Recent, recent_motion
+
+# ns between two instants at which motion is taken in, however often updates are made.
+_STEP_NS = 100_000_000
+# Share of the trajectories at rest above which the camera rests: something large may move before it.
+_LEAST_SHARE = 0.3
+# Change of the evidence per share beyond, and its limits: per step, and in all.
+_WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
+# Fewer trajectories do not tell. They are looked at over the longest of the first time
+# scales that enough were seen over.
+_LEAST_TRACKS, _SCALES = 5, 2
+# Variances of a displacement, and px of drift, within which a feature rests: a slow camera moves all by more.
+_GATE, _DRIFT_PX = 9.0, 0.15
+
+# Steps from one grouping of the window to the next; ns of which half of its key frames are, so that features
+# of short lives take part; and trajectories that are compared.
+_EVERY, _RECENT_NS = 3, 1_200_000_000
+_LEAST_COMPARED, _MOST_COMPARED = 8, 300
+
+
+class RestingCamera:
+    """Follows one camera and, while it rests, the belief of what moves before it.
+
+    Parameters
+    ----------
+    config
+        Of the grouping of whole windows.
+    """
+
+    def __init__(self, config: PixelsConfig) -> None:
+        self._config = config
+        self._steps = 0
+        self._evidence = 0.0
+        self._stamp_ns: int | None = None
+        self._belief: Belief | None = None
+
+    def advance(self, window: Window, stamps: Sequence[int], stamp_ns: int, labels: Labels) -> Belief | None:
+        """Take in what was observed up to an instant; the belief, None while the camera moves.
+
+        Parameters
+        ----------
+        window
+            Store of all trajectories.
+        stamps
+            ns, ascending; instants at which something was observed, one at least.
+        stamp_ns
+            The watermark.
+        labels
+            int64 [capacity]; hypotheses of the slots so far, negative for none: a belief begins with them.
+        """
+        last = min(stamp_ns, stamps[-1])
+        first = stamps[0] if self._stamp_ns is None else max(self._stamp_ns, last - window.span_ns)
+        count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
+        for instant in _instants(first, last, count):
+            recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
+            self._look(recent)
+            if self._evidence < 0:
+                self._belief = None
+                continue
+            self._belief = self._belief or Belief(window, labels)
+            self._belief.step(window, recent, instant)
+            self._steps += 1
+            if self._steps % _EVERY == 0:
+                self._belief.compare(*self._structure(window, stamps[: bisect_right(stamps, instant)]))
+        self._stamp_ns = max(last, first)
+        return self._belief
+
+    def _structure(self, window: Window, stamps: Sequence[int]) -> tuple[Slots, Ints]:
+        """Groups of what is not background, by its motion in the window: slots and groups, intp [m] each."""
+        slots = window.slots()
+        if self._belief is not None:
+            slots = slots[self._belief.labels(slots) != BACKGROUND]
+        instants = np.array(stamps, np.int64)
+        newest = instants[instants > instants[-1] - _RECENT_NS]
+        half = self._config.key_frames // 2
+        chosen = np.union1d(
+            instants[evenly_spaced(len(instants), half)], newest[evenly_spaced(len(newest), half)]
+        )
+        frames = key_frames(window, slots, chosen)
+        seen = frames.visible.sum(axis=0)
+        ready = np.flatnonzero(seen >= self._config.least_seen)
+        ready = np.sort(ready[np.argsort(-seen[ready], kind="stable")][:_MOST_COMPARED])
+        if len(ready) < _LEAST_COMPARED:
+            return slots[:0], np.zeros(0, np.intp)
+        return slots[ready], group(frames.of(ready), self._config).labels
+
+    def _look(self, recent: Recent) -> None:
+        seen = recent.seen[:_SCALES]
+        enough = np.flatnonzero(seen.sum(axis=1) >= _LEAST_TRACKS)
+        if not len(enough):
+            return
+        scale = int(enough[-1])
+        square = (recent.displacement[scale] ** 2).sum(axis=1)
+        still = square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)
+        change = min(max(_WEIGHT * (float(still[seen[scale]].mean()) - _LEAST_SHARE), _FALL), _RISE)
+        self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
+
+
+def _instants(first: int, last: int, count: int) -> list[int]:
+    """`count` instants after the first, up to the last, evenly spaced, ns."""
+    return [first + (last - first) * k // count for k in range(1, count + 1)]

@@ -1,0 +1,197 @@
+"""What moves before a plain camera that rests: found at once, kept, and calm."""
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion.config import PixelsConfig
+from comotion.pixels.gains import group_gain, rest_gain
+from comotion.pixels.proposals import find_groups
+from comotion.pixels.recent import recent_motion
+from comotion.pixels.resting import RestingCamera
+from comotion.trajectories.window import Window
+from comotion_schemas import UNDETERMINED, ObservationBatch
+
+T0 = 1_700_000_000_000_000_000
+RATE = 30
+WALL, HAND = 60, 12
+
+
+class Scene:
+    """A wall at rest and a body before it: positions of all features at any time, px."""
+
+    def __init__(self, noise=0.05, seed=0):
+        self.rng = np.random.default_rng(seed)
+        self.noise = noise
+        self.wall = self.rng.uniform([0, 0], [640, 480], (WALL, 2))
+        self.hand = self.rng.uniform([100, 100], [180, 180], (HAND, 2))
+
+    def at(self, shift):
+        seen = np.concatenate([self.wall, self.hand + shift])
+        return seen + self.rng.normal(0, self.noise, seen.shape)
+
+
+def batch(number, ids, positions, sigma=None):
+    return ObservationBatch(
+        source="cam",
+        session="a" * 16,
+        seq=number,
+        space="cam/pixels",
+        unit="px",
+        dim=2,
+        stamp_ns=stamp(number),
+        ids=np.asarray(ids, np.uint64),
+        positions=np.asarray(positions, np.float32),
+        sigma=sigma,
+    )
+
+
+def stamp(number):
+    return T0 + number * 1_000_000_000 // RATE
+
+
+def play(fusion, scene, path, first=0, ids=lambda number: np.arange(WALL + HAND)):
+    """Labels {feature: hypothesis} by frame of each update, every third frame; `path` is px by frame."""
+    found = {}
+    for number, shift in enumerate(path, first):
+        fusion.ingest(batch(number, ids(number), scene.at(shift)))
+        if number % 3 == 2:
+            update = fusion.update(stamp(number))
+            found[number] = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+    return found
+
+
+def path(rest, move, after=0, speed=4.0):
+    """Shift of the body by frame: at rest, in motion along x, and at rest again."""
+    moved = np.minimum(np.maximum(np.arange(rest + move + after) - rest + 1, 0), move)
+    return np.stack([speed * moved, np.zeros(len(moved))], axis=1)
+
+
+def hand_of(labels):
+    return {labels[k] for k in range(WALL, WALL + HAND)}
+
+
+def wall_of(labels):
+    return {labels[k] for k in range(WALL)}
+
+
+def test_what_moves_leaves_the_background_at_once_and_is_a_body_soon():
+    found = play(Fusion(FusionConfig()), Scene(), path(45, 30))
+    (background,) = wall_of(found[44])
+    assert hand_of(found[44]) == {background}
+    assert background not in hand_of(found[50])
+    (body,) = hand_of(found[59])
+    assert body not in (background, UNDETERMINED)
+    assert all(wall_of(labels) == {background} for number, labels in found.items() if number >= 30)
+
+
+def test_what_came_to_rest_stays_a_body_when_its_motion_has_left_the_window():
+    fusion = Fusion(FusionConfig(window=2.0))
+    found = play(fusion, Scene(), path(30, 30, after=180))
+    (body,) = hand_of(found[59])
+    assert hand_of(found[239]) == {body}
+    # A feature born on it while it rests, by place alone.
+    scene = Scene(seed=1)
+    scene.wall, scene.hand = Scene().wall, Scene().hand
+    middle = scene.hand.mean(axis=0)
+    scene.hand[0] = middle
+    renewed = np.arange(WALL + HAND)
+    renewed[WALL] = 999
+    labels = play(fusion, scene, path(0, 30, after=240)[-30:], first=240, ids=lambda _: renewed)[269]
+    assert labels[999] == body
+
+
+def test_a_body_goes_on_while_its_features_live_for_a_third_of_a_second():
+    def ids(number):
+        known = np.arange(WALL + HAND)
+        # Each feature of the hand is replaced every ten frames, one after the other.
+        known[WALL:] += 100 * ((number + np.arange(HAND)) // 10 + 1)
+        return known
+
+    found = play(Fusion(FusionConfig()), Scene(), path(30, 90, speed=3.0), ids=ids)
+    bodies = set()
+    for number in range(44, 120, 3):
+        hand = [found[number][one] for one in ids(number)[WALL:].tolist()]
+        known = [one for one in hand if one != UNDETERMINED]
+        bodies |= set(known)
+        assert len(known) >= 0.6 * HAND
+    assert len(bodies - wall_of(found[119])) == 1
+
+
+@pytest.mark.parametrize("noise", [0.05, 1.0])
+def test_noise_makes_no_bodies(noise):
+    found = play(Fusion(FusionConfig()), Scene(noise), path(150, 0))
+    labels = found[149]
+    known = {one for one in labels.values() if one != UNDETERMINED}
+    assert len(known) == 1
+    assert sum(one == UNDETERMINED for one in labels.values()) <= 2
+
+
+def test_two_bodies_that_part_are_two():
+    scene = Scene()
+    scene.hand = np.concatenate([scene.hand, scene.hand + np.array([60.0, 0.0])])
+    together = path(30, 20)
+    fusion, apart = Fusion(FusionConfig()), np.repeat([0, 1], HAND)
+    for number in range(110):
+        step = together[min(number, 49)] + np.outer(apart, [0.0, 3.0 * max(number - 50, 0)])
+        fusion.ingest(batch(number, np.arange(WALL + 2 * HAND), scene.at(step)))
+        if number % 3 == 2:
+            labels = fusion.update(stamp(number)).track_hypothesis
+    first, second = set(labels[WALL : WALL + HAND].tolist()), set(labels[WALL + HAND :].tolist())
+    assert len(first) == len(second) == 1
+    assert not (first | second) & ({UNDETERMINED} | set(labels[:WALL].tolist()))
+    assert first != second
+
+
+def test_a_restart_keeps_what_rests():
+    fusion, scene = Fusion(FusionConfig(window=2.0)), Scene()
+    before = play(fusion, scene, path(30, 30, after=120))[179]
+    again = Fusion.restore(FusionConfig(window=2.0), fusion.snapshot())
+    after = play(again, scene, path(30, 30, after=150)[180:], first=180)[209]
+    assert after == before
+
+
+def window_of(positions, sigma=np.nan):
+    """A window with positions [F, N, 2] at 30 Hz, and its stamps."""
+    window, stamps = Window(2, 10**10, 10**9), [stamp(k) for k in range(len(positions))]
+    slots = window.open(positions.shape[1], 0)
+    for at, seen in zip(stamps, positions, strict=True):
+        window.insert(slots, at, seen, np.full(len(slots), sigma), None)
+    return window, stamps
+
+
+def test_a_camera_that_moves_is_told_from_one_that_rests():
+    scene = Scene()
+    moving = np.stack([scene.at(0) + np.array([0.7 * k, 0.2 * k]) for k in range(40)])
+    resting = np.stack([scene.at([3.0 * k, 0]) for k in range(40)])
+    for positions, rests in ((moving, False), (resting, True)):
+        window, stamps = window_of(positions)
+        labels = np.full(window.capacity, -1)
+        belief = RestingCamera(PixelsConfig()).advance(window, stamps, stamps[-1], labels)
+        assert (belief is not None) == rests
+
+
+def test_noise_is_that_of_the_features_or_as_published():
+    rng = np.random.default_rng(3)
+    curve = np.linspace(0, 30, 40)[:, None, None] ** [1.0, 1.5]
+    positions = curve + rng.normal(0, 0.4, (40, 50, 2))
+    window, stamps = window_of(positions)
+    assert np.sqrt(recent_motion(window, stamps, stamps[-1]).variance.mean()) == pytest.approx(0.4, rel=0.2)
+    window, stamps = window_of(positions, sigma=2.5)
+    assert recent_motion(window, stamps, stamps[-1]).variance == pytest.approx(6.25)
+
+
+def test_gains_are_for_what_explains_and_against_what_does_not():
+    scene = Scene()
+    window, stamps = window_of(np.stack([scene.at([3.0 * k, 0]) for k in range(20)]))
+    recent = recent_motion(window, stamps, stamps[-1])
+    hand = np.arange(WALL + HAND) >= WALL
+    rest = rest_gain(recent)
+    assert rest[~hand].min() > 0.5
+    assert rest[hand].max() == -3.0
+    moved = group_gain(recent, hand)
+    assert moved.gain[hand].min() > 0.5
+    assert moved.gain[~hand].max() < 0
+    (group,) = find_groups(recent, rest < 0)
+    assert group.tolist() == np.flatnonzero(hand).tolist()
+    assert group_gain(recent, np.arange(len(hand)) < 3) is None
