@@ -194,7 +194,7 @@ class SourcePublisher:
             A ValueError. If the arrays are malformed; nothing is published then.
         """
         try:
-            self._observe(ids, positions, stamp_ns, sigma, quaternions, ended, stamps_ns)
+            self._observe(ids, positions, stamp_ns, sigma, covariance, quaternions, ended, stamps_ns)
         except ValidationError as error:
             raise KnownError(describe(error)) from None
 
@@ -204,6 +204,7 @@ class SourcePublisher:
         positions: ArrayLike,
         stamp_ns: int | None,
         sigma: float | ArrayLike | None,
+        covariance: ArrayLike | None,
         quaternions: ArrayLike | None,
         ended: ArrayLike | None,
         stamps_ns: ArrayLike | None,
