@@ -1,11 +1,12 @@
 """Compilation of the loops that NumPy cannot fuse."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import numba
 
-from .kernel_cache import folder
+from .kernel_cache import KernelCache
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -38,15 +39,10 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
         options["parallel"] = _OWN_LOOPS
 
     def compile_(function: Kernel) -> Kernel:
-        # Without a folder to write to, every process compiles. Numba looks where to keep a kernel when it is
-        # defined: other people's kernels in this process are kept where they would be without us.
-        config: Any = numba.config
-        kept, before = folder(), config.CACHE_DIR
-        config.CACHE_DIR = str(kept or "")
-        try:
-            kernel = numba.njit(error_model="numpy", cache=kept is not None, **options)(function)
-        finally:
-            config.CACHE_DIR = before
+        kernel = numba.njit(error_model="numpy", **options)(function)
+        # Without a folder to write to, every process compiles.
+        with suppress(RuntimeError):
+            kernel._cache = KernelCache(function)  # type: ignore[no-untyped-call]
         return cast("Kernel", kernel)
 
     return compile_

@@ -1,7 +1,6 @@
 """The service's own parts: deadlines, clocks, health, state files. No process, no network."""
 
 import os
-import pickle
 import stat
 import sys
 import threading
@@ -230,14 +229,20 @@ class TestKnownKernels:
     ) -> None:
         for _ in warm_up(FusionConfig()):
             pass
-        monkeypatch.setattr(known_kernels, "_file", lambda method: tmp_path / f"{method}.pickle")
+        monkeypatch.setattr(known_kernels, "_file", lambda method, known: tmp_path / f"{method}.json")
         assert not known_kernels.load("comotion")
         known_kernels.note("comotion")
         assert known_kernels.load("comotion")
         assert sum(1 for _ in prepare(FusionConfig())) < STEPS
-        noted = (tmp_path / "comotion.pickle").read_bytes()
-        for damage in (noted[:-9], b"", b"7", pickle.dumps([]), pickle.dumps({"comotion.gone": [()]})):
-            (tmp_path / "comotion.pickle").write_bytes(damage)
+        noted = (tmp_path / "comotion.json").read_text()
+        for damage in (
+            noted[:-9],
+            noted.replace("(", "(int7, ", 1),
+            "[]",
+            "7",
+            noted.replace("comotion.", "x."),
+        ):
+            (tmp_path / "comotion.json").write_text(damage)
             assert not known_kernels.load("comotion")
 
 
@@ -251,7 +256,7 @@ class TestPreparing:
             yield
 
         monkeypatch.setattr(warm_up_module, "warm_up", noted)
-        monkeypatch.setattr(known_kernels, "can_be_kept", lambda: True)
+        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
         monkeypatch.setattr(known_kernels, "load", lambda method: loads.pop(0))
         monkeypatch.setattr(known_kernels, "note", lambda method: None)
         for _ in prepare(FusionConfig()):
@@ -270,7 +275,7 @@ class TestPreparing:
         script.chmod(0o755)
         monkeypatch.setattr(sys, "executable", str(script))
         monkeypatch.setattr(known_kernels, "load", lambda method: False)
-        monkeypatch.setattr(known_kernels, "can_be_kept", lambda: True)
+        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
         steps = prepare(FusionConfig())
         next(steps)
         steps.close()  # type: ignore[attr-defined]

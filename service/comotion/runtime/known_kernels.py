@@ -3,7 +3,8 @@
 Loading takes a fraction of the time that it takes to run what would load it.
 """
 
-import pickle
+import json
+import os
 import sys
 import zlib
 from contextlib import suppress
@@ -14,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 
 from comotion_schemas.errors import KnownError
 
-from ..kernel_cache import folder
+from ..kernel_cache import KernelCache, source_digest
 from .state_file import write_atomically
 
 
@@ -31,43 +32,57 @@ def load(method: str) -> bool:
     Returns
     -------
     bool
-        Whether it was known what that is. What has gone from the disk since is compiled.
+        Whether it is all there; False: nothing is known, or something would have to be compiled.
     """
     known = kernels()
     try:
-        # As trustworthy as the machine code beside it, which Numba keeps as pickles too.
-        wanted = pickle.loads(_file(method).read_bytes())  # noqa: S301
-        for name, signatures in wanted.items():
-            for signature in signatures:
-                known[name].compile(signature)
-    # A damaged pickle may raise anything.
-    except Exception:
+        wanted = json.loads(_file(method, known).read_text())
+        return all(_load(known[name], signatures) for name, signatures in wanted.items())
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return False
-    return True
 
 
-def can_be_kept() -> bool:
+def can_be_kept(method: str) -> bool:
     """Whether there is a folder for what a warm-up compiles."""
-    return folder() is not None
+    with suppress(OSError, ValueError):
+        return os.access(_file(method, kernels()).parent, os.W_OK)
+    return False
 
 
 def note(method: str) -> None:
     """Keep what this process has loaded and compiled as what a warm-up needs for a method."""
-    wanted = {name: one.signatures for name, one in kernels().items() if one.signatures}
+    known = kernels()
+    wanted = {name: sorted(map(str, one.signatures)) for name, one in known.items() if one.signatures}
     # Without a folder to write to, every process compiles.
-    with suppress(OSError, KnownError):
-        write_atomically(_file(method), [pickle.dumps(wanted)])
+    with suppress(OSError, ValueError):
+        file = _file(method, known)
+        write_atomically(file, [json.dumps(wanted).encode()])
+        for other in file.parent.glob(f"{method}-*.json"):
+            if other != file:
+                other.unlink(missing_ok=True)
 
 
-def _file(method: str) -> Path:
+def _file(method: str, known: dict[str, Dispatcher]) -> Path:
     """Beside the compiled kernels."""
-    kept = folder()
-    if kept is None:
-        raise KnownError("no kernel is kept on disk")
-    return kept / f"{method}-{_warm_up_digest():08x}.pickle"
+    for _, one in sorted(known.items()):
+        kept = getattr(one, "_cache", None)
+        if isinstance(kept, KernelCache):
+            return Path(kept.cache_path) / f"{method}-{source_digest()}-{_warm_up_digest():08x}.json"
+    raise KnownError("no kernel is kept on disk")
 
 
 @cache
 def _warm_up_digest() -> int:
     """Which kernels are needed depends on what a warm-up does."""
     return zlib.crc32(Path(__file__).with_name("warm_up.py").read_bytes())
+
+
+def _load(kernel: Dispatcher, wanted: list[str]) -> bool:
+    """Load some signatures of a kernel; False if one is not on the disk for this processor."""
+    kept = kernel._cache  # type: ignore[attr-defined]
+    there = {str(found): found for found in kept.signatures(kernel.targetctx)}
+    if not there.keys() >= set(wanted):
+        return False
+    for one in wanted:
+        kernel.compile(there[one])
+    return True

@@ -51,7 +51,7 @@ def prepare(config: FusionConfig) -> Iterator[None]:
     """
     _import(config)
     loaded = known_kernels.load(config.method)
-    if not loaded and known_kernels.can_be_kept():
+    if not loaded and known_kernels.can_be_kept(config.method):
         yield from _compiled_apart(config)
         loaded = known_kernels.load(config.method)
     # Libraries prepare themselves at their first use.
