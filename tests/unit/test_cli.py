@@ -392,7 +392,7 @@ def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
 def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["bench", "--help"]) == 0
     shown = capsys.readouterr()
-    assert shown.err == "'comotion dev bench' is now 'comotion dev bench'\n"
+    assert shown.err == "'comotion bench' is now 'comotion dev bench'\n"
     assert "Usage: comotion dev bench" in " ".join(shown.out.split())
     assert run(["dev", "bench", "--help"]) == 0
     assert capsys.readouterr().err == ""

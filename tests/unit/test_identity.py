@@ -3,14 +3,12 @@
 from itertools import count
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion.hypotheses.identity import IdAllocator, LabelMemory, Votes, follow, name_groups
 from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS
-from comotion.trajectories.window import Window
 
 
 def propagate(before, clusters, allocate):
@@ -129,15 +127,3 @@ def test_renaming_is_simultaneous_and_one_id_stands_for_one_group():
     memory.rename({2: 3, 3: 1})
     assert memory.labels.tolist() == [-1, 3, 3, 1, -1]
     assert memory.ids.tolist() == [3, 1]
-
-
-@pytest.mark.parametrize(("established", "supported"), [(True, [5, 5, 7]), (False, [7, 5, 5])])
-def test_a_state_without_established_members_makes_some_only_where_they_vote(established, supported):
-    window = Window(3, 10_000_000_000, 1_000_000_000)
-    slots = window.open(3, 1)
-    memory = LabelMemory(IdAllocator(), established=established)
-    state = {"tracks": window.key[slots], "labels": np.array([5, 5, 7]), "ids": np.array([5, 7])}
-    memory.load(state | {"references": []}, window)
-    assert memory.labels[slots].tolist() == [5, 5, 7]
-    memory.labels[slots] = [7, 5, 5]
-    assert memory.supported(slots).tolist() == supported

@@ -16,9 +16,11 @@ def result_of(body_costs):
     still = static_body(30)
     moving = Body(np.arange(3, 6), np.zeros((3, 3)), still.R, still.t, still.posed, 6)
     labels = np.array([0, 0, 0, 1, 1, 1])
-    evidence = Costs(np.array(body_costs, float), np.full(6, 500.0), np.array([0.0, 100.0]), np.zeros(2))
+    evidence = Costs(
+        np.array(body_costs, float), np.full(6, 500.0), np.array([0.0, 100.0]), np.array([0.0, 100.0])
+    )
     cost = np.column_stack([evidence.outlier, evidence.body])
-    return SearchResult([still, moving], Assignment(labels, cost), evidence, np.zeros(6), evidence.body)
+    return SearchResult([still, moving], Assignment(labels, cost), evidence, np.zeros(6))
 
 
 MOVES = [[40, 500]] * 3 + [[400, 40]] * 3

@@ -388,7 +388,7 @@ class TestStateFile:
             raise PermissionError(13, "Permission denied")
 
         monkeypatch.setattr(Path, "replace", refuse)
-        assert self.load(tmp_path / "state").watermark_ns is None
+        assert self.load(tmp_path / "state").timeline.watermark_ns is None
         assert "nor can it be put aside: Permission denied" in caplog.text
         assert (tmp_path / "state").read_bytes() == b"holiday pictures"
 

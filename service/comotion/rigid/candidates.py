@@ -20,7 +20,7 @@ _UNKNOWN = 3.0
 _SMALL = 3
 
 
-def candidate_rows(scene: Scene, few: Frames, unexplained: Bools, *, clustering: bool = True) -> list[Ints]:
+def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
     """Rows of every candidate but the static body.
 
     These are the hypotheses of the last update, small ones joined by a stray, and clusters. A cluster
@@ -34,8 +34,6 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools, *, clustering:
     unexplained
         bool [N], trajectories that no hypothesis explains. If they are all, strays are joined to large
         hypotheses too.
-    clustering
-        Whether clusters are candidates too; without them no new body is found.
     """
     frames, before = scene.frames, scene.before
     known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, scene.static)]
@@ -43,8 +41,6 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools, *, clustering:
     strays = np.flatnonzero((before == NO_HYPOTHESIS) & few.current & scene.judged)
     open_to_strays = groups if unexplained.all() else [rows for rows in groups if len(rows) <= _SMALL]
     groups += join_strays(few, open_to_strays, strays)
-    if not clustering:
-        return groups
     explained_by = np.where(unexplained, NO_HYPOTHESIS, before)[frames.owner]
     for rows in clusters(few, few.rows_of(few.current & scene.judged)):
         by = explained_by[rows]

@@ -42,6 +42,7 @@ from .anchored import anchored_motions
 from .arrivals import undecided
 from .assignment import (
     LEAST_ENDED_FRAMES,
+    OUTLIER,
     SearchResult,
     assign,
     cheapest,
@@ -62,7 +63,7 @@ from .registration import Registration
 from .resampling import Frames, make_frames
 from .rest import settled
 from .selection import STATIC, membership_prices, select, weighted
-from .subset import Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
+from .subset import SUBSET_ROWS, Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
 from .tracks import Tracks, read_tracks
 
 # Where the known bodies explain everything, others are sought when the evidence has changed by this share.
@@ -120,8 +121,10 @@ class RigidMethod:
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous)
-        due = self._due(scene, tracks.key)
-        result = search(scene, self._config, fully=due)  # 5 to 9
+        result = follow(scene, self._config)  # 6 to 9
+        due = self._due(scene, result, tracks.key)
+        if due:
+            result = search(scene, self._config)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
         if due:
@@ -182,9 +185,10 @@ class RigidMethod:
             self._separation.load(state["separate"])
             self._members.load(state.get("members", []))
 
-    def _due(self, scene: Scene, keys: Stamps) -> bool:
+    def _due(self, scene: Scene, result: SearchResult, keys: Stamps) -> bool:
         """Whether to search for new bodies: where more is unexplained than at the last search, or seldom."""
-        stamps, odd = scene.frames.stamps, keys[unexplained(scene)]
+        labels = result.assignment.labels
+        stamps, odd = scene.frames.stamps, keys[unexplained(scene, result.excess, labels == OUTLIER)]
         last_ns, known = self._searched
         old = int(stamps[-1]) - last_ns >= _SEARCH_SHARE * int(stamps[-1] - stamps[0])
         if self.searching and (old or not np.isin(odd, known).all()):
@@ -217,19 +221,21 @@ class RigidMethod:
         return Scene(frames, tracks.newest, judged, before, static, excess, *past)
 
 
-def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchResult:
+def follow(scene: Scene, config: RigidConfig) -> SearchResult:
+    """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
+    exact = len(scene.frames.owner) <= SUBSET_ROWS
+    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
+
+
+def search(scene: Scene, config: RigidConfig) -> SearchResult:
     """Find the bodies of a scene: steps 5 to 9.
 
     The first round finds bodies in the subset, on few frames. The second one fits them to all frames and
     compares all trajectories with them. Where the subset is the whole scene, a third one fits the bodies to
-    the trajectories that were assigned to them. Unless `fully`, only bodies that are known take part.
+    the trajectories that were assigned to them.
     """
     subset = choose_subset(scene, config)
-    if not fully:
-        result = _compare_all(scene, known_rows(scene), config, exact=subset.complete)
-        labels = undecided(scene, result.assignment.labels)
-        return replace(result, assignment=replace(result.assignment, labels=labels))
-    bodies, labels = _first_bodies(scene, subset, config, fully=fully)
+    bodies, labels = _first_bodies(scene, subset, config)
     if subset.complete:
         rows = _assigned_rows(scene, bodies, labels, keep_own=True)
     else:
@@ -239,18 +245,21 @@ def search(scene: Scene, config: RigidConfig, *, fully: bool = True) -> SearchRe
         labels = without_sliders(result.assignment.labels, result.evidence)
         rows = _assigned_rows(scene, result.bodies, labels, keep_own=False)
         result = _compare_all(scene, rows, config, exact=True)
+    return _decided(scene, result)
+
+
+def _decided(scene: Scene, result: SearchResult) -> SearchResult:
+    """The result, in which newborn features of which place tells nothing belong to nobody."""
     labels = undecided(scene, result.assignment.labels)
     return replace(result, assignment=replace(result.assignment, labels=labels))
 
 
-def _first_bodies(
-    scene: Scene, subset: Subset, config: RigidConfig, *, fully: bool
-) -> tuple[list[Body], Ints]:
+def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
     """Bodies of least cost in the subset, on few frames, and the cheapest of them for each trajectory [n]."""
     part = scene if subset.complete else scene.of(subset.tracks)
     count = len(part.frames.stamps)
     few = part.frames.thinned(max(count // _KEY_FRAMES, 1))
-    candidates = candidate_rows(part, few, subset.unexplained, clustering=fully)  # 5
+    candidates = candidate_rows(part, few, subset.unexplained)  # 5
     bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
     found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
     chosen = select(weighted(part, _owners(few, bodies), found, config))  # 8

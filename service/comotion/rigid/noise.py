@@ -136,7 +136,9 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
     matrices = _matrices(estimate, dim)[:, :dim, :dim]
     ray = _rays(position[:, :dim], matrices, count, axes[:, -1])
     along = np.einsum("ni,nij,nj->n", ray, matrices, ray)
-    across = np.maximum((np.trace(matrices, axis1=1, axis2=2) - along) / (dim - 1), _FLATTEST * along)
+    total = np.trace(matrices, axis1=1, axis2=2)
+    along = np.clip(along, _FLATTEST * total, total)
+    across = np.maximum((total - along) / (dim - 1), _FLATTEST * total)
     least, most = float(size[:-1].mean()), float(size[-1])
     along, across = shrunk(along, count, most), shrunk(across, (dim - 1) * count, least)
     found = np.zeros((len(ray), 3, 3))

@@ -29,6 +29,9 @@ _MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
 # Standard deviations that the cost of a trajectory exceeds the usual, from which on its hypothesis does not
 # explain it.
 _UNEXPLAINED = 4.5
+# Likewise, from which on it is worth a search: what begins to move shows in several trajectories, a little in
+# each.
+_DOUBTFUL = 3.0
 # So many unexplained members of hypotheses are taken first, by their excess. The rest is drawn, so that
 # lasting outliers leave room for others.
 _LARGEST_EXCESS = 32
@@ -131,9 +134,19 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
     return Subset(tracks, doubtful[tracks], complete=False)
 
 
-def unexplained(scene: Scene) -> Bools:
-    """Which current trajectories no hypothesis explained at the last update, bool [N]."""
-    return _doubtful(scene.before, scene.excess) & scene.judged & scene.frames.current
+def unexplained(scene: Scene, excess: Floats, outlying: Bools) -> Bools:
+    """Which current trajectories no hypothesis explains, bool [N].
+
+    Parameters
+    ----------
+    excess, outlying
+        float64 [N], excess costs of this update, and bool [N], who belongs to nobody. In a large scene those
+        of the last update count, see :data:`_FRESH_EXCESS`.
+    """
+    doubtful = outlying | (excess > _DOUBTFUL)
+    if len(scene.frames.owner) > _FRESH_EXCESS * SUBSET_ROWS:
+        doubtful = _doubtful(scene.before, scene.excess)
+    return doubtful & scene.judged & scene.frames.current
 
 
 def _doubtful(before: Labels, excess: Floats) -> Bools:
