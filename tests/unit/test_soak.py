@@ -217,6 +217,18 @@ class TestVerdict:
         assert len(found) == 1
         assert words in found[0]
 
+    @pytest.mark.parametrize(("most", "said"), [(450, []), (900, ["memory reached 900 MB"])])
+    def test_what_an_attack_leaves_is_bounded_and_no_leak(self, most, said) -> None:
+        samples = [(k, 1, usage(300 if k < 40 else most)) for k in range(90)]
+        attacked = Fault(35.0, "hostile", "hostile", 10.0)
+        found = violations(Soak(faults=[(35.0, attacked)], usage={"service": samples}), 1.0)
+        assert [text.partition(": ")[2] for text in found] == said
+
+    def test_a_leak_between_attacks_is_said(self) -> None:
+        samples = [(k, 1, usage(300 + 10 * max(k - 60, 0))) for k in range(120)]
+        soak = Soak(faults=[(20.0, Fault(20.0, "hostile", "hostile", 10.0))], usage={"service": samples})
+        assert any("memory grew" in text for text in violations(soak, 1.0))
+
     def test_gaps_of_a_killed_service_are_excused_and_those_of_a_killed_viewer_are_not(self) -> None:
         for target, count in (("service", 0), ("viewer", 1)):
             soak = Soak(

@@ -17,6 +17,8 @@ _TIMING = frozenset({"service", "router"})
 # Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
 _GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
 _LIFE_SAMPLES = 20
+# Most memory of a process, whatever attacks it.
+_MOST_MB = 800.0
 _LOG_BYTES_PER_MINUTE = 60_000
 _ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
 
@@ -66,19 +68,35 @@ def _growth(soak: Soak) -> list[str]:
     found = []
     for name, samples in soak.usage.items():
         for life in sorted({starts for _, starts, _ in samples}):
-            found += [f"{name}, life {life}: {text}" for text in _grown(_of_life(samples, life))]
+            for stretch in _stretches(soak, [one for one in samples if one[1] == life]):
+                found += [f"{name}, life {life}: {text}" for text in _grown(stretch)]
+            most = max(usage.memory_mb for _, starts, usage in samples if starts == life)
+            if most > _MOST_MB:
+                found.append(f"{name}, life {life}: memory reached {most:.0f} MB")
         minutes = max(soak.seconds / 60, 1.0)
         if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
             found.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
     return found
 
 
-def _of_life(samples: list[tuple[float, int, Usage]], life: int) -> list[Usage]:
-    return [usage for _, starts, usage in samples if starts == life]
+def _stretches(soak: Soak, samples: list[tuple[float, int, Usage]]) -> list[list[Usage]]:
+    """What a process held, by the stretches of its life between attacks.
+
+    An attack within the limits grows arrays and queues up to their bounds, and arrays stay as large. A leak
+    grows between attacks too.
+    """
+    attacks = [
+        (at_s, at_s + fault.lasts_s + _BELONGS_S) for at_s, fault in soak.faults if fault.kind == "hostile"
+    ]
+    stretches: dict[int, list[Usage]] = {}
+    for at_s, _, usage in samples:
+        if not any(begun <= at_s < end for begun, end in attacks):
+            stretches.setdefault(sum(end <= at_s for _, end in attacks), []).append(usage)
+    return list(stretches.values())
 
 
 def _grown(life: list[Usage]) -> list[str]:
-    """What has grown between the second and the last quarter of a life that was long enough to tell."""
+    """What has grown between the second and the last quarter of a stretch that was long enough to tell."""
     if len(life) < _LIFE_SAMPLES:
         return []
     quarter = len(life) // 4
