@@ -26,6 +26,22 @@ MARKUP = "[/nope] [bold]\x1b[2J\x1b]0;owned\x07\x9b31m\r\nok: all is well\u202e.
 _TOP = 2**64 - 1
 
 
+def resting_batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
+    """A batch of `count` features at rest, with changes of its fields."""
+    fields: dict[str, Any] = {
+        "source": NAME,
+        "session": session,
+        "seq": seq,
+        "space": "world",
+        "unit": "m",
+        "dim": 3,
+        "stamp_ns": time.time_ns(),
+        "ids": np.arange(count, dtype=np.uint64),
+        "positions": np.zeros((count, 3), np.float32),
+    }
+    return ObservationBatch(**(fields | changes))
+
+
 @dataclass
 class Attacker:
     """An open session at the scene, and what an attack has done so far."""
@@ -39,18 +55,7 @@ class Attacker:
 
     def batch(self, count: int = 50, /, **changes: Any) -> ObservationBatch:
         """The next batch: `count` features at rest, with changes."""
-        fields: dict[str, Any] = {
-            "source": NAME,
-            "session": self.run,
-            "seq": self.seq,
-            "space": "world",
-            "unit": "m",
-            "dim": 3,
-            "stamp_ns": time.time_ns(),
-            "ids": np.arange(count, dtype=np.uint64),
-            "positions": np.zeros((count, 3), np.float32),
-        }
-        return ObservationBatch(**(fields | changes))
+        return resting_batch(self.run, self.seq, count, **changes)
 
     def put(self, batch: ObservationBatch) -> None:
         """Publish it under its own name."""

@@ -16,28 +16,13 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from comotion_schemas import ObservationBatch, encode
+from comotion_schemas import encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings
 
-from .attacks import NAME, WITHIN_LIMITS, Attacker, attack
+from .attacks import NAME, WITHIN_LIMITS, Attacker, attack, resting_batch
 
 _RATE = 50.0
-
-
-def _batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
-    fields: dict[str, Any] = {
-        "source": NAME,
-        "session": session,
-        "seq": seq,
-        "space": "world",
-        "unit": "m",
-        "dim": 3,
-        "stamp_ns": time.time_ns(),
-        "ids": np.arange(count, dtype=np.uint64),
-        "positions": np.zeros((count, 3), np.float32),
-    }
-    return ObservationBatch(**(fields | changes))
 
 
 def _mutated(chance: random.Random, payload: bytes) -> bytes:
@@ -49,16 +34,16 @@ def _mutated(chance: random.Random, payload: bytes) -> bytes:
 
 def _jump(chance: random.Random, session: str, seq: int) -> bytes:
     far = np.full((50, 3), chance.choice((1e3, 1e6, 9e8)), np.float32) * chance.choice((1, -1))
-    return encode(_batch(session, seq, positions=far))
+    return encode(resting_batch(session, seq, positions=far))
 
 
 def _millimetres(chance: random.Random, session: str, seq: int) -> bytes:
     rows = np.array([[chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(50)], np.float32)
-    return encode(_batch(session, seq, positions=rows))
+    return encode(resting_batch(session, seq, positions=rows))
 
 
 def _tampered(chance: random.Random, session: str, seq: int) -> bytes:
-    content = msgpack.unpackb(encode(_batch(session, seq)))
+    content = msgpack.unpackb(encode(resting_batch(session, seq)))
     change = chance.choice(
         [
             {"positions": np.full(150, math.nan, "<f4").tobytes()},
@@ -83,17 +68,19 @@ def _extreme(chance: random.Random, session: str, seq: int) -> bytes:
             {"session": f"{chance.getrandbits(64):016x}"},
         ]
     )
-    return encode(_batch(session, seq, **change))
+    return encode(resting_batch(session, seq, **change))
 
 
 def _many_instants(chance: random.Random, session: str, seq: int) -> bytes:
     count = chance.choice((100, 2000))
     now = time.time_ns()
-    return encode(_batch(session, seq, count, stamp_ns=now, stamps_ns=now - np.arange(count)[::-1] * 1000))
+    return encode(
+        resting_batch(session, seq, count, stamp_ns=now, stamps_ns=now - np.arange(count)[::-1] * 1000)
+    )
 
 
 _MAKERS: tuple[Callable[[random.Random, str, int], bytes], ...] = (
-    lambda chance, session, seq: _mutated(chance, encode(_batch(session, seq))),
+    lambda chance, session, seq: _mutated(chance, encode(resting_batch(session, seq))),
     lambda chance, _session, _seq: chance.randbytes(chance.choice((0, 10, 5000, 200_000))),
     _jump,
     _millimetres,

@@ -63,7 +63,16 @@ from .registration import Registration
 from .resampling import Frames, make_frames
 from .rest import settled
 from .selection import STATIC, membership_prices, select, weighted
-from .subset import SUBSET_ROWS, Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
+from .subset import (
+    SUBSET_ROWS,
+    Scene,
+    Subset,
+    choose_subset,
+    extended_rows,
+    is_large,
+    known_rows,
+    unexplained,
+)
 from .tracks import Tracks, read_tracks
 
 # Where the known bodies explain everything, others are sought when the evidence has changed by this share.
@@ -121,10 +130,7 @@ class RigidMethod:
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous)
-        result = follow(scene, self._config)  # 6 to 9
-        due = self._due(scene, result, tracks.key)
-        if due:
-            result = search(scene, self._config)  # 5 to 9
+        result, due = self._grouped(scene, tracks.key)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
         if due:
@@ -185,10 +191,20 @@ class RigidMethod:
             self._separation.load(state["separate"])
             self._members.load(state.get("members", []))
 
-    def _due(self, scene: Scene, result: SearchResult, keys: Stamps) -> bool:
-        """Whether to search for new bodies: where more is unexplained than at the last search, or seldom."""
-        labels = result.assignment.labels
-        stamps, odd = scene.frames.stamps, keys[unexplained(scene, result.excess, labels == OUTLIER)]
+    def _grouped(self, scene: Scene, keys: Stamps) -> tuple[SearchResult, bool]:
+        """The bodies and their trajectories, and whether others were sought; int64 [N] keys."""
+        followed = None if is_large(scene) else follow(scene, self._config)
+        now = None if followed is None else (followed.excess, followed.assignment.labels == OUTLIER)
+        if self._due(scene, keys[unexplained(scene, now)]):
+            return search(scene, self._config), True
+        return followed or follow(scene, self._config), False
+
+    def _due(self, scene: Scene, odd: Stamps) -> bool:
+        """Whether to search for new bodies: where more is unexplained than at the last search, or seldom.
+
+        `odd` int64 [n] are the keys of what is unexplained.
+        """
+        stamps = scene.frames.stamps
         last_ns, known = self._searched
         old = int(stamps[-1]) - last_ns >= _SEARCH_SHARE * int(stamps[-1] - stamps[0])
         if self.searching and (old or not np.isin(odd, known).all()):

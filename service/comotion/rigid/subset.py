@@ -119,7 +119,7 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
     frames, before, excess = scene.frames, scene.before, scene.excess
     if len(frames.owner) <= SUBSET_ROWS:
         return Subset(np.arange(len(before)), np.ones(len(before), np.bool_), complete=True)
-    if len(frames.owner) <= _FRESH_EXCESS * SUBSET_ROWS:
+    if not is_large(scene):
         excess = _fresh_excess(scene, config)
     doubtful = _doubtful(before, excess)
     odd = doubtful & scene.judged & frames.current
@@ -134,18 +134,21 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
     return Subset(tracks, doubtful[tracks], complete=False)
 
 
-def unexplained(scene: Scene, excess: Floats, outlying: Bools) -> Bools:
+def is_large(scene: Scene) -> bool:
+    """Whether what was unexplained at the last update is searched, not what is now: :data:`_FRESH_EXCESS`."""
+    return len(scene.frames.owner) > _FRESH_EXCESS * SUBSET_ROWS
+
+
+def unexplained(scene: Scene, now: tuple[Floats, Bools] | None) -> Bools:
     """Which current trajectories no hypothesis explains, bool [N].
 
     Parameters
     ----------
-    excess, outlying
-        float64 [N], excess costs of this update, and bool [N], who belongs to nobody. In a large scene those
-        of the last update count, see :data:`_FRESH_EXCESS`.
+    now
+        Of this update: float64 [N] excess costs, and bool [N], who belongs to nobody. None: those of the last
+        update count.
     """
-    doubtful = outlying | (excess > _DOUBTFUL)
-    if len(scene.frames.owner) > _FRESH_EXCESS * SUBSET_ROWS:
-        doubtful = _doubtful(scene.before, scene.excess)
+    doubtful = _doubtful(scene.before, scene.excess) if now is None else now[1] | (now[0] > _DOUBTFUL)
     return doubtful & scene.judged & scene.frames.current
 
 
