@@ -4,7 +4,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from comotion_deploy.soak.attacks import ATTACKS
+from comotion_tools.soak.attacks import ATTACKS
 
 from .arena import Arena
 

@@ -1,15 +1,18 @@
 """``comotion dev reproduce links``: the gain of linking a camera without depth to bodies in 3-D."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from ..fusion_options import Fusion
+from ..options import option, setting
+from .experiments import Cached, Experiment, check_folder, progress, write_report
 
-from .. import options
-from ..fusion_options import fusion_config
-from .experiments import Cache, Period, cache_folder, check_folder, progress, write_report
 
-EPILOG = """
+@dataclass(kw_only=True)
+class Links(Cached, Fusion, Experiment):
+    """Measure the gain of linking hypotheses of a camera without depth to bodies of a depth camera."""
+
+    epilog = """
 Examples:
 
   comotion dev reproduce links --quick
@@ -19,58 +22,37 @@ Examples:
   comotion dev reproduce links --workcell shelf --turned 2 --json
 """
 
+    workcell: list[str] | None = option(
+        None, "Workcell scene; may be repeated. Default: six of them.", metavar="SCENE"
+    )
+    seeds: str | None = setting(None, "Seeds, e.g. 2-4 or 2,5. Default: 2-4, quick 2.")
+    quick: bool = option(False, "Small images, short runs, one seed.")
+    period: float = option(1 / 3, "s between updates.", min=0.05, max=10)
+    turned: float = option(0.0, "Error of the calibration.", metavar="DEGREES", min=-180, max=180)
+    out: Path = option(Path("links"), "Where links.md, links.json and links.jpg go.", metavar="DIR")
 
-def links(
-    ctx: typer.Context,
-    workcell: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--workcell", metavar="SCENE", help="Workcell scene; may be repeated. Default: six of them."
-        ),
-    ] = None,
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            "--seeds", envvar="COMOTION_SEEDS", help="Seeds, e.g. 2-4 or 2,5. Default: 2-4, quick 2."
-        ),
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Small images, short runs, one seed.")] = False,
-    period: Period = 1 / 3,
-    turned: Annotated[
-        float,
-        typer.Option("--turned", metavar="DEGREES", min=-180, max=180, help="Error of the calibration."),
-    ] = 0.0,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where links.md, links.json and links.jpg go.")
-    ] = Path("links"),
-    cache: Cache = None,
-    method: options.Method = None,
-    assignments: options.Assignments = None,
-    json_: options.Json = False,
-    _config: options.ConfigFile = None,
-    _log_level: options.Log = options.LogLevel.WARNING,
-) -> None:
-    """Measure the gain of linking hypotheses of a camera without depth to bodies of a depth camera."""
-    from rich.console import Console
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments import links as study
+        from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.links import report
 
-    from comotion_experiments import links as study
-    from comotion_experiments.inputs import parse_seeds
-    from comotion_experiments.links import report
-
-    check_folder(out)
-    scenes = workcell or study.SCENES
-    numbers = parse_seeds(seeds or ("2" if quick else "2-4"))
-    config = fusion_config(ctx, method, assignments)
-    setup, kept = study.QUICK if quick else None, cache or cache_folder() / "links"
-    with progress() as note:
-        results = study.run_experiment(
-            scenes, numbers, config, setup=setup, cache=kept, period=period, turned=turned, progress=note
-        )
-    values, written = write_report(out, "links", report.markdown(results), report.as_json(results))
-    study.save_picture(out / "links.jpg", scenes[0], numbers[0], config, setup=setup, cache=kept)
-    if json_:
-        print(values)
-        return
-    console = Console(width=max(170, Console().width))
-    console.print(report.table(results))
-    console.print(written, highlight=False)
+        check_folder(self.out)
+        scenes = self.workcell or study.SCENES
+        seeds = parse_seeds(self.seeds or ("2" if self.quick else "2-4"))
+        config = self.fusion_config()
+        setup, cache = study.QUICK if self.quick else None, self.cache_folder("links")
+        with progress() as note:
+            results = study.run_experiment(
+                scenes,
+                seeds,
+                config,
+                setup=setup,
+                cache=cache,
+                period=self.period,
+                turned=self.turned,
+                progress=note,
+            )
+        values, written = write_report(self.out, "links", report.markdown(results), report.as_json(results))
+        study.save_picture(self.out / "links.jpg", scenes[0], seeds[0], config, setup=setup, cache=cache)
+        self.print_table(values, 170, report.table(results), written)

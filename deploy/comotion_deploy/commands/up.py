@@ -1,13 +1,19 @@
 """``comotion up FILE.toml``: starts a system of processes."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from ..config_file import load_toml
+from ..options import Logged, argument, option, setting
 
-from .. import options
+DEFAULT_LOG = Path("comotion-up.log")
 
-EPILOG = """
+
+@dataclass(kw_only=True)
+class Up(Logged):
+    """Start router, sources, service and clients; restart failed processes; stop all on Ctrl-C."""
+
+    epilog = """
 Examples:
 
   comotion up deploy/scenes/fig4_4.toml
@@ -27,34 +33,23 @@ The file is the --config of every process it starts; its tables process.NAME des
   foreground = true   (owns the terminal; everything stops when it ends)
 """
 
-DEFAULT_LOG = Path("comotion-up.log")
+    file: Path = argument(..., "FILE.toml", "Description of the system.")
+    log: Path | None = setting(
+        None,
+        f"Write the processes' lines there. Default: standard output, or {DEFAULT_LOG} with a foreground "
+        "process.",
+        metavar="PATH",
+    )
+    duration: float | None = option(None, "Stop after this many seconds.", min=0.1)
 
+    def run(self) -> None:
+        """Run the processes until they or the user end them."""
+        from ..launcher import launch
+        from ..processes import read_processes
 
-def up(
-    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="Description of the system.")],
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            "--log",
-            envvar="COMOTION_LOG",
-            metavar="PATH",
-            help="Write the processes' lines there. Default: standard output, or "
-            f"{DEFAULT_LOG} with a foreground process.",
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option("--duration", min=0.1, help="Stop after this many seconds.")
-    ] = None,
-    _log_level: options.Log = options.LogLevel.INFO,
-) -> None:
-    """Start router, sources, service and clients; restart failed processes; stop all on Ctrl-C."""
-    from dataclasses import replace
-
-    from ..launcher import launch
-    from ..processes import read_processes
-
-    specs = read_processes(options.load_toml(file))
-    specs = [replace(spec, env={"COMOTION_CONFIG": str(file), **spec.env}) for spec in specs]
-    if log is None and any(spec.foreground for spec in specs):
-        log = DEFAULT_LOG
-    launch(specs, log=log, duration_s=duration)
+        specs = read_processes(load_toml(self.file))
+        specs = [replace(spec, env={"COMOTION_CONFIG": str(self.file), **spec.env}) for spec in specs]
+        log = self.log
+        if log is None and any(spec.foreground for spec in specs):
+            log = DEFAULT_LOG
+        launch(specs, log=log, duration_s=self.duration)
