@@ -114,7 +114,12 @@ def as_function(kind: type[Command]) -> Callable[..., None]:
 
 def add(app: typer.Typer, name: str, kind: type[Command], panel: str | None = None) -> None:
     """Add a command to an app, in a panel of its help."""
-    app.command(name, epilog=kind.epilog or None, rich_help_panel=panel)(as_function(kind))
+    app.command(name, epilog=shown_epilog(kind.epilog), rich_help_panel=panel)(as_function(kind))
+
+
+def shown_epilog(text: str) -> str:
+    """Return an epilog as typer wants it: with an empty line before each example, which is indented."""
+    return re.sub(r"\n(?=  \S)", "\n\n", text)
 
 
 def _in_order(kind: type[Command]) -> "list[Field[Any]]":

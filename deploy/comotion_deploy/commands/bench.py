@@ -14,19 +14,12 @@ class Bench(Assignments, Json, Tool):
 
     epilog = """
 Examples:
-
   comotion dev bench --quick
-
   comotion dev bench --features 500,1000,3000 --method thesis --updates 100
-
   comotion dev bench --features 1000 --rate 15,30,60 --recording tennis_serve.npz --json
-
   comotion dev bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
-
   comotion dev bench --out docs/research   # writes performance.md and its picture
-
   comotion dev bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
-
   comotion dev bench --scaling --scenes 1,2,4 --features 42,100 --out docs   # many scenes, and standbys
 """
     log_level = "warning"

@@ -18,11 +18,8 @@ class Calibrate(Json, Tool):
 
     epilog = """
 Examples:
-
   comotion calibrate 0 1 --target chessboard:9x6:0.025 --calibration-a a.toml --calibration-b b.yaml -o b.toml
-
   comotion calibrate images/a images/b --target charuco:7x5:0.03:0.022 --calibration-a a.yaml ...
-
   comotion calibrate a.png b.png --target marker:0.08:apriltag_36h11 --calibration-a a.yaml ...
 
 With two folders, the first image of A is paired with the first of B and so on. With two devices, keep the

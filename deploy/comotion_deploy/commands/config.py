@@ -17,13 +17,9 @@ class Config(Fusion, Json, Tool):
 
     epilog = """
 Examples:
-
   comotion config --set thesis.sigma_switch=0.01 --set thesis.v_move=null
-
   comotion config --set rigid.looseness=0.4
-
   comotion config --json
-
   comotion config > my.toml   # then: comotion serve --config my.toml
 """
 

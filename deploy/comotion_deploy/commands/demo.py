@@ -17,13 +17,9 @@ class Demo(Fusion, Logged):
 
     epilog = """
 Examples:
-
   comotion demo
-
   comotion demo --duration 60 --out /tmp/demo
-
   comotion demo fig4_4 --method thesis
-
   comotion demo 3d_outliers
 """
 

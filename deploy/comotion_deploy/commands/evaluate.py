@@ -25,17 +25,11 @@ class Evaluate(Fusion, Json, Ready, Client):
 
     epilog = """
 Examples:
-
   comotion evaluate --duration 30   # a running scene that publishes truth
-
   comotion evaluate recording.npz --method thesis --set thesis.sigma_switch=0.01
-
   comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
-
   comotion evaluate sim:3d_3 --compare   # with a comparator
-
   comotion evaluate take.mcap   # what comotion record has written
-
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
     log_level = "warning"

@@ -19,6 +19,7 @@ from ..options import (
     host_name,
     option,
     setting,
+    shown_epilog,
     urls,
 )
 
@@ -27,13 +28,9 @@ if TYPE_CHECKING:
 
 EPILOG = """
 Examples:
-
   comotion fleet --etcd http://etcd1:2379,http://etcd2:2379 --capacity 8   # on each host: an agent
-
   comotion fleet add kitchen --etcd http://etcd1:2379 -- --set window=7
-
   comotion fleet list
-
   comotion fleet drain host3   # before maintenance
 
 COMOTION_ETCD holds the urls for all of them.
@@ -93,7 +90,7 @@ class RunAgent(Cluster, Ready, Session):
 class Add(Cluster):
     """Add a scene to the fleet; agents with room serve it."""
 
-    epilog = "Example:\n\n  comotion fleet add kitchen --one -- --method thesis"
+    epilog = "Example:\n  comotion fleet add kitchen --one -- --method thesis"
 
     scene: str = argument(..., "SCENE", "Name of the scene.")
     serve: list[str] | None = argument(None, "[-- OPTIONS]", "Options of 'comotion serve'.")
@@ -121,7 +118,7 @@ class Add(Cluster):
 class Remove(Cluster):
     """Remove a scene; its replicas stop."""
 
-    epilog = "Example:\n\n  comotion fleet remove kitchen"
+    epilog = "Example:\n  comotion fleet remove kitchen"
 
     scene: str = argument(..., "SCENE", "Name of the scene.")
 
@@ -138,7 +135,7 @@ class Remove(Cluster):
 class Drain(Cluster):
     """Move all scenes away from a host; those with a standby go on without a break."""
 
-    epilog = "Example:\n\n  comotion fleet drain host3\n\n  comotion fleet drain host3 --undo"
+    epilog = "Example:\n  comotion fleet drain host3\n  comotion fleet drain host3 --undo"
 
     agent: str = argument(..., "AGENT", "Name of the agent.")
     undo: bool = option(False, "Let it take scenes again.")
@@ -158,7 +155,7 @@ class Drain(Cluster):
 class Listing(Json, Cluster):
     """Show scenes with their replicas, and agents."""
 
-    epilog = "Examples:\n\n  comotion fleet list\n\n  comotion fleet list --json"
+    epilog = "Examples:\n  comotion fleet list\n  comotion fleet list --json"
 
     def run(self) -> None:
         """Show them."""
@@ -173,7 +170,7 @@ class Listing(Json, Cluster):
         Console().print(table.as_table(fleet))
 
 
-app = typer.Typer(epilog=EPILOG, help="Serve many scenes on many hosts.")
+app = typer.Typer(epilog=shown_epilog(EPILOG), help="Serve many scenes on many hosts.")
 app.callback(invoke_without_command=True)(as_function(RunAgent))
 add(app, "add", Add)
 add(app, "remove", Remove)

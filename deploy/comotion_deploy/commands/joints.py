@@ -28,13 +28,9 @@ class Joints(Fusion, BodyNames, Json, Client):
 
     epilog = """
 Examples:
-
   comotion joints   # of a running scene
-
   comotion joints --name 1=cabinet --name 2=door   # "door turns on cabinet, 0 to 65°"
-
   comotion joints take.mcap --urdf cabinet.urdf
-
   comotion joints sim:fig4_4 --duration 6 --json
 """
     log_level = "warning"

@@ -10,22 +10,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import missing_extra
-from ..options import Command, Json, add, argument, option, setting
+from ..options import Command, Json, add, argument, option, setting, shown_epilog
 
 if TYPE_CHECKING:
     from ..pki.authority import Issued
 
 EPILOG = """
 Example:
-
   comotion pki init pki
-
   comotion pki issue pki --role router --name hall --host 10.0.0.1
-
   comotion pki issue pki --role service --name fusion
-
   comotion pki issue pki --role source --name klt-left
-
   comotion router --secure pki   # the others: --tls pki/NAME
 """
 
@@ -43,7 +38,6 @@ class Init(Authority):
 
     epilog = """
 Example:
-
   comotion pki init pki   # on a machine that you trust; the key pki/ca.key never leaves it
 """
 
@@ -62,17 +56,11 @@ class Issue(Authority):
 
     epilog = """
 Examples:
-
   comotion pki issue pki --role router --name hall --host router.local --host 10.0.0.1
-
   comotion pki issue pki --role service --name fusion --scene cell
-
   comotion pki issue pki --role source --name klt-left --scene cell
-
   comotion pki issue pki --role source --name rig --source rig-1 --source rig-2 --scene cell
-
   comotion pki issue pki --role viewer --name laptop --scene '*'
-
   comotion pki issue pki --role source --name klt-left --scene cell --renew
 
 Then restart the routers (or send them SIGHUP), and run the component with --tls pki/NAME.
@@ -122,9 +110,7 @@ class Listing(Json, Authority):
 
     epilog = """
 Examples:
-
   comotion pki list pki   # exit status 1 if a certificate is not valid or expires within 30 days
-
   comotion pki list pki --json
 """
 
@@ -151,9 +137,7 @@ class Export(Authority):
 
     epilog = """
 Examples:
-
   comotion pki export pki klt-left /tmp/klt-left   # its own key and certificates
-
   comotion pki export pki hall-2 /tmp/hall-2   # a router: also the certificates of all others, without keys
 """
 
@@ -166,7 +150,9 @@ Examples:
             print(written)
 
 
-app = typer.Typer(help="Make and list the certificates of a system.", epilog=EPILOG, no_args_is_help=True)
+app = typer.Typer(
+    help="Make and list the certificates of a system.", epilog=shown_epilog(EPILOG), no_args_is_help=True
+)
 add(app, "init", Init)
 add(app, "issue", Issue)
 add(app, "list", Listing)

@@ -16,15 +16,10 @@ class Record(Json, Process):
 
     epilog = """
 Examples:
-
   comotion record
-
   comotion record take.mcap --scene workcell --duration 60
-
   comotion record take.mcap --max-size 500 --max-time 600   # take-001.mcap, take-002.mcap, ...
-
   comotion record --repair take.mcap   # after a crash
-
   comotion record --export take.mcap --out take-foxglove.mcap   # for Foxglove
 
 To play a recording: comotion source replay take.mcap

@@ -5,7 +5,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from ..options import add
+from ..options import add, shown_epilog
 from .reproduce_ablation import Ablation
 from .reproduce_accuracy import Accuracy
 from .reproduce_figures import Figures
@@ -18,11 +18,8 @@ from .reproduce_stress import Stress
 
 EPILOG = """
 Examples:
-
   comotion dev reproduce --quick
-
   comotion dev reproduce figures --help
-
   comotion dev reproduce fusion --quick
 """
 
@@ -39,7 +36,7 @@ class _FiguresByDefault(TyperGroup):
 app = typer.Typer(
     cls=_FiguresByDefault,
     help="Run the project's experiments again. Without a command: the figures of the thesis.",
-    epilog=EPILOG,
+    epilog=shown_epilog(EPILOG),
 )
 add(app, "figures", Figures)
 add(app, "joints", JointsStudy)

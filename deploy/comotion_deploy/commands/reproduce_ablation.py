@@ -13,9 +13,7 @@ class Ablation(Experiment):
 
     epilog = """
 Examples:
-
   comotion reproduce ablation --data recordings/mocap --out docs/research
-
   comotion reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
 
 A family's name also stands for all that begin with it.

@@ -13,11 +13,8 @@ class Accuracy(Tool):
 
     epilog = """
 Examples:
-
   comotion dev reproduce accuracy --data recordings/mocap --out docs/research
-
   comotion dev reproduce accuracy --quick
-
   comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
     log_level = "warning"

@@ -25,11 +25,8 @@ class Figures(Cached, Assignments, Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce --quick
-
   comotion dev reproduce --only 4.4 --only 4.5 --out figures
-
   comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
 """
 

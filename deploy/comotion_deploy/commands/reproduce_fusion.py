@@ -14,11 +14,8 @@ class FusionStudy(Cached, Fusion, Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce fusion --quick
-
   comotion dev reproduce fusion --seeds 0-4 --out fusion
-
   comotion dev reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
 """
     log_level = "info"

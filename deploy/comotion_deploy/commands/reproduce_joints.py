@@ -13,11 +13,8 @@ class JointsStudy(Cached, Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce joints --quick
-
   comotion dev reproduce joints --seeds 1,3,5 --data recordings/mocap --out joints
-
   comotion dev reproduce joints --part poses --part free --json
 """
 

@@ -14,11 +14,8 @@ class Links(Cached, Fusion, Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce links --quick
-
   comotion dev reproduce links --seeds 2-6 --out links
-
   comotion dev reproduce links --workcell shelf --turned 2 --json
 """
 

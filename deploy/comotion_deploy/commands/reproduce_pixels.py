@@ -13,9 +13,7 @@ class Pixels(Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce pixels --data recordings --out pixels
-
   comotion dev reproduce pixels --data recordings --no-baselines --json
 
 The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall01.npz.

@@ -15,9 +15,7 @@ class Regions(Fusion, Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce regions --quick
-
   comotion dev reproduce regions --seeds 1,3,5 --workcell shelf --out regions
 """
 

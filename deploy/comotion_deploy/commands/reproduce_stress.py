@@ -15,11 +15,8 @@ class Stress(Experiment):
 
     epilog = """
 Examples:
-
   comotion dev reproduce stress --quick
-
   comotion dev reproduce stress --out docs/research
-
   comotion dev reproduce stress --family restart --family cover --seeds 0,2 --method comotion
 
 A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.

@@ -48,11 +48,8 @@ class Ros2(Ros, Ready, Client):
 
     epilog = """
 Examples:
-
   comotion ros2   # into the ROS network of the scene's router
-
   comotion ros2 --domain 5 --ros-connect tcp/192.168.1.20:7447
-
   comotion ros2 --bag bodies.mcap --duration 30   # no network: a bag
 
 Topics: /tf (frames comotion/SCENE/ID), and below /comotion/SCENE: detections (vision_msgs/Detection3DArray),

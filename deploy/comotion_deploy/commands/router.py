@@ -17,15 +17,10 @@ class Router(Ready, Tool):
 
     epilog = """
 Examples:
-
   comotion router   # for this machine alone
-
   comotion router --secure pki   # for a network: certificates, and access by what they allow
-
   comotion router --secure pki --tls pki/hall-2 --connect quic/hall-1:7447   # a second one
-
   comotion router --listen tcp/0.0.0.0:7447 --insecure   # a network that you trust
-
   comotion router --config router.toml   # tables zenoh.access_control, zenoh.low_pass_filter, ...
 
 SIGHUP restarts it in place, with the certificates that the folder then has.
@@ -50,9 +45,7 @@ SIGHUP restarts it in place, with the certificates that the folder then has.
         min=1024,
     )
     tls: Path | None = setting(
-        None,
-        "With --secure: the folder of this router. Default: the only router in DIR.",
-        metavar="DIR/NAME",
+        None, "With --secure: the folder of this router. Default: the only router in DIR.", metavar="DIR/NAME"
     )
     insecure: bool = setting(False, "Allow to listen where other machines can connect, without certificates.")
 

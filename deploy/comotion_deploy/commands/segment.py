@@ -26,17 +26,11 @@ class Segment(Carried, Fusion, Json, Tool):
 
     epilog = """
 Examples:
-
   comotion segment drawer.mp4   # writes drawer-segmented.mp4
-
   comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
-
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
-
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
-
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
-
   comotion segment "workcell:truck/a?duration=5" --json
 """
     log_level = "warning"
@@ -56,9 +50,7 @@ Examples:
         metavar="FILE.csv",
     )
     trajectory: Path | None = setting(
-        None,
-        "With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.",
-        metavar="FILE",
+        None, "With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.", metavar="FILE"
     )
     masks: Path | None = setting(
         None,

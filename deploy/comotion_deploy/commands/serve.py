@@ -19,19 +19,12 @@ class Serve(Fusion, Process):
 
     epilog = """
 Examples:
-
   comotion serve
-
   comotion serve --method thesis --set thesis.sigma_switch=0.01 --set thesis.v_move=null
-
   comotion serve --resume   # go on where the last one has stopped: the same objects, the same ids
-
   comotion serve --scene workcell --state workcell.state --connect tcp/192.168.1.10:7447
-
   comotion serve --camera door=door.yaml,door-extrinsics.toml   # links to bodies of a depth camera
-
   comotion serve --scene a --standby --etcd http://etcd1:2379,http://etcd2:2379   # on two hosts
-
   comotion serve --clock event   # for recordings with stamps in the past
 """
 

@@ -19,11 +19,8 @@ class Soak(Json, Logged):
 
     epilog = """
 Examples:
-
   comotion dev soak
-
   comotion dev soak --duration 2700 --seed 3 --out /tmp/soak
-
   comotion dev soak --kills 100      # kill -9 of the service in a row, then SIGSTOP of each process
 
 The status is 0 if nothing was violated, and 1 otherwise.

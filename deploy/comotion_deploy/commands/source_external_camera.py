@@ -12,11 +12,8 @@ class ExternalCamera(CameraSource):
 
     epilog = """
 Examples:
-
   comotion calibrate 0 1 --target chessboard:9x6:0.025 --calibration-a a.toml --calibration-b b.yaml -o x.toml
-
   comotion source external-camera 1 --calibration b.yaml --extrinsics x.toml --marker-size 0.05
-
   comotion source external-camera workcell:truck/b --name camera-b --rate 15
 """
     name = "external"

@@ -13,19 +13,12 @@ class Klt(Carried, CameraSource):
 
     epilog = """
 Examples:
-
   comotion source klt 0   # a webcam, in the space klt/pixels
-
   comotion source klt drawer.mp4 --preview tracked.mp4
-
   comotion source klt rtsp://camera/stream --name door --max-features 300
-
   comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --extrinsics a.toml
-
   comotion source klt workcell:truck/a --name camera-a
-
   comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving
-
   comotion source klt workcell:eye-in-hand/hand --carried-by robot:3 --extrinsics mount.toml
 """
     name = "klt"

@@ -20,15 +20,10 @@ class Proprioception(Process):
 
     epilog = """
 Examples:
-
   comotion source proprioception workcell:arm --name arm
-
   comotion source proprioception ur5.urdf --joints ur5 --link tool0 --base 0.4,0,0.8
-
   comotion source proprioception ur5.urdf --csv joints.csv --link tool0
-
   comotion source proprioception ur5.urdf --bag run1.mcap --topic /joint_states --link tool0
-
   comotion source proprioception ur5.urdf --ros /joint_states --ros-connect tcp/192.168.1.20:7447
 """
     name = "proprioception"

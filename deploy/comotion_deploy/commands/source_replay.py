@@ -21,19 +21,12 @@ class Replay(Played):
 
     epilog = """
 Examples:
-
   comotion source replay tennis_serve.c3d
-
   comotion source replay take.npz --loop --speed 2
-
   comotion source replay take.npz --split 3   # three sources, at 1, 1/2 and 1/3 of the rate
-
   comotion source replay take.npz --rate 50,25,10 --split 3
-
   comotion source replay take.npz --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
-
   comotion source replay take.npz --stamps original   # for: comotion serve --clock event
-
   comotion source replay scene.mcap --start 10 --end 40   # all sources of a recording of comotion record
 """
 

@@ -16,11 +16,8 @@ class SourceRos2(Ros, Process):
 
     epilog = """
 Examples:
-
   comotion source ros2 /tf --match "cup*" --frame world   # 6-DoF poses of trackers and motion capture
-
   comotion source ros2 /poses --ros-connect tcp/192.168.1.20:7447   # motion_capture_tracking
-
   comotion source ros2 /tracker/points   # PointCloud2 with x, y, z and id (or track_id, marker_id, label)
 """
     name = "ros2"

@@ -14,15 +14,10 @@ class Simulator(Played):
 
     epilog = """
 Examples:
-
   comotion source simulator --list
-
   comotion source simulator fig4_4 --loop
-
   comotion source simulator fig4_4 --rate 15,30,100   # three sources in one process
-
   comotion source simulator fig4_4 --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
-
   comotion source simulator my_scene.toml --seed 7 --noise 2 --publish-sigma
 """
 

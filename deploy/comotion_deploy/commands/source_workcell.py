@@ -14,15 +14,10 @@ class Workcell(Timed, Process):
 
     epilog = """
 Examples:
-
   comotion source workcell --list
-
   comotion source workcell truck   # publishes joint states; then, in other terminals:
-
   comotion source klt workcell:truck/a --name klt-a
-
   comotion source proprioception workcell:truck --name gripper
-
   comotion source workcell shelf --write-tum shelf-a --camera "a?size=320x240"
 """
 

@@ -21,13 +21,9 @@ class Status(Json, Client):
 
     epilog = """
 Examples:
-
   comotion status
-
   comotion status --scene cell --connect tls/10.0.0.1:7447 --tls pki/laptop
-
   comotion status --wait ok --timeout 60 --expect klt-left --expect klt-right   # in a script
-
   comotion status --json | jq '.components[] | {name, host, clock_s}'
 
 Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or a wrong option.

@@ -15,21 +15,14 @@ class Up(Logged):
 
     epilog = """
 Examples:
-
   comotion up deploy/scenes/fig4_4.toml
-
   comotion up workcell.toml --log workcell.log
 
 The file is the --config of every process it starts; its tables process.NAME describe the processes:
-
   run = 'source simulator fig4.4 --rate 30'   (a comotion command)
-
   command = 'python my_tracker.py'   (any program)
-
   restart = 'on-failure'   (default; or 'always', 'never')
-
   tls = 'pki/cam'   (its certificate, see 'comotion pki')
-
   foreground = true   (owns the terminal; everything stops when it ends)
 """
 

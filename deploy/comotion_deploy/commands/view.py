@@ -24,15 +24,10 @@ class View(BodyNames, Json, Ready, Client):
 
     epilog = """
 Examples:
-
   comotion view   # a window
-
   comotion view --web --scene workcell   # a page for the browser
-
   comotion view --web --rate 2   # for a browser without a graphics card
-
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
-
   comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
 """
     log_level = "warning"

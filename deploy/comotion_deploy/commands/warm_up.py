@@ -17,9 +17,7 @@ class WarmUp(Tool):
 
     epilog = """
 Examples:
-
   comotion dev warm-up
-
   NUMBA_CACHE_DIR=/var/cache/comotion comotion dev warm-up   # when an image is built
 """
     log_level = "warning"

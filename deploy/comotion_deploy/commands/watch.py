@@ -33,17 +33,11 @@ class Watch(BodyNames, Json, Ready, Client):
 
     epilog = """
 Examples:
-
   comotion watch
-
   comotion watch --scene workcell --sort age
-
   comotion watch --once --json | jq .service.state
-
   comotion watch --once --pose
-
   comotion watch --name 2=truck --name 3=gripper
-
   comotion watch > scene.log   # one line a second
 """
     log_level = "warning"
