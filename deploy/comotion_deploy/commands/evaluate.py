@@ -101,8 +101,9 @@ Examples:
             _print_json(as_json(results, config, self.period))
             return
         Console(width=None if sys.stdout.isatty() else 120).print(table(results))
-        for scored in inputs if self.plot is not None else ():
-            print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
+        if self.plot is not None:
+            for scored in inputs:
+                print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines

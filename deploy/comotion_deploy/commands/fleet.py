@@ -24,7 +24,7 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from comotion.runtime.etcd import Etcd
+    from comotion.runtime.standby import Etcd
 
 EPILOG = """
 Examples:
@@ -48,7 +48,7 @@ class Cluster(Command):
 
     def cluster(self) -> "Etcd":
         """Return the client; urls and certificate may stand before the subcommand or after it."""
-        from comotion.runtime.etcd import Etcd
+        from comotion.runtime.standby import Etcd
         from comotion_schemas.tls import load_tls
 
         group = {} if self.ctx.parent is None else self.ctx.parent.params

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from comotion.runtime.etcd import Etcd, EtcdUnavailableError
+from comotion.runtime.standby import Etcd, EtcdUnavailableError
 from comotion_schemas.component import stop_on_signals
 from comotion_schemas.readiness import announce_ready
 
