@@ -6,15 +6,9 @@ import typer
 from typer.core import TyperGroup
 
 from ..options import add, shown_epilog
-from .reproduce_ablation import Ablation
-from .reproduce_accuracy import Accuracy
 from .reproduce_figures import Figures
-from .reproduce_fusion import FusionStudy
-from .reproduce_joints import JointsStudy
-from .reproduce_links import Links
-from .reproduce_pixels import Pixels
-from .reproduce_regions import Regions
-from .reproduce_stress import Stress
+from .reproduce_scenes import Ablation, Accuracy, Pixels, Stress
+from .reproduce_workcell import FusionStudy, JointsStudy, Links, Regions
 
 EPILOG = """
 Examples:
