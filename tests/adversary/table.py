@@ -1,4 +1,4 @@
-"""Every attack once, and none: ``python -m tests.adversary.table [--secure] [ATTACK...]``, a line of each."""
+"""Every attack once, and none: ``PYTHONPATH=tests python -m adversary.table [--secure] [ATTACK...]``."""
 
 import sys
 import tempfile
