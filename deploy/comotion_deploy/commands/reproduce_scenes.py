@@ -64,8 +64,8 @@ class Ablation(Experiment):
 
     epilog = """
 Examples:
-  comotion reproduce ablation --data recordings/mocap --out docs/research
-  comotion reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
+  comotion dev reproduce ablation --data recordings/mocap --out docs/research
+  comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
 
 A family's name also stands for all that begin with it.
 """
