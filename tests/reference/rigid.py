@@ -212,13 +212,6 @@ def farthest_points(x, count):
     return found
 
 
-def nearest_squared(x, queries):
-    """Squared distance of each of x[queries] to the nearest other point."""
-    squared = ((x[queries][:, None] - x[None]) ** 2).sum(2)
-    squared[np.arange(len(queries)), queries] = np.inf
-    return squared.min(1)
-
-
 def gaussian_sums(x, b, points, members, weight):
     """Weighted sum of unit Gaussians about b at each x; none at its own place."""
     squared = ((x[:, None] - b[None]) ** 2).sum(2)

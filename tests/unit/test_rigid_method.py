@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.config import RigidConfig
 from comotion.matching import continued, largest_total
-from comotion.rigid.costs import Costs, costs, mean_squared_residuals
+from comotion.rigid.costs import Costs, costs
 from comotion.rigid.kernels.differences import direction_variances
 from comotion.rigid.kernels.records import ROUND, Observations
 from comotion.rigid.noise import DIRECTIONS, NoiseEstimates, noise_covariances, shrunk
@@ -71,6 +71,7 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         tolerance=variance,
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
+        key=np.arange(n),
         life=(w > 0).sum(1),
         current=np.ones(n, bool),
     )
@@ -138,7 +139,7 @@ def test_few_features_carry_a_body_over_the_loss_of_all_others(dim, left):
     frames, rows = frames_of(y, w, 1e-6, dim), np.arange(2 * n + left)
     body = fit_body(frames, rows)
     assert body.posed.all()
-    assert np.sqrt(mean_squared_residuals(frames, body, rows, RigidConfig())).max() < 1e-3
+    assert np.sqrt(costs(frames, [body], RigidConfig()).squared).max() < 1e-3
 
 
 @given(st.integers(0, 10_000))

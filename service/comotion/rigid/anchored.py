@@ -8,13 +8,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..arrays import Floats, Stamps, inverses
+from ..arrays import Floats, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
-from .motions import row_names
 from .procrustes import Body, align
 from .resampling import Frames
-from .tracks import Tracks
 
 # rad^-2, information of the prior: a turn that no point fixes is uncertain by a radian.
 _FREE_TURN = 1.0
@@ -23,7 +21,7 @@ _LEAST_SHARED = 3
 
 
 def anchored_motions(
-    tracks: Tracks, frames: Frames, found: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
+    frames: Frames, found: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
 ) -> dict[int, BodyMotion]:
     """Motion of some hypotheses; one whose axes cannot be told is left out.
 
@@ -32,11 +30,10 @@ def anchored_motions(
     references
         By hypothesis: the index of its body, and its pose reference, brought up to date.
     """
-    names = row_names(tracks, frames)
     motions = {}
     for one, (k, reference) in references.items():
         body = found.bodies[k]
-        motion = _at_rest(frames, reference) if body.static else _moving(frames, body, names, reference)
+        motion = _at_rest(frames, reference) if body.static else _moving(frames, body, reference)
         if motion is not None:
             motions[one] = motion
     return motions
@@ -57,8 +54,8 @@ def _at_rest(frames: Frames, reference: PoseReference) -> BodyMotion:
     )
 
 
-def _moving(frames: Frames, body: Body, names: Stamps, reference: PoseReference) -> BodyMotion | None:
-    shared, mine, theirs = np.intersect1d(names[body.rows], reference.rows, return_indices=True)
+def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion | None:
+    shared, mine, theirs = np.intersect1d(frames.names[body.rows], reference.rows, return_indices=True)
     if len(shared) < min(frames.dim, _LEAST_SHARED, len(body.rows)):
         return None
     # From the axes of the body to those of the hypothesis.
