@@ -240,4 +240,4 @@ def _clear(evidence: Costs, labels: Ints) -> Bools:
     if evidence.body.shape[1] < 2:
         return np.zeros(len(labels), np.bool_)
     least = np.partition(evidence.body, 1, axis=1)
-    return (least[:, 1] - least[:, 0] > _SURE) & (np.argmin(evidence.body, 1) == labels)
+    return np.asarray((least[:, 1] - least[:, 0] > _SURE) & (np.argmin(evidence.body, 1) == labels))

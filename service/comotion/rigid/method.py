@@ -31,10 +31,10 @@ from ..matching import continued, largest_total
 from ..partition import (
     NO_HYPOTHESIS,
     BodyMotion,
+    Method,
     Partition,
     PoseReference,
     Previous,
-    Rows,
     SpaceSpec,
 )
 from ..trajectories.window import Window
@@ -56,7 +56,6 @@ from .candidates import candidate_rows
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import NoiseEstimates
-from .poses import Poses, poses_of
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
@@ -86,7 +85,7 @@ _KEY_FRAMES = 50
 _ESTIMATE_STRIDE = 5
 
 
-class RigidMethod:
+class RigidMethod(Method):
     """The rigid-motion method for one space in a metric (or any Euclidean) unit.
 
     Parameters
@@ -95,12 +94,6 @@ class RigidMethod:
         `rigid` and `window` matter here.
     spec
         The space.
-
-    Attributes
-    ----------
-    searching
-        Whether to search for new bodies and for the offsets of sources. Without, the known bodies are fitted
-        and the trajectories assigned to them.
     """
 
     matching = staticmethod(largest_total)
@@ -114,13 +107,16 @@ class RigidMethod:
         self._belief = Belief()
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
-        self.searching = True
         # When bodies were sought last, and when what could not be explained, by key.
         self._searched_ns = 0
         self._odd: dict[int, int] = {}
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
-        """Group the current trajectories."""
+        """Group the current trajectories.
+
+        Without `searching` the known bodies are fitted and the trajectories assigned to them: neither new
+        bodies nor the offsets of sources are sought.
+        """
         tracks = read_tracks(window, current, stamp_ns)  # 1
         if not len(tracks.key):
             return self._nothing()
@@ -140,25 +136,9 @@ class RigidMethod:
         position = tracks.newest[chosen, : self._dim]
         return Partition(tracks.slot, groups, np.ones(len(groups), np.bool_), confidence, position, described)
 
-    def observed(self, window: Window, rows: Rows) -> None:
-        """Nothing to do: all is read at updates."""
-
-    def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
-        """Nothing to do."""
-
-    def forgetting(self, window: Window, slots: Slots) -> None:
-        """Nothing to do: keys are never used again."""
-
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
         return same_body(self._chances)
-
-    def poses(self, ids: Labels) -> Poses | None:
-        """Bodies and their poses over the window as of the last update; None where there was nothing.
-
-        `ids` int64 [K] are the hypotheses of the last partition's groups.
-        """
-        return None if self._last is None else poses_of(*self._last, ids)
 
     def motions(
         self, ids: Labels, references: Mapping[int, PoseReference], wanted: Collection[int]
@@ -170,7 +150,7 @@ class RigidMethod:
         if self._last is None:
             return {}
         known = {one: (k, references[one]) for k, one in enumerate(ids.tolist()) if one in references}
-        return anchored_motions(*self._last[1:], {one: known[one] for one in wanted if one in known})
+        return anchored_motions(*self._last, {one: known[one] for one in wanted if one in known})
 
     def state(self) -> dict[str, Any]:
         """The registration of the sources, and what is believed of hypotheses."""
@@ -187,7 +167,7 @@ class RigidMethod:
         """The bodies and their trajectories, and whether others were sought."""
         followed = None if is_large(scene) else follow(scene, self._belief, self._config)
         now = None if followed is None else (followed.excess, followed.assignment.labels == OUTLIER)
-        if self._due(scene, scene.frames.key[unexplained(scene, now)]):
+        if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
             return search(scene, self._config), True
         return followed or follow(scene, self._belief, self._config), False
 
@@ -200,7 +180,7 @@ class RigidMethod:
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
         self._odd = {key: at for key, at in self._odd.items() if now_ns - at < _ODD_SHARE * span_ns}
         old = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
-        if self.searching and (old or not self._odd.keys() >= set(odd.tolist())):
+        if old or not self._odd.keys() >= set(odd.tolist()):
             self._searched_ns = now_ns
             self._odd |= dict.fromkeys(odd.tolist(), now_ns)
             return True
