@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.assignment import carry, closing_losses
 from comotion.rigid.kernels.correlation import newest_frames, variograms
-from comotion.rigid.kernels.differences import direction_variances
+from comotion.rigid.kernels.differences import difference_covariances
 from comotion.rigid.kernels.distances import (
     deviation_from,
     distance_deviation,
@@ -338,12 +338,14 @@ def test_columns_of_a_window_are_summed_up(rng):
 def test_noise_is_the_mean_third_difference_without_the_wild(rng):
     observations = observations_of(rng, 3)
     times, positions, start, stop = observations
-    gap, along = np.full(3, 100_000_000), np.eye(positions.shape[1])[:1]
-    found, _ = direction_variances(observations, gap, np.arange(3), along, 1000)
+    gap, directions = np.full(3, 100_000_000), np.array([[1.0, 0, 0], [0, 0.6, 0.8]])
+    found, _ = difference_covariances(observations, gap, np.arange(3), directions, 1000)
     for i, (a, b) in enumerate(zip(start, stop, strict=True)):
-        squares = np.array(plain.third_differences(times[a:b], positions[a:b, :1], gap[i]))
-        usual = squares[squares <= 9 / 0.45494 * np.median(squares)] if len(squares) else np.zeros(1)
-        assert found[i, 0] == pytest.approx(usual.mean() / 0.9733, rel=1e-6)
+        differences = plain.third_differences(times[a:b], positions[a:b], gap[i])
+        squares = (differences @ directions.T) ** 2
+        usual = (squares <= 9 / 0.45494 * np.median(squares, 0)).all(1) if len(squares) else []
+        expected = differences[usual].T @ differences[usual] / max(np.sum(usual), 1) / 0.96
+        np.testing.assert_allclose(found[i], expected, rtol=1e-6, atol=1e-300)
 
 
 @few

@@ -10,7 +10,7 @@ from comotion import Fusion, FusionConfig
 from comotion.config import RigidConfig
 from comotion.matching import continued, largest_total
 from comotion.rigid.costs import Costs, costs
-from comotion.rigid.kernels.differences import direction_variances
+from comotion.rigid.kernels.differences import difference_covariances
 from comotion.rigid.kernels.records import ROUND, Observations
 from comotion.rigid.noise import DIRECTIONS, NoiseEstimates, noise_covariances, shrunk
 from comotion.rigid.procrustes import align, fit_body, static_body
@@ -99,9 +99,10 @@ def test_noise_ignores_motion_and_uneven_sampling():
     t = times * 1e-9
     path = np.stack([0.3 * np.sin(t), 0.2 * t, np.cos(0.7 * t)], 1)
     noisy = Observations(times, path + rng.normal(0, 0.004, path.shape), np.array([0]), np.array([2000]))
-    variance, count = direction_variances(noisy, np.array([NS]), np.array([0]), DIRECTIONS[3], 500)
+    covariance, count = difference_covariances(noisy, np.array([NS]), np.array([0]), DIRECTIONS[3], 500)
     assert count[0] > 400
-    np.testing.assert_allclose(np.sqrt(variance[0]), 0.004, rtol=0.12)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance[0])), 0.004, rtol=0.12)
+    assert np.abs(covariance[0] - np.diag(np.diag(covariance[0]))).max() < 0.15 * 0.004**2
 
 
 @pytest.mark.parametrize("dim", [2, 3])

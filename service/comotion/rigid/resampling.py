@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps
 from ..config import RigidConfig
-from .kernels.differences import direction_variances
+from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations, RowArrays
 from .kernels.resampling import all_finite, correct, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
@@ -295,7 +295,7 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
     for arm in _ARMS * _ARM_LENGTH * tracks.extent:
         ends = Observations(times, positions + orientations.apply(arm), start, stop)
         every = np.arange(len(own))
-        noise = direction_variances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
+        noise = difference_covariances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
         found.append(_Curves(True, own, ends, *noise))
     return found
 
