@@ -10,7 +10,7 @@ from comotion_schemas import ObservationBatch
 
 from .stats import Stats
 
-# Faults that nobody has asked for yet; a trace is cut.
+# Faults that nobody has read yet; a trace is cut.
 _MOST_FAULTS = 32
 _MAX_TRACE = 8000
 

@@ -69,7 +69,7 @@ class Stats(Account):
     observations
         Rows that were stored.
     duplicate_rows, refused_rows
-        Rows stored before; rows of batches that were fused for which there was no room, or that came back
+        Rows stored before; rows of batches that were fused that were beyond a bound, or that came back
         after their end.
     reordered
         Batches with rows stored behind the watermark.

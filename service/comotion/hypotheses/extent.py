@@ -180,7 +180,7 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     """Axes of a small box around points, float64 [dim, dim] as columns; the last ones if they are as good.
 
     The candidates share an axis with the principal axes of the points. The size of a box is half its
-    surface, in 2-D half its outline, which tell flat boxes apart.
+    surface, in 2-D half its outline, which distinguish flat boxes.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class Trace:
 class Newcomer:
     """A group: keys int64 [n] and positions float64 [n, dim] of its current members.
 
-    `static` tells whether it is the method's static body.
+    `static` says whether it is the method's static body.
     """
 
     keys: Stamps

@@ -89,7 +89,7 @@ class Registry:
         self.labels = LabelMemory(ids, established=established)
 
     def previous(self, window: Window) -> Previous:
-        """What a method is told of the last update."""
+        """What a method learns of the last update."""
         return self.labels.previous(window)
 
     def update(

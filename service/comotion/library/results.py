@@ -139,7 +139,7 @@ class Grouping:
         Parameters
         ----------
         path
-            File to write; its suffix tells the format. None: none.
+            File to write; its suffix is the format. None: none.
         names
             Names of hypotheses by id.
 

@@ -233,7 +233,7 @@ class _Loop:
             self._last = self._publish(update)
         with self._guard("housekeeping"):
             for fault in self._fusion.faults():
-                self._guard.tell(fault.what, fault.error, fault.trace)
+                self._guard.log(fault.what, fault.error, fault.trace)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:

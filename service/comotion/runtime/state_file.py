@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 def default_path(scene: str, endpoints: Iterable[str]) -> Path:
-    """Where the state of a scene is kept unless something else is asked for.
+    """Where the state of a scene is kept unless an option says otherwise.
 
     Parameters
     ----------

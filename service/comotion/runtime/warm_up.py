@@ -78,8 +78,8 @@ def _compiled_apart(config: FusionConfig) -> Iterator[None]:
     except OSError:
         return
     with process:
-        assert process.stdin is not None  # noqa: S101 - as asked
-        assert process.stdout is not None  # noqa: S101 - as asked
+        assert process.stdin is not None  # noqa: S101 - it was opened with a pipe
+        assert process.stdout is not None  # noqa: S101 - it was opened with a pipe
         with suppress(OSError):
             process.stdin.write(config.model_dump_json())
             process.stdin.close()
