@@ -1,4 +1,4 @@
-"""Newest positions of all sources of a space in; which further rows are no places of this scene, out.
+"""Refuses rows that are far outside of what the sources of a space see.
 
 One source that measures in another unit, or whose numbers are wild, must not spoil what the others see: a
 body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other

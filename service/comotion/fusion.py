@@ -1,4 +1,4 @@
-"""The face of the core: observation batches in, hypothesis updates out. No clock, no I/O, deterministic.
+"""The face of the core: fuses observation batches into updates. No clock, no I/O, deterministic.
 
     batch -> event time -> space: trajectories -> method -> hypotheses -> joints
           -> assembly -> links -> update

@@ -1,4 +1,4 @@
-"""Hypotheses in a frame that is carried in; the same relative to the world, and where the frame is, out.
+"""Describes hypotheses of a carried frame relative to the world, and finds where the frame is.
 
 The frame of a carried camera moves, so what is at rest moves in it. The world is the body that most of the
 scene agrees on: the one with the most features, weighted with how widely they are spread. The first one must

@@ -1,4 +1,4 @@
-"""Stored instants in; sources whose ids or unit cannot be right out, for as long as their data shows it.
+"""Notices sources whose ids or unit cannot be right, for as long as their data shows it.
 
 Three mistakes make data useless though each batch is well formed:
 

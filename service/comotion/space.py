@@ -1,4 +1,4 @@
-"""Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
+"""One space: stores its released instants, and groups its trajectories at each update."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace

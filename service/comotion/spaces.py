@@ -1,4 +1,4 @@
-"""Released instants of all spaces in; updates of each space out. One that fails is built anew.
+"""All spaces of a scene, each updated alone. One that fails is built anew.
 
 A fault in a space costs what it has derived, at worst its trajectories; never the service, nor another space.
 Bounds are kept here: of spaces, and of trajectories, of which each source has its share.
@@ -282,7 +282,7 @@ class Spaces:
         return self.at_ns - self._fed_ns.get(name, 0) > to_ns(self.config.limits.release)
 
     def _admit_space(self) -> bool:
-        """Whether one more space is admitted; where there are too many, the one without data for longest goes."""
+        """Whether one more space is admitted; of too many, the one without data for longest goes."""
         if len(self._spaces) < self.config.limits.spaces:
             return True
         name = min(self._spaces, key=lambda one: self._fed_ns.get(one, 0))

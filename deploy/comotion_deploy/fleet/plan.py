@@ -1,4 +1,4 @@
-"""What is in etcd in; which agent should claim which free place, and which places should be given up, out.
+"""Plans which agent should claim which free place, and which places should be given up.
 
 Pure functions: every agent computes the same plan from the same entries and does its own part of it.
 """

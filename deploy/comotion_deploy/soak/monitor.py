@@ -1,4 +1,4 @@
-"""Updates and Statuses of the service in; out come gaps, ids that changed and ids that were used twice.
+"""Watches a soak for gaps, ids that changed and ids that were used twice.
 
 The truth is in the ids of the features: see :mod:`.load`. The label of a body is the hypothesis that most
 of its features have. A label counts once it has lasted for a while and each body has a hypothesis of its own.

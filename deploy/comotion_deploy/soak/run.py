@@ -1,4 +1,4 @@
-"""Options in; a scene runs under faults; what was found out.
+"""Runs a scene under faults, and collects what goes wrong.
 
 The loop looks at everything ten times a second: it starts what has ended, carries out what is due, and
 measures. One fault is carried out at a time.

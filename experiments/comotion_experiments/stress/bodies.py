@@ -10,7 +10,7 @@ from comotion_sources.simulator.spec import Sines
 from .lives import cut, replaced
 from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
 from .scene import Body, Happening, Scene, Slip, Source, rng_of
-from .worlds import background, box, lives_of, respawning, swinging_scene, swinging
+from .worlds import background, box, lives_of, respawning, swinging, swinging_scene
 
 _RAMP_S = 0.3
 

@@ -7,7 +7,7 @@ import numpy as np
 from .lives import cut
 from .motion import at_speed, looped
 from .scene import Body, Event, Happening, Scene, Source, rng_of
-from .worlds import background, displaced, lives_of, respawning, swinging_scene, swinging_body
+from .worlds import background, displaced, lives_of, respawning, swinging_body, swinging_scene
 
 _DEMO_SPEED = 12.0 / 38.0
 _RATES = (15.0, 30.0, 100.0)

@@ -1,4 +1,4 @@
-"""What things cost and who causes it in; who may go on, out: a deficit round robin over sources.
+"""Shares time among sources by what they cost: a deficit round robin.
 
 In each round the time that may be spent is shared evenly among those who have something to do. Who spends
 more than its share owes the rest: it waits until later shares have paid for it. What others leave of theirs

@@ -1,4 +1,4 @@
-"""Exceptions in; what failed, and for whom, out. A fault costs a batch or a space, not the service."""
+"""Collects what failed, and for whom. A fault costs a batch or a space, not the service."""
 
 import traceback
 from collections import deque

@@ -1,4 +1,4 @@
-"""Batches that wait for the watermark in; their instants in time order, and the ends of sessions, out.
+"""Holds batches until the watermark has passed, and releases their instants in time order.
 
 These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded for each source here too.
 """

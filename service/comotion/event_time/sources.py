@@ -1,4 +1,4 @@
-"""Stamps and sessions of sources in; which ones there are, send and agree, and their health, out."""
+"""The sources of a scene: which are live, send and agree, and their health."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

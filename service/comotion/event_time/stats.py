@@ -1,4 +1,4 @@
-"""What happens to batches, rows and updates in; the counters of Status, and an account of every session, out.
+"""Counts batches, rows and updates for Status, with an account of every session.
 
 Each batch that reaches the service is in exactly one of these: fused, partly late, late, duplicate, rejected
 by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.

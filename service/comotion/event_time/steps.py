@@ -1,4 +1,4 @@
-"""Batches whose stamps are far from now in; whether to wait, to follow their clock or to judge them out.
+"""Judges batches whose stamps are far from now: wait, follow their clock, or refuse.
 
 One wrong clock must not move the time of a scene. But when a clock is set that all sources share, all of
 them are wrong at once, and the scene follows them:

@@ -1,4 +1,4 @@
-"""Batches of many sources in, in any order; instants in time order and ended sessions out.
+"""Merges batches of many sources, in any order, into one time line.
 
 Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
 stamps are compared with. `at_ns` is when something arrived; it must never be set. Without it, `now_ns` is

@@ -1,4 +1,4 @@
-"""Members and poses of hypotheses in, their boxes out: the extent of the members ever seen.
+"""Boxes of hypotheses: the extent of the members ever seen.
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
 feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where

@@ -1,4 +1,4 @@
-"""Partitions in, hypothesis ids by slot out: one memory of labels for all methods."""
+"""Gives each group the id of the hypothesis that it continues: one memory of labels for all methods."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass

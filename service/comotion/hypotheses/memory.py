@@ -1,4 +1,4 @@
-"""Hypotheses as last seen in; which of them a new group is, by its features, place and extent, out."""
+"""Remembers absent hypotheses, and recognises them by features, place and extent."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

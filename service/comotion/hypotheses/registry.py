@@ -1,4 +1,4 @@
-"""Partitions in; labels, hypotheses and events out: identity, confirmation and memory of one space.
+"""Identity, confirmation and memory of the hypotheses of one space.
 
 The steps of an update:
 

@@ -1,4 +1,4 @@
-"""Spaces as of an update in, the joints between their hypotheses and the events of joints out.
+"""Joints between the hypotheses of all metric spaces, and their events.
 
 Every pair of confirmed hypotheses that may touch is judged in turn, a few at an update. What is published of
 a joint between two judgements follows from the poses and velocities of its hypotheses.

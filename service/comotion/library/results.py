@@ -1,4 +1,4 @@
-"""What grouping has found: updates and labels in; hypotheses, motion, joints, tables and plots out."""
+"""The result of grouping: labels, hypotheses, motion, joints, tables and plots."""
 
 from __future__ import annotations  # help() shows short types
 

@@ -1,4 +1,4 @@
-"""Online: positions of features at one instant in, the newest update out."""
+"""Groups features online, one instant at a time."""
 
 from __future__ import annotations  # help() shows short types
 

@@ -1,4 +1,4 @@
-"""Exceptions in; a bounded log of them with their traces out. The service goes on."""
+"""Keeps the service running after an exception; logs defects with their traces, within bounds."""
 
 import logging
 import time

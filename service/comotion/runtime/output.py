@@ -1,4 +1,4 @@
-"""Computed updates in; while this service speaks for its scene, published updates and answered queries out.
+"""Publishes updates and answers queries while this service is the one of its scene.
 
 A standby computes the same updates and keeps them to itself. It follows the ids of what the active service
 publishes, and watches the active service's liveliness token.

@@ -1,4 +1,4 @@
-"""The liveliness tokens of a scene's services in; out comes whether this one may speak for the scene.
+"""Decides by liveliness tokens whether this service may publish for its scene.
 
 Without an election (:mod:`.election`) one service has a scene, and the others refuse:
 

@@ -1,4 +1,4 @@
-"""Zenoh samples of observations in, one bounded queue of them per source out.
+"""Keeps the samples of each source in a bounded queue of its own.
 
 With a ring per source, a source that floods cannot displace the others' data. What its ring displaces shows
 as a gap in `seq`, and is counted as overflow. Rings count samples: a thread empties them all the time, while

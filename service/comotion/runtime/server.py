@@ -1,4 +1,4 @@
-"""Options in; a fusion service on the wire out: the loop between Zenoh and the core.
+"""Runs the fusion service: the loop between Zenoh and the core.
 
 Every turn of the loop takes in what has arrived, and either fuses ahead of time or, when a deadline is
 near, computes the next update and publishes it at the deadline. Everything runs on the loop's thread but

@@ -1,4 +1,4 @@
-"""Statuses of sources in; how far their clocks are ahead of the service's out; if wanted, corrected batches.
+"""Measures how far the clocks of sources are ahead of the service's; corrects batches if wanted.
 
 Each source sends a Status a second, stamped by its host's clock. With the round trip of a query to the cache
 of that publisher, it tells the difference of the clocks within half of the round trip. Stamps of observations

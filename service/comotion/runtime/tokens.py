@@ -1,4 +1,4 @@
-"""Liveliness tokens of sources in; which sources are there, out."""
+"""Knows which sources are present, by their liveliness tokens."""
 
 import logging
 from typing import Any

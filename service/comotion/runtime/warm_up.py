@@ -1,4 +1,4 @@
-"""Fusion parameters in; out comes a process in which everything a method needs is imported and compiled.
+"""Imports and compiles all that a method needs, in a process of its own.
 
 Compiling takes many seconds on the first start on a machine, and is kept on disk from then on. Without
 this, the first updates would be late by as much.

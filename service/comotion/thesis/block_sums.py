@@ -1,4 +1,4 @@
-"""Samples in, sums of every pair of trajectories and affinities out: (3.3) and (3.4) without the history.
+"""Sums over every pair of trajectories, and affinities from them: (3.3) and (3.4) without the history.
 
 Each trajectory has a row. 64 consecutive rows are a strip, and two strips make a block of 64 x 64 pairs. The
 blocks of the lower triangle lie one after the other, so that an update goes through memory once, however

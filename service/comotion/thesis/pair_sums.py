@@ -1,4 +1,4 @@
-"""Changes of the window in, affinities of all pairs out: :mod:`~comotion.thesis.equations`, incrementally.
+"""Affinities of all pairs by :mod:`~comotion.thesis.equations`, computed incrementally.
 
 Nothing is computed when an observation comes in: the samples (3.5) that it brings follow from what the window
 holds and from how much of it has been taken in already. They are taken into the sums of (3.3) all at once,

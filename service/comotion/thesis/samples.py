@@ -1,4 +1,4 @@
-"""Window and instants in, distance samples of pairs out: who has a state when, and which pairs it concerns.
+"""Samples the distances of pairs: which trajectories have a state when, and which pairs it concerns.
 
 At an instant at which trajectory i was observed, i and j have one distance sample if j has a state there: it
 is observed too, or inside a segment (between two observations) that is short enough to interpolate (3.5).

@@ -1,4 +1,4 @@
-"""Chunks of an MCAP file in; an error out where one would unpack to more than a recorder writes."""
+"""Refuses chunks of an MCAP file that would unpack to more than a recorder writes."""
 
 import io
 import struct
