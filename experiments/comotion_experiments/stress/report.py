@@ -122,7 +122,7 @@ _TERMS = """\
   3 s. **kept**: share of bodies that kept their id.
 - **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
 - **spurious**: events a minute beyond the true ones. **switches**: tracks whose hypothesis differs from that
-  of the update before, per 100. **K**: hypotheses, and bodies that are apart."""
+  of the update before, per 100."""
 
 _MARKDOWN = (
     ("nmi_apart", "NMI", 3),
@@ -133,7 +133,6 @@ _MARKDOWN = (
     ("ids", "ids", 1),
     ("spurious", "spurious", 0),
     ("switches", "switches", 1),
-    ("hypotheses", "K", 1),
 )
 
 
@@ -158,13 +157,12 @@ def _group(results: Results, group: str) -> str:
     lines = [
         f"## {group[0].upper()}{group[1:]}",
         "",
-        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " | true K |",
-        "|---|---|" + "---:|" * (len(columns) + 1),
+        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " |",
+        "|---|---|" + "---:|" * len(columns),
     ]
     for name, row in rows.items():
         cells = [" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns]
-        bodies = _number(row[0]["bodies"], 1)
-        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + f" | {bodies} |")
+        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
