@@ -88,7 +88,7 @@ class RunAgent(Cluster, Ready, Session):
 
 @dataclass(kw_only=True)
 class Add(Cluster):
-    """Add a scene to the fleet; agents with room serve it."""
+    """Add a scene to the fleet; agents with a free place serve it."""
 
     epilog = "Example:\n  comotion fleet add kitchen --one -- --method thesis"
 
