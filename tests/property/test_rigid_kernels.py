@@ -174,7 +174,7 @@ def test_a_body_has_one_pose_for_each_rest(rng, moves_from, moves_for):
     posed = rng.random(60) < 0.9
     expected = plain.settled(w, noise, b, 6, (R, t, posed))
     rests = np.zeros(60, bool)
-    settle(w.T.copy(), 1 / noise, metrics_of(6), b.T.copy(), 3, 6, PoseArrays(R, t, posed), rests)
+    settle(w.T.copy(), 1 / noise, metrics_of(6), b.T.copy(), 3, 6, 8.0, PoseArrays(R, t, posed), rests)
     for one, other in zip((R, t, rests), expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
     assert not rests[moving.start + 1 : moving.stop - 1].any()
