@@ -14,6 +14,14 @@ KnownError = Error
 """Name of the error within the packages."""
 
 
+class InputError(Error):
+    """An input cannot be used; the base of the errors of all readers."""
+
+
+class RecordingError(InputError):
+    """A recording is missing, truncated, empty or of an unknown format."""
+
+
 def describe(error: ValidationError) -> str:
     """Format the first validation error as one line: field, then message."""
     first = error.errors(include_url=False)[0]

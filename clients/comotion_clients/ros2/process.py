@@ -16,7 +16,6 @@ from comotion_schemas.transport import SessionSettings, open_session
 
 from ..inbox import Closed
 from ..subscription import Subscription
-from .bag import Bag
 from .messages import Converter
 from .names import Node, attachment, topic_chunk, topic_key
 from .types import to_cdr, type_hash
@@ -90,6 +89,8 @@ def run(
     with ExitStack() as stack:
         outputs: list[Any] = []
         if options.bag is not None:
+            from .bag import Bag
+
             outputs.append(stack.enter_context(Bag(options.bag)))
         component = stack.enter_context(presence)
         if options.network:
