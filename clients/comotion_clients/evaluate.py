@@ -12,11 +12,11 @@ import zenoh
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import Component, viewer_name
 from comotion_schemas.errors import KnownError
+from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
 from .joint_rows import plain
 from .metrics import Score, Truth
-from .progress import reporting
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
 from .subscription import Subscription
 from .watch_columns import number

@@ -161,7 +161,7 @@ class Batcher:
     ) -> None:
         self._builder = builder
         self._objects = objects
-        self._epoch_ns = epoch_ns
+        self.epoch_ns = epoch_ns
         self._publish_sigma = publish_sigma
         self._known: set[int] = set()
         self._ended: list[NDArray[np.uint64]] = []
@@ -177,7 +177,7 @@ class Batcher:
         ended = np.concatenate([*self._ended, frame.ended])
         self._ended.clear()
         yield self._builder.observation(
-            stamp_ns=self._epoch_ns + round(frame.t * NANOSECONDS),
+            stamp_ns=self.epoch_ns + round(frame.t * NANOSECONDS),
             ids=frame.ids,
             positions=frame.positions,
             sigma=_sigma(frame) if self._publish_sigma else None,

@@ -1,25 +1,20 @@
 """The replay process for recorded scenes: MCAP file -> messages of all its sources on their own keys."""
 
-import contextlib
 import logging
-import os
-import select
-import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.component import Component, StatusFields
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import StreamKind
-from comotion_schemas.qos import Kind
+from comotion_schemas.keys import Kind, StreamKind
+from comotion_schemas.message_log import Logged, MessageLog
 from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
 
-from .message_player import KINDS, MessagePlayer, MessageSchedule
-from .progress import shown_progress
-from .recordings.messages import Logged, MessageLog
+from .message_tape import KINDS, MessageSchedule, MessageTape
+from .playback import replay_keys, shown_progress
+from .player import Player
 
 _log = logging.getLogger(__name__)
 
@@ -118,17 +113,16 @@ def run(
         for name, source in sources.items():
             source.open(stack, streams[name])
         last = next(reversed(sources.values()))
-        read_key = stack.enter_context(keyboard())
+        read_key = stack.enter_context(replay_keys())
         _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(sources))
         with shown_progress(path.stem, log.seconds) as progress:
-            player = MessagePlayer(
-                log,
-                _Scene(sources),
-                schedule,
+            player = Player(
+                MessageTape(log, _Scene(sources), schedule),
+                schedule.at(time.time()),
                 # Signals reach the component that was entered last.
                 last.component.stop,
                 read_key=read_key,
-                progress=progress,
+                progress=lambda number, t: progress(number, schedule.start + t),
             )
             last.component.ready()
             player.run()
@@ -153,27 +147,3 @@ def _sources(
         name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)
         for name in names
     }, streams
-
-
-@contextlib.contextmanager
-def keyboard() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns a pressed key, or "" without a key press or terminal."""
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        yield lambda: ""
-        return
-    import termios
-    import tty
-
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
-    try:
-        yield (
-            lambda: (
-                os.read(descriptor, 1).decode(errors="replace")
-                if select.select([descriptor], [], [], 0)[0]
-                else ""
-            )
-        )
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

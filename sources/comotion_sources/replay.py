@@ -11,9 +11,8 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import SessionSettings
 
 from .parts import Part
-from .playback import publish
+from .playback import publish, replay_keys, shown_progress
 from .player import Schedule
-from .progress import shown_progress
 from .recordings import Recording, recording_streams
 from .streams import Stream
 
@@ -131,4 +130,5 @@ def run(
             ready_file=ready_file,
             message=f"replays {recording.name}",
             progress=progress,
+            keys=replay_keys(),
         )

@@ -10,9 +10,9 @@ from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.component import Component, StatusFields
 from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
+from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
-from ..progress import reporting
 from .file import StorageError
 from .intake import Intake, PendingPayloads
 from .series import Series, SeriesOptions

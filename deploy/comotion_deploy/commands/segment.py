@@ -182,7 +182,7 @@ def _print_summary(found: "Segmented") -> None:
 def _progress(what: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
     from comotion.library.compiling import tell_of_compiling
-    from comotion_clients.progress import reporting
+    from comotion_schemas.terminal import reporting
 
     tell_of_compiling()
     name = Path(what).name

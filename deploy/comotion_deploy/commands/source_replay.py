@@ -145,7 +145,7 @@ def _replay_scene(
 ) -> None:
     try:
         from comotion_sources import message_replay, player
-        from comotion_sources.message_player import MessageSchedule
+        from comotion_sources.message_tape import MessageSchedule
     except ImportError as error:
         raise missing_extra("record", error) from None
     instant = player.parse_start(start_at)
