@@ -16,7 +16,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -80,6 +80,20 @@ class StatusFields:
     clock_offsets: dict[str, float] = field(default_factory=dict)
     hangs: bool = False
     problems: list[Problem] = field(default_factory=list)
+
+
+class Rates:
+    """Rates of counters between two Statuses."""
+
+    def __init__(self) -> None:
+        self._at, self._counts = time.monotonic(), dict[str, int]()
+
+    def of(self, counts: Mapping[str, int]) -> dict[str, float]:
+        """Increments per second since the last call; a new name begins at 0."""
+        now, before = time.monotonic(), self._counts
+        seconds = max(now - self._at, 1e-3)
+        self._at, self._counts = now, dict(counts)
+        return {name: (count - before.get(name, 0)) / seconds for name, count in counts.items()}
 
 
 @contextmanager

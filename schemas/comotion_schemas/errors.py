@@ -1,5 +1,8 @@
 """The error of those who call or configure us, apart from defects of our own."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from pydantic import ValidationError
 
 
@@ -28,3 +31,12 @@ def describe(error: ValidationError) -> str:
     place = ".".join(str(part) for part in first["loc"])
     message = " ".join(first["msg"].removeprefix("Value error, ").split())
     return f"{place}: {message}" if place else message
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Raise a validation error as an :class:`Error` with one line."""
+    try:
+        yield
+    except ValidationError as error:
+        raise Error(describe(error)) from None

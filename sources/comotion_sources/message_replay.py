@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.component import Component, Rates, StatusFields
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.message_log import Logged, MessageLog
@@ -32,7 +32,7 @@ class _Source:
     ) -> None:
         self.counters = {"batches": 0, "skipped": 0}
         self._message = message
-        self._reported = (time.monotonic(), 0)
+        self._rates = Rates()
         self._publishers: dict[Kind, Publisher] = {}
         decoded = first.decode()
         self.component = Component(
@@ -58,11 +58,8 @@ class _Source:
         self.counters["batches"] += kind == "obs"
 
     def _status(self) -> StatusFields:
-        now, batches = time.monotonic(), self.counters["batches"]
-        before, reported = self._reported
-        self._reported = (now, batches)
-        rate = (batches - reported) / max(now - before, 1e-3)
-        return StatusFields(rates={"obs": rate}, counters=dict(self.counters), message=self._message)
+        rates = self._rates.of({"obs": self.counters["batches"]})
+        return StatusFields(rates=rates, counters=dict(self.counters), message=self._message)
 
 
 class _Scene:

@@ -1,22 +1,17 @@
 """Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
 
 import logging
-import queue
-import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import zenoh
-
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.transport import SessionSettings, open_session
 
+from ..received import Received
 from ..runtime import SourcePublisher
 from .convert import Converter, MessageError, Observed, kind_of
 
-_QUEUE_CAPACITY = 2000
-_IDLE_S = 0.1
 _log = logging.getLogger(__name__)
 
 
@@ -70,27 +65,20 @@ def run(
         ready_file=ready_file,
         message=f"ROS topic {what.topic}",
     )
-    received: queue.SimpleQueue[tuple[str, bytes, int]] = queue.SimpleQueue()
-
-    def receive(sample: zenoh.Sample) -> None:
-        if received.qsize() < _QUEUE_CAPACITY:
-            received.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
-        else:
-            source.count("lost")
-
+    received = Received(source)
     with source, ExitStack() as stack:
         session = source.component.session
         if what.ros is not None:
             session = stack.enter_context(open_session(what.ros))
-        subscriber = session.declare_subscriber(f"{what.domain}/{what.topic.strip('/')}/*/*", receive)
+        subscriber = session.declare_subscriber(
+            f"{what.domain}/{what.topic.strip('/')}/*/*", received.receive
+        )
         stack.callback(subscriber.undeclare)
         source.ready()
         relay = _Relay(source, what)
-        while not source.stop.is_set():
-            try:
-                relay.take(*received.get(timeout=_IDLE_S))
-            except queue.Empty:
-                continue
+        for arrival in received:
+            if arrival is not None:
+                relay.take(*arrival)
 
 
 class _Relay:
