@@ -22,8 +22,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypedDict
 
 import zenoh
 
@@ -94,6 +93,14 @@ class Rates:
         seconds = max(now - self._at, 1e-3)
         self._at, self._counts = now, dict(counts)
         return {name: (count - before.get(name, 0)) / seconds for name, count in counts.items()}
+
+
+class Where(TypedDict, total=False):
+    """Where a component runs and how it says that it is ready, as in :class:`Component`."""
+
+    scene: str
+    settings: SessionSettings | None
+    ready_file: Path | None
 
 
 @contextmanager
@@ -240,9 +247,7 @@ class Component:
             self._exit = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._exit.close()
 
     def ready(self) -> None:

@@ -4,13 +4,13 @@ import logging
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.component import Component, Rates, StatusFields
+from comotion_schemas.component import Component, Rates, StatusFields, Where
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.message_log import Logged, MessageLog
-from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
+from comotion_schemas.transport import Publisher, stream_publisher
 
 from .message_tape import KINDS, MessageSchedule, MessageTape
 from .playback import replay_keys, shown_progress
@@ -22,14 +22,7 @@ _log = logging.getLogger(__name__)
 class _Source:
     """One recorded source: its component and the publishers of its streams."""
 
-    def __init__(
-        self,
-        first: Logged,
-        scene: str,
-        settings: SessionSettings | None,
-        message: str,
-        ready_file: Path | None,
-    ) -> None:
+    def __init__(self, first: Logged, message: str, where: Where) -> None:
         self.counters = {"batches": 0, "skipped": 0}
         self._message = message
         self._rates = Rates()
@@ -38,11 +31,9 @@ class _Source:
         self.component = Component(
             role="source",
             name=first.name,
-            scene=scene,
-            settings=settings,
             status=self._status,
-            ready_file=ready_file,
             session_id=None if decoded is None else decoded.session,
+            **where,
         )
 
     def open(self, stack: ExitStack, kinds: set[StreamKind]) -> None:
@@ -78,10 +69,7 @@ class _Scene:
 def run(
     path: Path,
     schedule: MessageSchedule,
-    *,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish a recorded scene until it ends, a signal arrives or the schedule ends.
 
@@ -94,8 +82,8 @@ def run(
         An MCAP recording.
     schedule
         Range, speed and stamps.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -106,7 +94,7 @@ def run(
         the start.
     """
     with MessageLog(path) as log, ExitStack() as stack:
-        sources, streams = _sources(log, scene, settings, ready_file)
+        sources, streams = _sources(log, where)
         for name, source in sources.items():
             source.open(stack, streams[name])
         last = next(reversed(sources.values()))
@@ -128,9 +116,7 @@ def run(
             _log.warning("%d messages were left out: late, or invalid and so without a stamp", skipped)
 
 
-def _sources(
-    log: MessageLog, scene: str, settings: SessionSettings | None, ready_file: Path | None
-) -> tuple[dict[str, _Source], dict[str, set[StreamKind]]]:
+def _sources(log: MessageLog, where: Where) -> tuple[dict[str, _Source], dict[str, set[StreamKind]]]:
     first: dict[str, Logged] = {}
     streams: dict[str, set[StreamKind]] = {}
     for logged in log.messages(KINDS):
@@ -141,6 +127,7 @@ def _sources(
         raise KnownError(f"{log.path}: it holds no message of a source")
     message, names = f"replays {log.path.stem}", sorted(first)
     return {
-        name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)
+        # The last one says that all are ready.
+        name: _Source(first[name], message, where if name == names[-1] else {**where, "ready_file": None})
         for name in names
     }, streams

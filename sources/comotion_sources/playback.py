@@ -3,12 +3,11 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Unpack
 
-from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch
+from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas.component import Where
 from comotion_schemas.terminal import keyboard, reporting
-from comotion_schemas.transport import SessionSettings
 
 from .frames import NANOSECONDS, Batcher, Frame, MessageBuilder, in_time_order
 from .player import Player, Progress, Schedule
@@ -100,13 +99,11 @@ def publish(
     streams: Sequence[Stream],
     schedule: Schedule,
     *,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
     publish_sigma: bool = False,
     message: str = "",
     progress: Progress | None = None,
     keys: AbstractContextManager[Callable[[], str]] | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish streams as sources of a scene until they end, a signal arrives or the schedule ends.
 
@@ -116,8 +113,6 @@ def publish(
         One per source.
     schedule
         When frames are due, and their stamps.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
     publish_sigma
         Publish the noise if a frame has it.
     message
@@ -126,6 +121,8 @@ def publish(
         Called at every frame.
     keys
         Gives the keys by which playback is paused; None: it cannot be.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -140,11 +137,10 @@ def publish(
                 space=stream.space,
                 unit=stream.unit,
                 dim=stream.dim,
-                scene=scene,
-                settings=settings,
-                ready_file=ready_file if number == len(streams) else None,
                 rate=stream.rate * schedule.pace,
                 message=message,
+                # The last one says that all are ready.
+                **(where if number == len(streams) else {**where, "ready_file": None}),
             )
             publishers.append(stack.enter_context(publisher))
         tape = StreamTape(streams, publishers, live_stamps=schedule.live_stamps, publish_sigma=publish_sigma)

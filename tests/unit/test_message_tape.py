@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from comotion_experiments.inputs import in_order_of_acquisition
-from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, decode, encode
+from comotion_schemas import JointStates, Keys, TruthBatch, decode, encode
 from comotion_sources.errors import RecordingError
 from comotion_sources.message_tape import MessageSchedule, MessageTape, Restamp
 from comotion_sources.player import Clock, Player
 from comotion_sources.recordings.messages import Logged, MessageLog, logged_batches
+
+from .. import messages
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND
@@ -37,17 +39,8 @@ class SimulatedClock(Clock):
 
 
 def batch(source, seq, stamp_ns, **fields):
-    return ObservationBatch(
-        source=source,
-        session="a" * 16,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=stamp_ns,
-        ids=np.array([1, 2], np.uint64),
-        positions=np.zeros((2, 3), np.float32),
-        **fields,
+    return messages.batch(
+        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, ids=np.array([1, 2], np.uint64), **fields
     )
 
 

@@ -16,7 +16,6 @@ Optional files that the TUM format does not define::
 from collections.abc import Iterator, Mapping
 from io import TextIOBase
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -225,9 +224,7 @@ class TumWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _list(self, kind: str) -> TextIOBase:

@@ -2,12 +2,11 @@
 
 import logging
 from collections.abc import Mapping
-from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.component import Where
 
 from ..runtime import SourcePublisher
 from .joint_readers import JointReader
@@ -28,9 +27,7 @@ def run(
     truth: Mapping[str, tuple[int, str]] | None = None,
     name: str = "proprioception",
     space: str = "world",
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish the poses of links until the samples end or a signal arrives.
 
@@ -46,8 +43,8 @@ def run(
         Link -> (object number, name), where known (the workcell).
     name, space
         Name of the source; coordinate space of its poses.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -60,11 +57,9 @@ def run(
         space=space,
         unit="m",
         dim=3,
-        scene=scene,
-        settings=settings,
-        ready_file=ready_file,
         rate=1.0 / max(packing.span, 1.0 / packing.rate),
         message=f"poses of {', '.join(kinematics.links)}",
+        **where,
     )
     with source:
         relay = _Relay(source, Packer(kinematics, packing))

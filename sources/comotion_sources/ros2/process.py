@@ -3,9 +3,9 @@
 import logging
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.component import Where
 from comotion_schemas.transport import SessionSettings, open_session
 
 from ..received import Received
@@ -43,9 +43,7 @@ def run(
     *,
     name: str = "ros2",
     space: str = "world",
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish the features of a topic until a signal arrives.
 
@@ -59,11 +57,9 @@ def run(
         space=space,
         unit="m",
         dim=3,
-        scene=scene,
-        settings=settings,
         drop_invalid=True,
-        ready_file=ready_file,
         message=f"ROS topic {what.topic}",
+        **where,
     )
     received = Received(source)
     with source, ExitStack() as stack:
