@@ -15,6 +15,7 @@ from .runtime import SourcePublisher
 from .streams import Stream
 
 _TERMINAL_LINE_S, _PLAIN_LINE_S = 0.2, 5.0  # between two lines of progress
+_BAR = 40  # characters of the bar on a terminal
 
 
 class Sink(Protocol):
@@ -166,7 +167,9 @@ def shown_progress(what: str, length: float) -> Iterator[Progress]:
 
         def advance(number: int, t: float) -> None:
             count = f", pass {number + 1}" if number else ""
-            report(lambda: f"{what}{count}: {t:.1f} of {length:.1f} s")
+            done = round(_BAR * min(t / length, 1.0)) if sys.stderr.isatty() else 0
+            line = f"{what}{count}: {t:.1f} of {length:.1f} s"
+            report(lambda: f"{line} {'━' * done}" if done else line)
 
         yield advance
 
