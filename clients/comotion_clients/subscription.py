@@ -103,7 +103,7 @@ class Subscription(Generic[M]):
         kind, keys = _KINDS[message], Keys(scene)
         self.counters = Counters()
         self.timeout = timeout
-        self._message = message
+        self._message: type[M] = message
         self._sequences = SequenceCounter()
         self._read: dict[str, float] = {}
         self._active = ActiveSession()

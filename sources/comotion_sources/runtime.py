@@ -1,5 +1,6 @@
 """The publisher of one source: observations and truth -> messages on its keys, with its presence."""
 
+import logging
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,9 @@ from comotion_schemas.transport import SessionSettings, client_settings, stream_
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
+
+_MOST_SAID = 20  # different texts of rejected input in the log
+_log = logging.getLogger(__name__)
 
 STALLED_S = 1.0
 """A source without a batch for this time, or 3 periods if longer, reports the state ``stalled``."""
@@ -108,6 +112,7 @@ class SourcePublisher:
         # `sent` counts the batches of the present session: the service learns what of its end never came.
         self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
         self._rejected: dict[RejectionReason, int] = {}
+        self._said: set[str] = set()
         self._rates = Rates()
         self._last_put: float | None = None
         self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
@@ -247,9 +252,12 @@ class SourcePublisher:
         """Add to a counter that appears in Status."""
         self._counters[name] = self._counters.get(name, 0) + amount
 
-    def reject(self, reason: RejectionReason) -> None:
-        """Count a rejected input by its reason; the counts appear in Status."""
+    def reject(self, reason: RejectionReason, text: str = "") -> None:
+        """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
+        if text and text not in self._said and len(self._said) < _MOST_SAID:
+            self._said.add(text)
+            _log.warning("%s: such messages are left out", text)
 
     def overrun(self) -> None:
         """Count a frame that was due and is left out."""

@@ -76,7 +76,6 @@ class _Relay:
 
     def __init__(self, source: SourcePublisher, packer: Packer) -> None:
         self._source, self._packer = source, packer
-        self._reported: set[str] = set()
         self._newest = 0
 
     def pass_on(self, sample: JointSample | None) -> None:
@@ -91,7 +90,7 @@ class _Relay:
         try:
             pack = self._packer.add(sample)
         except SampleError as error:
-            self._reject(error)
+            self._source.reject("schema", str(error))
             return
         if self._packer.stale > stale:
             self._source.count("late")
@@ -102,12 +101,6 @@ class _Relay:
         _log.warning("the stamps went back by more than a second: a new session begins")
         self._packer.restart()
         self._source.new_session()
-
-    def _reject(self, error: SampleError) -> None:
-        self._source.reject("schema")
-        if str(error) not in self._reported:
-            self._reported.add(str(error))
-            _log.warning("%s: such samples are left out", error)
 
     def _publish(self, pack: Pack | None) -> None:
         if pack is not None:

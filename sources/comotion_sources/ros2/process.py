@@ -1,6 +1,5 @@
 """Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
 
-import logging
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Unpack
@@ -11,8 +10,6 @@ from comotion_schemas.transport import SessionSettings, open_session
 from ..received import Received
 from ..runtime import SourcePublisher
 from .convert import Converter, MessageError, Observed, kind_of
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,17 +80,16 @@ class _Relay:
     def __init__(self, source: SourcePublisher, what: Ros2Source) -> None:
         self._source, self._frame = source, what.frame
         self._converter = Converter(what.pattern)
-        self._said: set[str] = set()
 
     def take(self, key: str, raw: bytes, received_ns: int) -> None:
         kind = kind_of(key)
         if kind is None:
-            self._refuse("schema", f"{key.split('/')[-2]} is not a type that can be followed")
+            self._source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
             return
         try:
             found = self._converter.convert(kind, raw, received_ns)
         except MessageError as error:
-            self._refuse("malformed", str(error))
+            self._source.reject("malformed", str(error))
             return
         for one in found:
             self._publish(one)
@@ -101,7 +97,7 @@ class _Relay:
     def _publish(self, one: Observed) -> None:
         self._frame = self._frame or one.frame
         if one.frame != self._frame:
-            self._refuse("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
+            self._source.reject("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
             return
         try:
             self._source.observe(
@@ -111,10 +107,4 @@ class _Relay:
                 stamp_ns=one.stamp_ns,
             )
         except ValueError as error:
-            self._refuse("malformed", str(error).partition("\n")[0])
-
-    def _refuse(self, reason: str, text: str) -> None:
-        self._source.reject(reason)  # type: ignore[arg-type]
-        if text not in self._said and len(self._said) < 20:
-            self._said.add(text)
-            _log.warning("%s: such messages are left out", text)
+            self._source.reject("malformed", str(error).partition("\n")[0])
