@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
-from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.component import Component, viewer
 from comotion_schemas.naming import Names
 from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
@@ -102,11 +102,7 @@ def watch(
     if options.once:
         _once(scene, settings, options)
         return
-    name = viewer_name("watch", settings)
-    presence = Component(
-        role="viewer", name=name, scene=scene, settings=settings, ready_file=options.ready_file
-    )
-    with presence as component:
+    with viewer("watch", scene, settings, ready_file=options.ready_file) as component:
         feed = _Feed(component.session, scene, options.names)
         if options.ready_file is not None:
             component.ready()

@@ -11,7 +11,7 @@ from typing import Any, Self
 import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate
-from comotion_schemas.component import Component, StatusFields, viewer_name
+from comotion_schemas.component import Component, StatusFields, viewer
 from comotion_schemas.transport import SessionSettings, open_session
 
 from ..inbox import Closed
@@ -78,11 +78,10 @@ def run(
         If the name of the scene is not valid.
     """
     options, sent, converter = options or Ros2Options(), Sent(), Converter(scene)
-    presence = Component(
-        role="viewer",
-        name=viewer_name("ros2", settings),
-        scene=scene,
-        settings=settings,
+    presence = viewer(
+        "ros2",
+        scene,
+        settings,
         status=lambda: StatusFields(counters={"messages": sum(sent.messages.values())}),
         ready_file=options.ready_file,
     )
