@@ -10,32 +10,15 @@ from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, TruthBatch, decode, encode
 from comotion_sources.errors import RecordingError
 from comotion_sources.message_tape import MessageSchedule, MessageTape, Restamp
-from comotion_sources.player import Clock, Player
+from comotion_sources.player import Player
 from comotion_sources.recordings.messages import Logged, MessageLog, logged_batches
 
 from .. import messages
+from ..simulated_clock import NOW, SimulatedClock
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND
-NOW = 1_800_000_000.0
 LATENCY_NS = 20_000_000
-
-
-class SimulatedClock(Clock):
-    """Waiting takes no time."""
-
-    def __init__(self):
-        self.passed = 0.0
-
-    def wall(self):
-        return NOW + self.passed
-
-    def monotonic(self):
-        return 5.0 + self.passed
-
-    def wait(self, stop, seconds):
-        self.passed += 0.0 if stop.is_set() else seconds
-        return stop.is_set()
 
 
 def batch(source, seq, stamp_ns, **fields):

@@ -9,27 +9,10 @@ from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.frames import Frame, MessageBuilder
 from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
 from comotion_sources.playback import StreamTape
-from comotion_sources.player import Clock, Player, Schedule, parse_start
+from comotion_sources.player import Player, Schedule, parse_start
 from comotion_sources.streams import Stream
 
-NOW = 1_000_000.0
-
-
-class SimulatedClock(Clock):
-    """Waiting takes no time; the wall clock may be stepped."""
-
-    def __init__(self, wall=NOW):
-        self.passed, self.offset = 0.0, wall
-
-    def wall(self):
-        return self.offset + self.passed
-
-    def monotonic(self):
-        return 5.0 + self.passed
-
-    def wait(self, stop, seconds):
-        self.passed += 0.0 if stop.is_set() else seconds
-        return stop.is_set()
+from ..simulated_clock import NOW, SimulatedClock
 
 
 class RecordingSink:
