@@ -21,7 +21,8 @@ from .keys import DEFAULT_SCENE, Kind, kind_of, publisher_of
 from .recording import MESSAGE_ENCODING
 from .types import is_name
 
-DAMAGED = (
+# Raised by mcap and its decompressors on damaged bytes.
+_DAMAGED = (
     McapError,
     CRCValidationError,
     struct.error,
@@ -34,7 +35,6 @@ DAMAGED = (
     MemoryError,
     OverflowError,
 )
-"""Raised by mcap and its decompressors on damaged bytes."""
 _MAX_RECORD_BYTES = 512 * 1024 * 1024
 _MAX_CHUNK_BYTES = 64 << 20
 """A recorder's chunks have 1 MiB plus one message of at most 16 MiB; other recorders write up to some MiB."""
@@ -137,7 +137,7 @@ class MessageLog:
             found = self._reader.iter_messages(topics, starting_at=start_ns, ending_at=end_ns)
             for _, channel, message in found:
                 yield Logged(self._topics[channel.topic], channel.topic, message.log_time, message.data)
-        except DAMAGED as error:
+        except _DAMAGED as error:
             raise self._damaged(error) from None
 
     def decoded(self, kinds: Collection[Kind] | None = None) -> Iterator[tuple[int, Message]]:
@@ -163,13 +163,13 @@ class MessageLog:
         try:
             reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
             summary = reader.get_summary()
-        except (*DAMAGED, OSError, ValueError) as error:
+        except (*_DAMAGED, OSError, ValueError) as error:
             raise self._damaged(error) from None
         if summary is None or summary.statistics is None:
             raise self._damaged("it has no index")
         try:
             self._check_chunks(summary)
-        except (*DAMAGED, OSError, ValueError) as error:
+        except (*_DAMAGED, OSError, ValueError) as error:
             raise self._damaged(error) from None
         if not any(kind_of(channel.topic) for channel in summary.channels.values()):
             raise RecordingError(f"{self.path}: it holds no message of a scene")
