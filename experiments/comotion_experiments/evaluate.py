@@ -13,10 +13,10 @@ from rich.table import Table
 from comotion import FusionConfig
 from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
-from comotion_clients.progress import Report, reporting
 from comotion_clients.scoring import Summary, finite_or_none
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
+from comotion_schemas.terminal import Report, reporting
 
 from .brox_malik import compare
 from .inputs import Input

@@ -259,7 +259,7 @@ TARGETS: dict[str, Target] = {
     "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
     # Its valid inputs are files of the corpus, one for each processor.
     "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
-    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, _RECORDINGS, "mcap"),
+    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, "comotion_schemas.message_log", "mcap"),
     "yaml": _of_file(
         "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"
     ),

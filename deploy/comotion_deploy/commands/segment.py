@@ -141,7 +141,7 @@ def _print_summary(found: "Segmented") -> None:
 def _progress(what: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
     from comotion.library.compiling import report_compiling
-    from comotion_clients.progress import reporting
+    from comotion_schemas.terminal import reporting
 
     report_compiling()
     name = Path(what).name

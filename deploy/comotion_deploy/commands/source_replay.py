@@ -16,7 +16,7 @@ class Replay(Played):
     """Publish a recording, with truth if it has labels, as one source or several.
 
     A recorded scene (.mcap) is published as its recorded sources, with
-    --stamps original byte for byte. The space bar pauses it.
+    --stamps original byte for byte. The space bar pauses any recording.
     """
 
     epilog = """
@@ -94,7 +94,7 @@ Examples:
     def _replay_scene(self) -> None:
         try:
             from comotion_sources import message_replay, player
-            from comotion_sources.message_player import MessageSchedule
+            from comotion_sources.message_tape import MessageSchedule
         except ImportError as error:
             raise missing_extra("record", error) from None
         settings = self.settings()

@@ -117,7 +117,7 @@ Examples:
         import threading
 
         try:
-            from comotion_clients.recording.reading import Reading
+            from comotion_schemas.message_log import MessageLog
         except ImportError as error:
             raise missing_extra("record", error) from None
         from comotion_clients.viewing.process import view_messages
@@ -125,9 +125,9 @@ Examples:
         from comotion_schemas.component import stop_on_signals
 
         names, stop = self.names(), threading.Event()
-        with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
+        with MessageLog(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
             _print_address(sink)
-            shown = view_messages(reading.messages(), reading.scene(), sink, dense=self.regions, names=names)
+            shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
             if not shown:
                 raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
             print(f"{recording}: {shown} updates", file=sys.stderr)
