@@ -100,6 +100,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
         return _fail(error, error)
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("comotion_experiments."):
+            raise
+        return _fail("this needs a checkout of the repository: the wheel has what users run", error)
     except ValueError as error:
         if not _is_known(error):
             raise

@@ -396,3 +396,13 @@ def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.Capt
     assert "Usage: comotion dev bench" in " ".join(shown.out.split())
     assert run(["dev", "bench", "--help"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("module", ["stress", "bench.report"])
+def test_what_the_wheel_leaves_out_is_one_line(module, monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setitem(sys.modules, f"comotion_experiments.{module}", None)
+    words = {"stress": ["reproduce", "stress"], "bench.report": ["bench", "--features", "2", "--scaling"]}
+    assert run(["dev", *words[module], "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (
+        "error: this needs a checkout of the repository: the wheel has what users run\n"
+    )

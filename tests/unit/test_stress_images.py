@@ -7,7 +7,7 @@ import pytest
 
 from comotion_deploy.cli import run
 from comotion_experiments.stress import IMAGE_FAMILIES, find_families, run_image_family
-from comotion_sources.simulator.images import Glide, ImageScene, Pinhole, Solid, observe_images
+from comotion_experiments.stress.solids import Glide, ImageScene, Pinhole, Solid, observe_images
 
 ZERO = np.zeros(3)
 

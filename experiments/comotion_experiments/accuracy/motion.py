@@ -13,7 +13,8 @@ from comotion_schemas import Hypothesis, HypothesisUpdate
 from comotion_sources import simulator
 
 from ..offline import run_offline
-from .study import PERIOD, Array, objects_of
+from ..trace import objects_of
+from .study import PERIOD, Array
 
 SPEEDS = (0.2, 0.4)
 _BODY = {

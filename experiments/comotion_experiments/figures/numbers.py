@@ -6,7 +6,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..accuracy.study import rightly_assigned
+from ..trace import rightly_assigned
 from .runs import SceneRuns, View
 from .study import Study, describe, spec_of
 

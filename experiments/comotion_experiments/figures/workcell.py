@@ -9,7 +9,7 @@ import numpy as np
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .footage import PERIOD, PICTURE, Stills, film_setup, filmed
+from .footage import PERIOD, PICTURE, Stills, film_setup, takes_of
 from .numbers import DEFAULT, best, right_at, spread, summary
 from .runs import SceneRuns, View
 from .study import Study, thesis
@@ -60,7 +60,7 @@ SHELF = Shot(
 def _takes(study: Study, shot: Shot) -> dict[str, SceneRuns]:
     configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
     return {
-        label: filmed(study, shot.scene, shot.respawn_every, config, shot.times)
+        label: takes_of(study, shot.scene, shot.respawn_every, config, shot.times)
         for label, config in configs.items()
     }
 

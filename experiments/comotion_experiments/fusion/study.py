@@ -13,8 +13,8 @@ from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from comotion_sources.workcell import Scene
 
-from ..offline import run_offline
-from .recording import Message, Recording
+from ..offline import Message, run_offline
+from .recording import Recording
 from .setup import CAMERA_A, Variant
 from .surface import Surfaces
 

@@ -12,9 +12,9 @@ from comotion_clients.metrics import Score, Truth
 from comotion_schemas import HypothesisUpdate, Joint
 from comotion_sources.workcell import Scene
 
-from ..accuracy.study import objects_of
 from ..fusion.setup import Setup
 from ..offline import run_offline
+from ..trace import objects_of
 from .recording import LIVE, camera_messages
 
 PERIOD = 0.1

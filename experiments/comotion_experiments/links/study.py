@@ -11,9 +11,9 @@ from comotion_clients.metrics import Score, Truth, bodies_of, score_labels, trac
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
-from ..fusion.recording import Message, Sources
 from ..fusion.study import in_time_order
-from ..offline import run_offline
+from ..offline import Message, run_offline
+from ..rendered import Sources
 from .setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
 
 Labels = NDArray[np.int64]
