@@ -1,5 +1,6 @@
 """Trace of a run for plots: updates -> tracks of one space at each update."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -7,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from comotion_clients.metrics import Labels, Score, Truth, contingency
+from comotion_clients.metrics import Labels, Score, Truth
 from comotion_clients.scoring import SpaceRef
-from comotion_schemas import HypothesisUpdate
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
 _TRACE_LIMIT = 600
 
@@ -86,12 +87,24 @@ def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
 
 
 def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
-    """Whether the hypothesis of each track is the one assigned to its object, bool [N].
+    """Whether the hypothesis of each track is the one assigned to its object, bool [N]."""
+    pairs = list(zip(labels.tolist(), objects.tolist(), strict=True))
+    object_of = matched(Counter(pairs))
+    return np.array([object_of.get(one) == number for one, number in pairs])
 
-    Hypotheses and objects are assigned one to one so that the number of right tracks is largest.
+
+def matched(votes: Mapping[tuple[int, int], int]) -> dict[int, int]:
+    """Object of each hypothesis, assigned one to one so that most tracks are right (Hungarian method).
+
+    Parameters
+    ----------
+    votes
+        (hypothesis, object) -> tracks that they share; undetermined tracks and unknown objects do not count.
     """
-    counts = contingency(labels, objects)
+    pairs = {pair: n for pair, n in votes.items() if pair[0] != UNDETERMINED and pair[1] >= 0}
+    hypotheses, objects = sorted({h for h, _ in pairs}), sorted({o for _, o in pairs})
+    counts = np.zeros((len(hypotheses), len(objects)))
+    for (hypothesis, number), count in pairs.items():
+        counts[hypotheses.index(hypothesis), objects.index(number)] = count
     rows, columns = linear_sum_assignment(counts, maximize=True)
-    hypotheses, true = np.unique(labels), np.unique(objects)
-    object_of = dict(zip(hypotheses[rows].tolist(), true[columns].tolist(), strict=True))
-    return np.array([object_of.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
+    return {hypotheses[r]: objects[c] for r, c in zip(rows, columns, strict=True) if counts[r, c]}

@@ -1,10 +1,11 @@
 """The accuracy report as Markdown and as a picture."""
 
-import statistics
 from pathlib import Path
 
 import numpy as np
 
+from ..plot import new_figure
+from ..tables import Table, spread
 from .experiment import DEFAULT, REFERENCE, ROBUST_SCENES, THESIS, Results
 from .study import PERIOD, Array, Outcome
 
@@ -48,49 +49,42 @@ def _head(results: Results) -> str:
 
 def _table(results: Results, group: str) -> str:
     recorded = group == "recordings"
-    head = "| | default | t ≥ 1 s | hypotheses | switches | thesis | switches | by scikit-learn |"
-    lines = [f"## {group[0].upper()}{group[1:]}", "", head + (" linkage 5 mm |" if recorded else "")]
-    lines.append("|" + "---|" * (9 if recorded else 8))
+    titles = ["", "default", "t ≥ 1 s", "hypotheses", "switches", "thesis", "switches", "by scikit-learn"]
+    found = Table([*titles, *(["linkage 5 mm"] if recorded else [])])
     names = [case.name for case in results.experiment.cases if case.group == group]
-    lines += [_row(results, name, recorded=recorded) for name in names]
+    for name in names:
+        found.add(*_row(results, name, recorded=recorded))
     if recorded:
-        lines.append(_means(results, group))
-    return "\n".join(lines)
+        found.add(*_means(results, names))
+    return f"## {group[0].upper()}{group[1:]}\n\n{found.markdown()}"
 
 
-def _row(results: Results, name: str, *, recorded: bool) -> str:
-    ours, thesis = results.outcomes[name, DEFAULT], results.outcomes[name, THESIS]
-    cells = [
+def _row(results: Results, name: str, *, recorded: bool) -> list[str]:
+    ours, thesis, reference = (results.outcomes[name, m] for m in (DEFAULT, THESIS, REFERENCE))
+    return [
         name,
-        _spread([o.mean for o in ours]),
-        _spread([_late(o) for o in ours]),
+        spread([o.mean for o in ours]),
+        spread([_late(o) for o in ours]),
         f"{np.mean([o.hypotheses.mean() for o in ours]):.2f}",
         f"{np.mean([o.switches for o in ours]):.2f}",
-        _spread([o.mean for o in thesis]),
+        spread([o.mean for o in thesis]),
         f"{np.mean([o.switches for o in thesis]):.2f}",
-        _spread([o.mean for o in results.outcomes[name, REFERENCE]]),
+        spread([o.mean for o in reference]),
+        *([f"{np.nanmean(results.linkage[name]):.3f}"] if recorded else []),
     ]
-    if recorded:
-        cells.append(f"{np.nanmean(results.linkage[name]):.3f}")
-    return "| " + " | ".join(cells) + " |"
 
 
-def _means(results: Results, group: str) -> str:
-    names = [c.name for c in results.experiment.cases if c.group == group]
+def _means(results: Results, names: list[str]) -> list[str]:
     ours, thesis, reference = (
-        np.mean([results.outcomes[n, m][0].mean for n in names]) for m in (DEFAULT, THESIS, REFERENCE)
+        f"{np.mean([results.outcomes[n, m][0].mean for n in names]):.3f}"
+        for m in (DEFAULT, THESIS, REFERENCE)
     )
     plain = np.mean([np.nanmean(results.linkage[n]) for n in names])
-    return f"| **mean** | **{ours:.3f}** | | | | {thesis:.3f} | | {reference:.3f} | {plain:.3f} |"
+    return ["**mean**", f"**{ours}**", "", "", "", thesis, "", reference, f"{plain:.3f}"]
 
 
 def _late(outcome: Outcome) -> float:
     return float(np.nanmean(outcome.nmi[outcome.seconds >= 0.99]))
-
-
-def _spread(values: list[float]) -> str:
-    mean = statistics.fmean(values)
-    return f"{mean:.3f} ± {statistics.pstdev(values):.3f}" if len(values) > 1 else f"{mean:.3f}"
 
 
 _COMPARED = """## The affinity of Brox and Malik
@@ -110,15 +104,15 @@ def _compared(results: Results) -> str:
     if not results.compared:
         return ""
     clusterings = list(next(iter(results.compared.values())))
-    lines = [_COMPARED, "", "| | default | thesis | " + " | ".join(clusterings) + " |"]
-    lines.append("|" + "---|" * (3 + len(clusterings)))
+    table = Table(("", "default", "thesis", *clusterings))
     rows: dict[str, list[list[float]]] = {}
     for name, found in results.compared.items():
         ours = [[_whole(o) for o in results.outcomes[name, method]] for method in (DEFAULT, THESIS)]
         rows[name] = [*ours, *(found[c] for c in clusterings)]
-        lines.append(f"| {name} | " + " | ".join(_spread(cell) for cell in rows[name]) + " |")
+        table.add(name, *map(spread, rows[name]))
     means = np.array([[np.mean(cell) for cell in row] for row in rows.values()]).mean(0)
-    return "\n".join([*lines, "| **mean** | " + " | ".join(f"{one:.3f}" for one in means) + " |"])
+    table.add("**mean**", *(f"{one:.3f}" for one in means))
+    return f"{_COMPARED}\n\n{table.markdown()}"
 
 
 def _whole(outcome: Outcome) -> float:
@@ -134,33 +128,24 @@ def _respawn(results: Results) -> str:
     seconds = outcomes[0].seconds
     nmi = np.mean([o.nmi[: len(seconds)] for o in outcomes], 0)
     thesis = np.mean([o.nmi[: len(seconds)] for o in results.outcomes["fig4_4", THESIS]], 0)
-    lines = [
-        "### Fig. 4.4 after a respawn, mean over seeds",
-        "",
-        "| t, s | default | thesis |",
-        "|---|---|---|",
-    ]
-    lines += [
-        f"| {t:.2f} | {a:.3f} | {b:.3f} |"
-        for t, a, b in zip(seconds, nmi, thesis, strict=True)
-        if t > 1 and (t % 2 < 1.4 or t % 2 > 1.9)
-    ]
-    return "\n".join(lines)
+    table = Table(("t, s", "default", "thesis"))
+    for t, a, b in zip(seconds, nmi, thesis, strict=True):
+        if t > 1 and (t % 2 < 1.4 or t % 2 > 1.9):
+            table.add(f"{t:.2f}", f"{a:.3f}", f"{b:.3f}")
+    return f"### Fig. 4.4 after a respawn, mean over seeds\n\n{table.markdown()}"
+
+
+_POSES = """## Pose since birth and twist
+
+Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds."""
 
 
 def _motion(results: Results) -> str:
     if "motion" not in results.experiment.parts:
         return ""
-    lines = [
-        "## Pose since birth and twist",
-        "",
-        "Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds.",
-        "",
-        "| error | median |",
-        "|---|---|",
-    ]
-    lines += [f"| {name} | {value:.2f} |" for name, value in results.motion.medians().items()]
-    return "\n".join(lines)
+    medians = results.motion.medians().items()
+    table = Table(("error", "median"), rows=[(name, f"{value:.2f}") for name, value in medians])
+    return f"{_POSES}\n\n{table.markdown()}"
 
 
 def pooled(results: Results) -> tuple[Array, Array]:
@@ -186,20 +171,22 @@ def bins(results: Results) -> list[tuple[float, float, int]]:
     ]
 
 
+_CONFIDENCE = """## Confidence
+
+How often an assignment of a given confidence is right, on the simulated scenes without those whose
+bodies rest before they move, because bodies at rest cannot be distinguished."""
+
+
 def _reliability(results: Results, picture: str) -> str:
-    lines = [
-        "## Confidence",
-        "",
-        "How often an assignment of a given confidence is right, on the simulated scenes without those whose",
-        "bodies rest before they move, because bodies at rest cannot be distinguished.",
-        "",
-        f"![reliability]({picture})",
-        "",
-        "| confidence | right | assignments |",
-        "|---|---|---|",
-    ]
-    lines += [f"| {c:.3f} | {r:.3f} | {n} |" for c, r, n in bins(results)]
-    return "\n".join(lines)
+    rows = [(f"{c:.3f}", f"{r:.3f}", f"{n}") for c, r, n in bins(results)]
+    table = Table(("confidence", "right", "assignments"), rows=rows, words=0)
+    return f"{_CONFIDENCE}\n\n![reliability]({picture})\n\n{table.markdown()}"
+
+
+_ROBUSTNESS = """## Robustness
+
+Mean NMI over {scenes} (first seed) and the first 10 s of the recordings,
+each parameter of the method halved and doubled."""
 
 
 def _robustness(results: Results) -> str:
@@ -208,17 +195,17 @@ def _robustness(results: Results) -> str:
     base, *scaled = results.variations
     halved = {v.parameter: v.mean for v in scaled if v.factor < 1}
     doubled = {v.parameter: v.mean for v in scaled if v.factor > 1}
-    lines = [
-        "## Robustness",
-        "",
-        f"Mean NMI over {', '.join(ROBUST_SCENES)} (first seed) and the first 10 s of the recordings,",
-        "each parameter of the method halved and doubled.",
-        "",
-        "| parameter | halved | as it is | doubled |",
-        "|---|---|---|---|",
-    ]
-    lines += [f"| {k} | {halved[k]:.3f} | {base.mean:.3f} | {doubled[k]:.3f} |" for k in halved]
-    return "\n".join(lines) + _leave_one_out(results)
+    table = Table(("parameter", "halved", "as it is", "doubled"))
+    for name, value in halved.items():
+        table.add(name, f"{value:.3f}", f"{base.mean:.3f}", f"{doubled[name]:.3f}")
+    text = _ROBUSTNESS.format(scenes=", ".join(ROBUST_SCENES))
+    return f"{text}\n\n{table.markdown()}{_leave_one_out(results)}"
+
+
+_LEFT_OUT = """### Leave one recording out
+
+For each recording: the setting of the table above with the best mean on the other recordings,
+and its score on this one."""
 
 
 def _leave_one_out(results: Results) -> str:
@@ -227,33 +214,21 @@ def _leave_one_out(results: Results) -> str:
     if len(names) < 2:
         return ""
     scores = np.array([[v.scores[name] for name in names] for v in results.variations])
-    lines = [
-        "",
-        "",
-        "### Leave one recording out",
-        "",
-        "For each recording: the setting of the table above with the best mean on the other recordings,",
-        "and its score on this one.",
-        "",
-        "| recording | setting chosen | there | as it is |",
-        "|---|---|---|---|",
-    ]
+    table = Table(("recording", "setting chosen", "there", "as it is"), words=2)
     chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
     for k, name in enumerate(names):
         best = results.variations[chosen[k]]
         setting = f"{best.parameter} x {best.factor:g}" if best.parameter else "as it is"
-        lines.append(f"| {name} | {setting} | {scores[chosen[k], k]:.3f} | {scores[0, k]:.3f} |")
+        table.add(name, setting, f"{scores[chosen[k], k]:.3f}", f"{scores[0, k]:.3f}")
     there = scores[chosen, np.arange(len(names))].mean()
-    lines.append(f"| **mean** | | **{there:.3f}** | {scores[0].mean():.3f} |")
-    return "\n".join(lines)
+    table.add("**mean**", "", f"**{there:.3f}**", f"{scores[0].mean():.3f}")
+    return f"\n\n{_LEFT_OUT}\n\n{table.markdown()}"
 
 
 def save_reliability(path: Path, results: Results) -> None:
     """Draw the reliability diagram."""
-    from matplotlib.figure import Figure
-
     found = np.array(bins(results))
-    figure = Figure(figsize=(5, 4.5), dpi=100, layout="constrained")
+    figure = new_figure(5, 4.5)
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color="#999999", linewidth=1)
     axes.plot(found[:, 0], found[:, 1], marker="o", color="#0072b2")

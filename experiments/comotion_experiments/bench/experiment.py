@@ -1,9 +1,7 @@
 """Runs the benchmark: every method at every number of features, each in a separate process."""
 
 import math
-import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import numpy as np
 from comotion import FusionConfig
 
 from ..inputs import find_inputs
+from ..processes import Progress, alone, quiet
 from .machine import Machine, describe_machine
 from .scene import SceneSpec
 from .straightforward import Baseline, time_straightforward
@@ -99,7 +98,7 @@ def run_bench(
     *,
     recordings: Sequence[str] = (),
     baseline: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Costs:
     """Time every configuration on every scene and recording.
 
@@ -153,13 +152,6 @@ def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
     if config.method == "comotion" and spec.features >= _MANY and not given:
         changes["period"] = _LONG_PERIOD
     return config.model_copy(update=changes)
-
-
-def alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a fresh process."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(function, *arguments).result()
 
 
 def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:

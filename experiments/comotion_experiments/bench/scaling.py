@@ -15,6 +15,8 @@ from pathlib import Path
 from comotion_schemas.transport import SessionSettings
 from comotion_sources.runtime import SourcePublisher
 
+from ..plot import new_figure
+from ..tables import Table
 from .live import processor_seconds
 from .scene import Scene, SceneSpec
 
@@ -115,31 +117,25 @@ def markdown(shares: Sequence[Share]) -> str:
     """A table with one row a configuration."""
     titles = ["scenes x features", "standby", *KINDS, "all", "others", "overruns / updates"]
     titles += ["latency ms, median (p99)", *(f"{what} kB/s" for what in shares[0].bytes_per_s)]
-    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(_cells(share)) + " |" for share in shares)])
-
-
-def _cells(share: Share) -> list[str]:
-    cores = [*(share.cores[kind] for kind in KINDS), share.total, share.others]
-    middle, p99 = share.latency_ms
-    return [
-        str(share.load),
-        "yes" if share.load.standby else "no",
-        *(f"{value:.2f}" for value in cores),
-        f"{share.overruns} / {share.updates}",
-        f"{middle:.0f} ({p99:.0f})",
-        *(f"{size / 1000:.1f}" for size in share.bytes_per_s.values()),
-    ]
+    found = Table(titles, words=2)
+    for share in shares:
+        cores = [*(share.cores[kind] for kind in KINDS), share.total, share.others]
+        middle, p99 = share.latency_ms
+        found.add(
+            str(share.load),
+            "yes" if share.load.standby else "no",
+            *(f"{value:.2f}" for value in cores),
+            f"{share.overruns} / {share.updates}",
+            f"{middle:.0f} ({p99:.0f})",
+            *(f"{size / 1000:.1f}" for size in share.bytes_per_s.values()),
+        )
+    return found.markdown()
 
 
 def save_picture(path: Path, shares: Sequence[Share]) -> None:
     """Draw the cores of each configuration, stacked by kind of process."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(8, 1 + 0.3 * len(shares)), layout="constrained")
+    figure = new_figure(8, 1 + 0.3 * len(shares), dpi=110)
+    axes = figure.subplots()
     names = [f"{share.load}{' + standby' if share.load.standby else ''}" for share in shares]
     left = [0.0] * len(shares)
     for kind, colour in zip(KINDS, _COLOURS, strict=True):
@@ -150,8 +146,7 @@ def save_picture(path: Path, shares: Sequence[Share]) -> None:
     axes.set_xlabel("cores")
     axes.set_title("Processor time by kind of process; scenes x features at 30 Hz")
     axes.legend()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    figure.savefig(path)
 
 
 if __name__ == "__main__":

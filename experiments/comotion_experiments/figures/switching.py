@@ -1,9 +1,10 @@
 """Figures 4.1 and 4.2: the effect of γ, chosen by the standard deviation where affinity switches."""
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .numbers import DEFAULT, format_times, parameters, perfect_from, spread, summary
+from .numbers import DEFAULT, format_times, parameters, perfect_from, summary
 from .runs import SceneRuns, ViewRequest
 from .study import Study, spec_of, thesis
 

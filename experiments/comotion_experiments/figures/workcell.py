@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .footage import PERIOD, PICTURE, Stills, film_setup, takes_of
-from .numbers import DEFAULT, best, right_at, spread, summary
+from .numbers import DEFAULT, best, right_at, summary
 from .runs import SceneRuns, View
 from .study import Study, thesis
 

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from comotion_clients.scoring import finite_or_none
 
+from ..plot import new_figure
+from ..tables import Table, spread
 from .experiment import AFTER_S, Case, Results, verdict
 from .setup import ALL, ALONE_A, ALONE_B, WITH_ROBOT
 from .study import Outcome
@@ -22,15 +23,11 @@ _NUMBERS = ("NMI of A", f"{AFTER_S:.0f} s after", "NMI of all", "surface %", "id
 
 def table(results: Results) -> Table:
     """One row per scene, cover and variant: means and, after ±, the spread over seeds."""
-    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in _NAMES:
-        found.add_column(title, no_wrap=True)
-    for title in _NUMBERS:
-        found.add_column(title, justify="right", no_wrap=True)
+    found = Table((*_NAMES, *_NUMBERS), words=len(_NAMES))
     for scene in results.scenes:
         for case in (c for c in results.cases if c.scene == scene):
-            found.add_row(*_cells(case, results))
-        found.add_section()
+            found.add(*_cells(case, results))
+        found.end_section()
     return found
 
 
@@ -42,20 +39,12 @@ def _cells(case: Case, results: Results) -> tuple[str, ...]:
         case.scene,
         "covered" if case.covered else "-" if case.variant is ALONE_B else "open",
         case.variant.name,
-        _spread(case.nmi_a()),
-        _spread(after),
-        _spread(case.nmi()),
-        _spread(100 * case.surface(), 1),
-        _spread(100 * kept, 0),
+        spread(case.nmi_a()),
+        spread(after),
+        spread(case.nmi()),
+        spread(100 * case.surface(), 1),
+        spread(100 * kept, 0),
     )
-
-
-def _spread(values: np.ndarray, digits: int = 3) -> str:
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "-"
-    spread = f" ±{known.std():.{digits}f}" if len(known) > 1 else ""
-    return f"{known.mean():.{digits}f}{spread}"
 
 
 def lines(results: Results) -> list[str]:
@@ -99,10 +88,6 @@ NMI cannot reach 1 here: the truth separates objects that have not moved yet.
 def markdown(results: Results, picture: str) -> str:
     """The whole report; `picture` is the path of the plot from there."""
     setup = results.setup
-    rows = [(*_NAMES, *_NUMBERS), ("---",) * 3 + ("---:",) * len(_NUMBERS)]
-    rows += [
-        _cells(case, results) for scene in results.scenes for case in results.cases if case.scene == scene
-    ]
     return _PAGE.format(
         method=results.method,
         rate_a=setup.rate_a,
@@ -117,7 +102,7 @@ def markdown(results: Results, picture: str) -> str:
         after=AFTER_S,
         lines="\n".join(f"- {line}" for line in lines(results)),
         picture=picture,
-        table="\n".join(f"| {' | '.join(row)} |" for row in rows),
+        table=table(results).markdown(),
     )
 
 
@@ -157,12 +142,8 @@ def save_picture(path: Path, results: Results) -> None:
     ImportError
         If matplotlib is not installed.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     scenes = results.scenes
-    figure = Figure(figsize=(12, 1.2 + 2.4 * len(scenes)), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(12, 1.2 + 2.4 * len(scenes))
     axes = figure.subplots(len(scenes), 2, sharex=True, sharey=True, squeeze=False)
     for row, scene in zip(axes, scenes, strict=True):
         for covered, axis in enumerate(row):

@@ -14,11 +14,25 @@ from comotion_sources.workcell import Scene
 
 from ..fusion.setup import Setup
 from ..offline import run_offline
+from ..tables import Table, spread
 from ..trace import objects_of
 from .recording import LIVE, camera_messages
 
 PERIOD = 0.1
 KINDS = ("fixed", "prismatic", "revolute")
+_TITLES = (
+    "scene",
+    "joint",
+    "true kind",
+    "seeds that moved it and saw both",
+    "found",
+    "kind right, % of updates",
+    "called free, %",
+    "axis, degrees",
+    "its sigma",
+    "point, mm",
+    "s until known",
+)
 # rad and m: a joint that has moved so far in all can be known.
 MOVED = {"revolute": np.radians(20), "prismatic": 0.05}
 
@@ -146,35 +160,25 @@ def angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 def table(rows: Sequence[tuple[str, list[Found]]]) -> str:
     """Markdown table of scenes: (name, one per seed and joint)."""
-    lines = [
-        "| scene | joint | true kind | seeds that moved it and saw both | found | kind right, % of updates "
-        "| called free, % | axis, degrees | its sigma | point, mm | s until known |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    drawn = Table(_TITLES, words=3)
     for scene, found in rows:
         for name in dict.fromkeys(one.joint.name for one in found):
             runs = [one for one in found if one.joint.name == name and one.moved_at is not None and one.seen]
             if runs:
-                lines.append(f"| {scene} | {name} | {runs[0].joint.kind} | {_cells(runs)} |")
-    return "\n".join(lines)
+                drawn.add(scene, name, runs[0].joint.kind, *_cells(runs))
+    return drawn.markdown()
 
 
-def _cells(runs: Sequence[Found]) -> str:
+def _cells(runs: Sequence[Found]) -> list[str]:
     hits = [one for one in runs if one.axis]
-    cells = [str(len(runs)), str(len(hits))]
-    shares = [100 * one.right_share() for one in runs if one.known]
-    waits = [one.until_known() for one in hits]
     revolute = runs[0].joint.kind == "revolute"
-    cells.append(_spread(shares, 0))
-    cells.append(_spread([100 * one.free / one.entries for one in runs if one.entries], 0))
-    cells.append(_spread([float(np.median(one.axis)) for one in hits], 2))
-    cells.append(_spread([float(np.nanmedian(one.sigma)) for one in hits], 2))
-    cells.append(_spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-")
-    cells.append(_spread(waits, 1))
-    return " | ".join(cells)
-
-
-def _spread(values: Sequence[float], digits: int) -> str:
-    if not values:
-        return "-"
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}"
+    return [
+        str(len(runs)),
+        str(len(hits)),
+        spread([100 * one.right_share() for one in runs if one.known], 0),
+        spread([100 * one.free / one.entries for one in runs if one.entries], 0),
+        spread([float(np.median(one.axis)) for one in hits], 2),
+        spread([float(np.nanmedian(one.sigma)) for one in hits], 2),
+        spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-",
+        spread([one.until_known() for one in hits], 1),
+    ]

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from comotion_clients.scoring import finite_or_none
 
+from ..plot import new_figure
+from ..tables import Table, mean, number
 from . import image_report
 from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Figures, Results
-from .metrics import mean
 from .motion import Array
 
 _PICTURES_A_ROW = 5
@@ -23,7 +23,7 @@ _PALETTE = 64
 _WIDTH = 110
 _COLOURS = {DEFAULT: "#0072b2", THESIS: "#d55e00"}
 
-# Field of the figures, title, digits, factor.
+# Field of the figures, title, digits.
 _COLUMNS = (
     ("nmi_apart", "NMI", 3),
     ("all_bodies", "all bodies", 3),
@@ -63,23 +63,12 @@ def tables(results: Results) -> list[Table]:
 
 
 def _table(results: Results) -> Table:
-    drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    drawn.add_column("family", no_wrap=True)
-    drawn.add_column("method", no_wrap=True)
-    for _, title, _ in _COLUMNS:
-        drawn.add_column(title, justify="right", no_wrap=True)
+    drawn = Table(("family", "method", *(title for _, title, _ in _COLUMNS)), words=2)
     for family in families_of(results):
         for method in results.methods:
-            drawn.add_row(family, method, *_cells(means(results, family, method)))
+            row = means(results, family, method)
+            drawn.add(family, method, *(number(row[name], digits) for name, _, digits in _COLUMNS))
     return drawn
-
-
-def _cells(row: dict[str, float]) -> list[str]:
-    return [_number(row[name], digits) for name, _, digits in _COLUMNS]
-
-
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def as_json(results: Results) -> dict[str, Any]:
@@ -161,42 +150,35 @@ def _group(results: Results, group: str) -> str:
     rows = {name: [means(results, name, method) for method in results.methods] for name in names}
     # A column without a value in the whole group says nothing.
     columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
-    lines = [
-        f"## {group[0].upper()}{group[1:]}",
-        "",
-        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " | true K |",
-        "|---|---|" + "---:|" * (len(columns) + 1),
-    ]
+    drawn = Table(("family", "what happens", *(title for _, title, _ in columns), "true K"), words=2)
     for name, row in rows.items():
-        cells = [" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns]
-        bodies = _number(row[0]["bodies"], 1)
-        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + f" | {bodies} |")
-    return "\n".join(lines)
+        cells = (" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns)
+        drawn.add(f"`{name}`", FAMILIES[name].title, *cells, number(row[0]["bodies"], 1))
+    return f"## {group[0].upper()}{group[1:]}\n\n{drawn.markdown()}"
 
 
 def _short(value: float, digits: int) -> str:
     """Write a number below 1 without the zero."""
-    text = _number(value, digits)
+    text = number(value, digits)
     return text[1:] if text.startswith("0.") else text
 
 
 def save_picture(path: Path, results: Results) -> None:
     """Draw NMI over time, mean over runs, a small picture for each family of scenes of equal length."""
-    from matplotlib.figure import Figure
     from PIL import Image
 
     names = [name for name in families_of(results) if not FAMILIES[name].slow]
     rows = max(math.ceil(len(names) / _PICTURES_A_ROW), 1)
-    figure = Figure(figsize=(2.4 * _PICTURES_A_ROW, 1.5 * rows), dpi=100, layout="constrained")
-    for number, name in enumerate(names):
-        axes = figure.add_subplot(rows, _PICTURES_A_ROW, number + 1)
+    figure = new_figure(2.4 * _PICTURES_A_ROW, 1.5 * rows)
+    for place, name in enumerate(names, start=1):
+        axes = figure.add_subplot(rows, _PICTURES_A_ROW, place)
         for method in results.methods:
             seconds, nmi = _mean_trace(results, name, method)
             axes.plot(seconds, nmi, color=_COLOURS[method], linewidth=1, label=method)
         axes.set_title(name, fontsize=8)
         axes.set_ylim(-0.02, 1.05)
         axes.tick_params(labelsize=6)
-        if not number:
+        if place == 1:
             axes.legend(fontsize=6)
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png")
