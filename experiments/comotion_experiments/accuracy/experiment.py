@@ -10,10 +10,9 @@ from comotion import FusionConfig
 from comotion.config import RigidConfig, ThesisConfig
 
 from ..brox_malik import CLUSTERINGS, compare
+from .baselines import ReferenceFusion, linkage_nmi
 from .cases import Case
-from .linkage import linkage_nmi
 from .motion import MotionErrors, motion_errors
-from .reference import ReferenceFusion
 from .study import Array, Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"

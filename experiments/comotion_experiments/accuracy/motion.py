@@ -77,8 +77,7 @@ def _run(seed: int, found: MotionErrors) -> None:
     (simulation,) = simulator.simulate(spec, seed=seed)
     truth = Truth()
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         objects = objects_of(update, truth)
         for hypothesis in update.hypotheses:
             members = objects[update.track_hypothesis == hypothesis.id]

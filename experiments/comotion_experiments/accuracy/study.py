@@ -45,8 +45,7 @@ class _Collector:
     confidence: list[Array] = field(default_factory=list)
     right: list[NDArray[np.bool_]] = field(default_factory=list)
 
-    def add(self, update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def add(self, update: HypothesisUpdate, _: Score) -> None:
         objects = objects_of(update, self.truth)
         labels = update.track_hypothesis
         known = (objects >= 0) & (labels != UNDETERMINED)

@@ -8,16 +8,14 @@ One source process a scene, see :mod:`comotion_deploy.bench_scaling`::
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_schemas.transport import SessionSettings
-from comotion_sources.runtime import SourcePublisher
-
 from ..plot import new_figure
 from ..tables import Table
-from .live import processor_seconds
+from .live import processor_seconds, publish
 from .scene import Scene, SceneSpec
 
 RATE = 30.0
@@ -85,18 +83,7 @@ def loads(counts: Sequence[int], features: int) -> list[Load]:
 def run_source(endpoint: str, scene: str, features: int, bodies: int) -> None:
     """Publish one scene in real time until stopped."""
     spec = SceneSpec(features=features, bodies=bodies, sources=1, rate=RATE)
-    publisher = SourcePublisher(
-        "s0", space="world", unit="m", dim=3, scene=scene, settings=SessionSettings(connect=(endpoint,)),
-        ready_file=Path(os.environ["COMOTION_READY_FILE"]), rate=RATE,
-    )  # fmt: skip
-    with publisher as source:
-        source.ready()
-        for batch in Scene(spec, time.time_ns()).frames(0):
-            if source.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
-                break
-            source.observe(
-                ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended
-            )
+    deque(publish(endpoint, scene, "s0", Scene(spec, time.time_ns())), maxlen=0)
 
 
 def seconds_of(pids: dict[str, list[int]]) -> dict[str, float]:

@@ -135,14 +135,14 @@ def run_variant(
     """
     streams = [recording.of(source, covered=covered) for source in variant.sources]
     scorer = _Scorer(Truth(), Surfaces(scene))
-
-    def messages() -> Iterator[Message]:
-        for message in in_time_order(streams):
-            if isinstance(message, ObservationBatch):
-                scorer.observed.add(message)
-            yield message
-
-    run_offline(messages(), config, truth=scorer.truth, period=period, on_update=scorer.add)
+    run_offline(
+        in_time_order(streams),
+        config,
+        truth=scorer.truth,
+        observed=scorer.observed,
+        period=period,
+        on_update=scorer.add,
+    )
     t, nmi, nmi_a, surface = np.array(scorer.rows).T
     numbers = sorted({number for ids in scorer.ids for number in ids})
     ids = {n: np.array([row.get(n, -1) for row in scorer.ids], np.int64) for n in numbers}

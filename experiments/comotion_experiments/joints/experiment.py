@@ -7,11 +7,10 @@ from pathlib import Path
 from ..fusion.setup import Setup
 from .cost import Cost, measure
 from .eye_in_hand import HandResult, run_seed
-from .features import Found, joints_from_features
+from .features import LIVE, Found, joints_from_features
 from .free_bodies import SCENES, longest_false_joint
 from .people import Person, run_person
 from .poses import CASES, PoseCase, run_case
-from .recording import LIVE
 
 PARTS = ("poses", "features", "sparse", "free", "people", "cost", "hand")
 WORKCELL = ("shelf", "arm")

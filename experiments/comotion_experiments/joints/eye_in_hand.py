@@ -47,8 +47,7 @@ def run_seed(seed: int, cache: Path | None) -> HandResult:
     errors: list[tuple[float, float]] = []
     first: list[Extrinsics] = []
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         frame = next(iter(update.frames.values()), None)
         if frame is None or not isinstance(frame.rotation, list):
             return

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion_clients.metrics import Score, Truth
 from comotion_schemas import HypothesisUpdate, Joint
+from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene
 
-from ..fusion.setup import Setup
-from ..offline import run_offline
+from ..fusion.setup import CAMERA_A, Setup
+from ..offline import Message, run_offline
+from ..rendered import Sources, filmed, keep
 from ..tables import Table, spread
 from ..trace import objects_of
-from .recording import LIVE, camera_messages
 
+LIVE = Setup(size=(640, 480), features=400)
+"""As ``comotion source klt workcell:SCENE/a`` without options."""
 PERIOD = 0.1
 KINDS = ("fixed", "prismatic", "revolute")
 _TITLES = (
@@ -100,8 +103,7 @@ def joints_from_features(name: str, seed: int, cache: Path | None, how: Setup = 
     data, truth = scene.new_data(), Truth()
     path: dict[int, list[float]] = {one.joint.number: [] for one in found.values()}
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         t = update.stamp_ns * 1e-9
         scene.place(data, scene.configuration(t))
         main = main_objects(update, truth)
@@ -127,6 +129,21 @@ def joints_from_features(name: str, seed: int, cache: Path | None, how: Setup = 
     messages = camera_messages(name, seed, cache, how)
     run_offline(messages, FusionConfig(), truth=truth, period=PERIOD, on_update=on_update)
     return list(found.values())
+
+
+def camera_messages(scene: str, seed: int, cache: Path | None, how: Setup = LIVE) -> list[Message]:
+    """Messages of the KLT tracker of camera A over one period of a scene."""
+
+    def make() -> Sources:
+        config = TrackerConfig(max_features=how.features)
+        size, opened = how.size, Scene.named(scene, seed)
+        return {
+            CAMERA_A: filmed(opened, "a", CAMERA_A, config, size=size, rate=how.rate_a, seconds=how.duration)[
+                0
+            ]
+        }
+
+    return keep(cache, f"joints-{scene}-{seed}", how, make)[CAMERA_A]
 
 
 def main_objects(update: HypothesisUpdate, truth: Truth) -> dict[int, int]:

@@ -41,8 +41,7 @@ def run_person(path: Path) -> Person:
     """Run the first minute of a recording with the default method."""
     found, truth = Person(path.stem), Truth()
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         found.updates += 1
         segments = {one: truth.names.get(number, "") for one, number in main_objects(update, truth).items()}
         _note(found, update, segments)

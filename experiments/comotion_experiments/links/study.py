@@ -1,6 +1,6 @@
 """One run of the link experiment: scene and seed -> counts of right links, and scores with and without."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion_clients.metrics import Score, Truth, bodies_of, score_labels, tracks_of
 from comotion_clients.scoring import Observed
-from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
 from ..fusion.study import in_time_order
-from ..offline import Message, run_offline
+from ..offline import run_offline
 from ..rendered import Sources
 from .setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
 
@@ -100,9 +100,8 @@ class _Scorer:
     pure: Count = field(default_factory=Count)
     rows: list[list[list[float]]] = field(default_factory=list)
 
-    def add(self, update: HypothesisUpdate, score: Score) -> None:
-        """Score one update; `score` is not of interest."""
-        del score
+    def add(self, update: HypothesisUpdate, _: Score) -> None:
+        """Score one update."""
         labels, objects, plain = self._tracks(update)
         if not (plain & (objects >= 0)).any() or not (~plain & (objects >= 0)).any():
             return
@@ -188,14 +187,14 @@ def run_seed(sources: Sources, config: FusionConfig, *, period: float = 1 / 3) -
         Seconds between updates.
     """
     scorer = _Scorer(Truth())
-
-    def messages() -> Iterator[Message]:
-        for message in in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]):
-            if isinstance(message, ObservationBatch):
-                scorer.observed.add(message)
-            yield message
-
-    run_offline(messages(), config, truth=scorer.truth, period=period, on_update=scorer.add)
+    run_offline(
+        in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]),
+        config,
+        truth=scorer.truth,
+        observed=scorer.observed,
+        period=period,
+        on_update=scorer.add,
+    )
     means = np.nanmean(np.array(scorer.rows), axis=0)
     nmi, nmi_plain, error_plain = (Partitions(*column) for column in means.T.tolist())
     return Outcome(scorer.moving, scorer.resting, scorer.pure, nmi, nmi_plain, error_plain)
