@@ -34,7 +34,7 @@ import typer
 
 from comotion_clients.subscribe import subscribe
 from comotion_deploy.cli import app, run
-from comotion_deploy.parameter_table import filled
+from comotion_tools.parameter_table import filled
 from comotion_deploy.processes import read_processes
 from comotion_schemas import metrics
 
@@ -288,7 +288,7 @@ def test_commands_take_these_arguments(
 
 def test_the_tables_of_parameters_are_in_step() -> None:
     page = (ROOT / "docs" / "parameters.md").read_text()
-    assert filled(page) == page, "run: python -m comotion_deploy.parameter_table docs/parameters.md"
+    assert filled(page) == page, "run: python -m comotion_tools.parameter_table docs/parameters.md"
 
 
 def test_every_page_is_in_the_index() -> None:

@@ -165,7 +165,7 @@ def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, k
     def defect(*_: object) -> None:
         raise kind("a defect")
 
-    monkeypatch.setattr(config, "fusion_config", defect)
+    monkeypatch.setattr(config.Config, "fusion_config", defect)
     with pytest.raises(kind, match="a defect"):
         run(["config"])
 
@@ -178,7 +178,7 @@ def test_an_interrupt_is_no_error(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(config, "fusion_config", interrupt)
+    monkeypatch.setattr(config.Config, "fusion_config", interrupt)
     assert run(["config"]) == 130
     assert capsys.readouterr().err.strip() == ""
 

@@ -4,23 +4,51 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ..errors import UserError, missing_extra
+from ..options import Command, Json, Tool, option
 
-Period = Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option(
-        "--cache",
+
+@dataclass(kw_only=True)
+class Cached(Command):
+    """The option of an experiment that renders or tracks what the next run needs again."""
+
+    cache: Path | None = option(
+        None,
+        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
+        env="COMOTION_CACHE",
         metavar="DIR",
-        envvar="COMOTION_CACHE",
-        help="Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
-    ),
-]
+    )
+
+    def cache_folder(self, name: str) -> Path:
+        """Return the folder that keeps the tracks of the experiment of this name."""
+        base = os.environ.get("XDG_CACHE_HOME")
+        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / name
+
+
+@dataclass(kw_only=True)
+class Experiment(Json, Tool):
+    """What all experiments have in common: how their results are printed."""
+
+    log_level = "warning"
+
+    def print_written(self, values: str, text: str, written: str) -> None:
+        """Print the values as JSON, or the report and where it was written."""
+        print(values if self.json_ else f"{text}\n{written}")
+
+    def print_table(self, values: str, width: int, table: object, *lines: str) -> None:
+        """Print the values as JSON, or a table of at least `width` columns and lines."""
+        from rich.console import Console
+
+        if self.json_:
+            print(values)
+            return
+        console = Console(width=max(width, Console().width))
+        console.print(table)
+        for line in lines:
+            console.print(line, markup=False, highlight=False)
 
 
 def check(out: Path) -> None:
@@ -62,12 +90,6 @@ def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
     if unknown:
         raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
     return list(parts or ())
-
-
-def cache_folder() -> Path:
-    """Return the default folder of caches."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "comotion"
 
 
 def write_report(out: Path, name: str, text: str, values: object) -> tuple[str, str]:
