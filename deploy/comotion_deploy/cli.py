@@ -97,7 +97,7 @@ def run(arguments: Sequence[str]) -> int:
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("comotion_experiments."):
             raise
-        return _fail("this needs a checkout of the repository: the wheel has what users run", error)
+        return _fail("this needs a checkout of the repository: make setup, in a clone", error)
     except ValueError as error:
         if not _is_known(error):
             raise

@@ -404,5 +404,5 @@ def test_what_the_wheel_leaves_out_is_one_line(module, monkeypatch, capsys, tmp_
     words = {"stress": ["reproduce", "stress"], "bench.report": ["bench", "--features", "2", "--scaling"]}
     assert run(["dev", *words[module], "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
-        "error: this needs a checkout of the repository: the wheel has what users run\n"
+        "error: this needs a checkout of the repository: make setup, in a clone\n"
     )

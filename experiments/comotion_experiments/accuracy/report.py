@@ -1,6 +1,8 @@
 """The accuracy report as Markdown and as a picture."""
 
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +43,22 @@ cannot reach 1.
 
 The methods are described [here](../method.md). The recordings are those on which the default was developed;
 [27 others](unseen.md) came after."""
+
+
+def as_json(results: Results) -> dict[str, Any]:
+    """Plain values: mean NMI of each case by method and seed, and the other parts that were run."""
+    scores: dict[str, dict[str, list[float]]] = {}
+    for (name, method), outcomes in results.outcomes.items():
+        scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
+    moved = "motion" in results.experiment.parts
+    return {
+        "seeds": list(results.experiment.seeds),
+        "nmi": scores,
+        "linkage": {name: float(np.nanmean(nmi)) for name, nmi in results.linkage.items()},
+        "comparator": results.compared,
+        "motion": results.motion.medians() if moved else None,
+        "parameters": [asdict(variation) for variation in results.variations],
+    }
 
 
 def _head(results: Results) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def _make(name: str, seed: int, setup: Setup) -> Sources:
     scene = Scene.named(name, seed)
     atlas, seconds = build_atlas(scene.model, seed), setup.duration or scene.period
     config, cover = TrackerConfig(max_features=setup.features), Cover(*setup.cover)
-    how = {"size": setup.size, "seconds": seconds, "atlas": atlas}
+    how: dict[str, Any] = {"size": setup.size, "seconds": seconds, "atlas": atlas}
     open_, covered = filmed(scene, "a", CAMERA_A, config, rate=setup.rate_a, cover=cover, **how)
     return {
         CAMERA_A: open_,

@@ -1,6 +1,7 @@
 """Renders and tracks a scene with both cameras: scene and seed -> messages, cached on disk."""
 
 from pathlib import Path
+from typing import Any
 
 from scipy.spatial.transform import Rotation
 
@@ -48,7 +49,7 @@ def _make(name: str, seed: int, setup: Setup) -> Sources:
     scene = Scene.named(name, seed)
     atlas = build_atlas(scene.model, seed)
     config = TrackerConfig(max_features=setup.features)
-    how = {"size": setup.size, "rate": setup.rate, "seconds": setup.duration, "atlas": atlas}
+    how: dict[str, Any] = {"size": setup.size, "rate": setup.rate, "seconds": setup.duration, "atlas": atlas}
     return {
         DEPTH_CAMERA: filmed(scene, "a", DEPTH_CAMERA, config, **how)[0],
         PLAIN_CAMERA: filmed(scene, "b", PLAIN_CAMERA, config, depth=False, **how)[0],

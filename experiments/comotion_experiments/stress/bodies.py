@@ -1,5 +1,7 @@
 """Families in which bodies move in their own way: rest, stop and go, slow, soft, hinged, coupled, hidden."""
 
+from typing import Any
+
 import numpy as np
 
 from comotion_schemas.errors import KnownError
@@ -102,7 +104,7 @@ def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> li
     if spec.respawn is not None:
         rng = rng_of(seed, "respawn")
         spans = replaced(bodies, duration, rng, share=spec.respawn.share, every=spec.respawn.every / speed)
-    where = {"dim": spec.dim, "unit": spec.unit, "space": spec.space}
+    where: dict[str, Any] = {"dim": spec.dim, "unit": spec.unit, "space": spec.space}
     return made(seed, bodies, duration, spans, period=1 / 3, **where)
 
 
