@@ -105,6 +105,7 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
     quick: bool = option(False, "One seed, no runs of ten minutes.")
+    trace: bool = option(False, "Print the NMI of every update too.")
     out: Path = option(Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR")
 
     def run(self) -> None:
@@ -128,7 +129,8 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
             report.markdown(results, picture),
             {picture: lambda path: report.save_picture(path, results)},
         )
-        self.report("stress", text, report.as_json(results), *report.tables(results), pictures=drawn)
+        shown = [*report.tables(results), *([report.traces(results)] if self.trace else [])]
+        self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
 
 
 @dataclass(kw_only=True)

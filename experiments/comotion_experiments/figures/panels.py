@@ -161,6 +161,15 @@ def curve(
         )
 
 
+def switch_curves(axes: Any, takes: Mapping[str, SceneRuns], default: str) -> None:
+    """Draw NMI over time for several σ of the thesis method, and for the default one, by their labels."""
+    for k, (label, take) in enumerate(takes.items()):
+        if label == default:
+            curve(axes, take, label, colour=DEFAULT_COLOUR, width=2.6, order=5)
+        else:
+            curve(axes, take, f"thesis, {label}", colour=RAMP[k], dashes=DASHES[k])
+
+
 def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:
     """Mean and standard deviation over seeds [U], masked where no seed has a value."""
     known = np.ma.masked_invalid(values)

@@ -95,11 +95,7 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
         takes = _takes(study, shot)
         figure = panels.new_figure(9.5, 4.8)
         axes = figure.subplots()
-        for k, (label, take) in enumerate(takes.items()):
-            if label == DEFAULT:
-                panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.4, order=5)
-            else:
-                panels.curve(axes, take, f"thesis, {label}", colour=panels.RAMP[k], dashes=panels.DASHES[k])
+        panels.switch_curves(axes, takes, DEFAULT)
         panels.nmi_axes(axes, duration=film_setup(study, shot.respawn_every).seconds, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         found = _parameters(study, shot, drawn=False)

@@ -71,6 +71,19 @@ def _table(results: Results) -> Table:
     return drawn
 
 
+def traces(results: Results) -> str:
+    """NMI of every update of every scene: time, NMI, NMI with bodies as one until apart, hypotheses."""
+    lines = []
+    for outcome in results.outcomes:
+        for scene, trace in enumerate(outcome.traces):
+            which = f"{outcome.family}, {outcome.method}, seed {outcome.seed}, scene {scene}"
+            lines.append(f"{which}: t NMI/apart K")
+            rows = zip(trace.seconds, trace.nmi, trace.nmi_apart, trace.hypotheses, strict=True)
+            cells = [f"{t:6.2f} {nmi:.2f}/{apart:.2f} {count:2d}" for t, nmi, apart, count in rows]
+            lines += ["  " + " | ".join(cells[k : k + 8]) for k in range(0, len(cells), 8)]
+    return "\n".join(lines)
+
+
 def as_json(results: Results) -> dict[str, Any]:
     """Everything but the traces as plain values."""
     return {
