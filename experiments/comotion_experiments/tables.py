@@ -53,7 +53,8 @@ class Table:
     def markdown(self) -> str:
         """The table as Markdown, without an end of line."""
         rule = ["---"] * self.words + ["---:"] * (len(self.titles) - self.words)
-        return "\n".join(f"| {' | '.join(cells)} |" for cells in [self.titles, rule, *self.rows])
+        head, *rows = (f"| {' | '.join(cells)} |" for cells in [self.titles, *self.rows])
+        return "\n".join([head, f"|{'|'.join(rule)}|", *rows])
 
 
 def number(value: float, digits: int) -> str:
