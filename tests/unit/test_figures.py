@@ -103,14 +103,6 @@ def test_a_wrong_option_is_one_line(capsys, arguments, words):
     assert words in captured.err
 
 
-@pytest.mark.parametrize("name", ["figures", "fusion", "links", "pixels", "accuracy"])
-def test_experiments_share_their_options(capsys, monkeypatch, name):
-    monkeypatch.setenv("COLUMNS", "200")
-    assert run(["dev", "reproduce", name, "--help"]) == 0
-    shown = capsys.readouterr().out
-    assert all(option in shown for option in ("--quick", "--out", "--config", "--log-level", "Examples:"))
-
-
 def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone(
     tmp_path, capsys, monkeypatch
 ):

@@ -82,12 +82,6 @@ def test_the_scenes_are_listed(capsys):
     assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
 
 
-@pytest.mark.parametrize("command", ["simulator", "replay"])
-def test_help_shows_examples(capsys, command):
-    assert run(["source", command, "--help"]) == 0
-    assert "Examples:" in capsys.readouterr().out
-
-
 def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.0)
     with progress.shown_progress("take", 20.0) as advance:
