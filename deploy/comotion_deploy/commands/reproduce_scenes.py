@@ -125,10 +125,8 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
                 families, seeds, methods=self.method or study.METHODS, jobs=self.jobs, progress=note
             )
         picture = "images/stress.png"
-        text, drawn = (
-            report.markdown(results, picture),
-            {picture: lambda path: report.save_picture(path, results)},
-        )
+        text = report.markdown(results, picture)
+        drawn = {picture: lambda path: report.save_picture(path, results)}
         shown = [*report.tables(results), *([report.traces(results)] if self.trace else [])]
         self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
 

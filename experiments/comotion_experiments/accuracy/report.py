@@ -196,8 +196,9 @@ bodies rest before they move, because bodies at rest cannot be distinguished."""
 
 
 def _reliability(results: Results, picture: str) -> str:
-    rows = [(f"{c:.3f}", f"{r:.3f}", f"{n}") for c, r, n in bins(results)]
-    table = Table(("confidence", "right", "assignments"), rows=rows, words=0)
+    table = Table(("confidence", "right", "assignments"), words=0)
+    for confidence, right, count in bins(results):
+        table.add(f"{confidence:.3f}", f"{right:.3f}", f"{count}")
     return f"{_CONFIDENCE}\n\n![reliability]({picture})\n\n{table.markdown()}"
 
 

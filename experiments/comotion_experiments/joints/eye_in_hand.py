@@ -76,7 +76,7 @@ def _make(seed: int) -> dict[str, list[Message]]:
     found: dict[str, list[Message]] = {"posed": [], "carried": [], "fixed": []}
     for name, messages in _seen(hand, observers, moving=True):
         found[name] += messages
-    for name, _, messages in _seen(
+    for name, messages in _seen(
         fixed, {"fixed": Observer(still, message_builder("klt", still), scene.objects)}
     ):
         found[name] += messages

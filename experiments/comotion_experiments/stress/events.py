@@ -1,6 +1,7 @@
 """Families in which something happens to the sources: restarts, covers, rebirths, late starts, loops."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -104,9 +105,7 @@ def _two_sources(
     return made(seed, bodies, duration, spans, sources=sources, happenings=happenings)
 
 
-def _lost(
-    seed: int, begin: float, end: float, *, share: float, duration: float, **what: list[Source]
-) -> list[Scene]:
+def _lost(seed: int, begin: float, end: float, *, share: float, duration: float, **what: Any) -> list[Scene]:
     bodies = room(seed)
     spans = respawning(bodies, duration, seed)
     # The same share of every body.

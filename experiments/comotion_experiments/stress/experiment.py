@@ -181,9 +181,13 @@ def run_experiment(
     ]
     results = Results(seeds)
     for outcome in run_all(run_outcome, work, jobs, _said, progress):
-        (results.images if isinstance(outcome, ImageOutcome) else results.outcomes).append(outcome)
-    for outcomes in (results.outcomes, results.images):
-        outcomes.sort(key=lambda o: list(seeds).index(o.seed))
+        if isinstance(outcome, ImageOutcome):
+            results.images.append(outcome)
+        else:
+            results.outcomes.append(outcome)
+    place = list(seeds).index
+    results.outcomes.sort(key=lambda o: place(o.seed))
+    results.images.sort(key=lambda o: place(o.seed))
     return results
 
 
