@@ -14,6 +14,7 @@ from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from comotion_sources.workcell import Scene
 
 from ..offline import Message, run_offline
+from ..trace import objects_of
 from .recording import Recording
 from .setup import CAMERA_A, Variant
 from .surface import Surfaces
@@ -89,10 +90,7 @@ class _Scorer:
         self.ids.append(self._main_hypotheses(update))
 
     def _surface(self, update: HypothesisUpdate, t: float) -> float:
-        objects = np.full(len(update.track_id), -1)
-        for index, source in enumerate(update.sources):
-            rows = update.track_source == index
-            objects[rows] = self.truth.objects((source.name, source.session), update.track_id[rows])
+        objects = objects_of(update, self.truth)
         shares = self.surfaces.covered(t, update.track_position.astype(np.float64), objects)
         return float(np.mean(list(shares.values())))
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Score, Truth, bodies_of, score_labels, tracks_of
+from comotion_clients.metrics import Score, Truth, bodies_of, labels_of, score_labels
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
@@ -121,14 +121,9 @@ class _Scorer:
 
     def _tracks(self, update: HypothesisUpdate) -> tuple[Labels, Objects, NDArray[np.bool_]]:
         """Hypothesis and true object of every observed feature, and whether the plain camera's."""
-        listed = tracks_of(update)
-        labels, objects, plain = [], [], []
-        for key, ids in self.observed.at(update.stamp_ns).items():
-            table = listed.get(key, {})
-            labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
-            objects.append(self.truth.objects(key, ids))
-            plain.append(np.full(len(ids), key[0] == PLAIN_CAMERA))
-        return np.concatenate(labels), np.concatenate(objects), np.concatenate(plain)
+        observed = self.observed.at(update.stamp_ns)
+        plain = [np.full(len(ids), source == PLAIN_CAMERA) for (source, _), ids in observed.items()]
+        return *labels_of(update, self.truth, observed), np.concatenate(plain)
 
 
 def main_objects(labels: Labels, objects: Objects, share: float = 0.0) -> dict[int, int]:
