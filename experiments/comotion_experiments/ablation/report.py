@@ -35,5 +35,5 @@ def _cells(results: Results, rule: str, title: str) -> tuple[str, ...]:
     whole = results.means(WHOLE, recorded=False) | results.means(WHOLE, recorded=True)
     changes = {name: nmi - whole[name] for name, nmi in (families | recordings).items()}
     largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
-    told = ", ".join(f"{name} {change:+.3f}" for name, change in largest if abs(change) > SCATTER)
-    return title, number(mean(families.values()), 4), number(mean(recordings.values()), 4), told or "-"
+    changed = ", ".join(f"{name} {change:+.3f}" for name, change in largest if abs(change) > SCATTER)
+    return title, number(mean(families.values()), 4), number(mean(recordings.values()), 4), changed or "-"

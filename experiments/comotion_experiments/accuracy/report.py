@@ -23,7 +23,7 @@ def markdown(results: Results, picture: str) -> str:
     scored = "scores" in results.experiment.parts
     parts = [_head(results)]
     if scored:
-        parts += [*(_table(results, group) for group in _GROUPS if group in present), _respawn(results)]
+        parts += [_table(results, group) for group in _GROUPS if group in present]
     parts += [_compared(results), _motion(results)]
     parts += [_reliability(results, picture)] if scored else []
     parts += [_robustness(results)]
@@ -137,20 +137,6 @@ def _whole(outcome: Outcome) -> float:
     """Mean NMI over the updates at whole seconds."""
     off = np.abs(outcome.seconds - np.round(outcome.seconds))
     return float(np.nanmean(outcome.nmi[(off < PERIOD / 2) & (outcome.seconds > PERIOD)]))
-
-
-def _respawn(results: Results) -> str:
-    outcomes = results.outcomes.get(("fig4_4", DEFAULT))
-    if not outcomes:
-        return ""
-    seconds = outcomes[0].seconds
-    nmi = np.mean([o.nmi[: len(seconds)] for o in outcomes], 0)
-    thesis = np.mean([o.nmi[: len(seconds)] for o in results.outcomes["fig4_4", THESIS]], 0)
-    table = Table(("t, s", "default", "thesis"))
-    for t, a, b in zip(seconds, nmi, thesis, strict=True):
-        if t > 1 and (t % 2 < 1.4 or t % 2 > 1.9):
-            table.add(f"{t:.2f}", f"{a:.3f}", f"{b:.3f}")
-    return f"### Fig. 4.4 after a respawn, mean over seeds\n\n{table.markdown()}"
 
 
 _POSES = """## Pose since birth and twist
