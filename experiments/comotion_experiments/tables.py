@@ -1,8 +1,8 @@
-"""Tables of results: built once, shown in a terminal and in Markdown."""
+"""Results as tables, built once for a terminal and for Markdown, and as plain values."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -76,3 +76,19 @@ def mean(values: Iterable[float]) -> float:
     """Mean of the values that are not NaN; NaN without any."""
     known = [value for value in values if not math.isnan(value)]
     return float(np.mean(known)) if known else math.nan
+
+
+def plain(value: Any) -> Any:
+    """Values as JSON has them.
+
+    Dataclasses and mappings become objects, arrays and sequences lists, and numbers that are not finite null.
+    """
+    if is_dataclass(value):
+        value = {one.name: getattr(value, one.name) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | range):
+        return [plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

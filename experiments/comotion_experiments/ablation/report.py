@@ -1,9 +1,8 @@
 """The results of an ablation as Markdown and as plain values."""
 
-from dataclasses import asdict
 from typing import Any
 
-from ..tables import Table, mean, number
+from ..tables import Table, mean, number, plain
 from .experiment import SCATTER, WHOLE, Results
 from .rules import RULES
 
@@ -25,9 +24,9 @@ def markdown(results: Results) -> str:
     return f"{_HEAD.format(seeds=seeds, scatter=SCATTER)}\n\n{drawn.markdown()}\n"
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Plain values."""
-    return {"seeds": list(results.seeds), "runs": [asdict(run) for run in results.runs]}
+    return plain(results)
 
 
 def _cells(results: Results, rule: str, title: str) -> tuple[str, ...]:

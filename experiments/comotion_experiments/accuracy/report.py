@@ -1,13 +1,12 @@
 """The accuracy report as Markdown and as a picture."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, spread
+from ..tables import Table, plain, spread
 from .experiment import DEFAULT, REFERENCE, ROBUST_SCENES, THESIS, Results
 from .study import PERIOD, Array, Outcome
 
@@ -45,20 +44,21 @@ The methods are described [here](../method.md). The recordings are those on whic
 [27 others](unseen.md) came after."""
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Plain values: mean NMI of each case by method and seed, and the other parts that were run."""
     scores: dict[str, dict[str, list[float]]] = {}
     for (name, method), outcomes in results.outcomes.items():
         scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
     moved = "motion" in results.experiment.parts
-    return {
-        "seeds": list(results.experiment.seeds),
+    found = {
+        "seeds": results.experiment.seeds,
         "nmi": scores,
-        "linkage": {name: float(np.nanmean(nmi)) for name, nmi in results.linkage.items()},
+        "linkage": {name: np.nanmean(nmi) for name, nmi in results.linkage.items()},
         "comparator": results.compared,
         "motion": results.motion.medians() if moved else None,
-        "parameters": [asdict(variation) for variation in results.variations],
+        "parameters": results.variations,
     }
+    return plain(found)
 
 
 def _head(results: Results) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from comotion import FusionConfig
 
 from ..inputs import find_inputs
 from ..processes import Progress, alone, quiet
+from ..tables import plain
 from .machine import Machine, describe_machine
 from .scene import SceneSpec
 from .straightforward import Baseline, time_straightforward
@@ -79,16 +80,10 @@ class Costs:
                 return self.baseline.update_ms / row.median_ms
         return math.nan
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Any:
         """Plain values."""
-        rows = [asdict(row) for row in self.rows]
-        return {
-            "machine": asdict(self.machine),
-            "rows": [{name: _known(value) for name, value in row.items()} for row in rows],
-            "exponents": self.exponents(),
-            "baseline": None if self.baseline is None else asdict(self.baseline),
-            "times_faster_than_straightforward": _known(self.ratio()),
-        }
+        more = {"exponents": self.exponents(), "times_faster_than_straightforward": self.ratio()}
+        return plain({**vars(self), **more})
 
 
 def run_bench(
@@ -136,10 +131,6 @@ def run_bench(
         spec = replace(scenes[0], features=baseline)
         found = alone(time_straightforward, spec, FusionConfig(method="thesis"), _BASELINE_UPDATES)
     return Costs(machine, rows, found)
-
-
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _time_named(name: str, config: FusionConfig) -> Timing:

@@ -1,15 +1,12 @@
 """The fusion experiment as a table, as a page, as JSON and as a picture."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from comotion_clients.scoring import finite_or_none
-
 from ..plot import new_figure
-from ..tables import Table, spread
+from ..tables import Table, plain, spread
 from .experiment import AFTER_S, Case, Results, verdict
 from .setup import ALL, ALONE_A, ALONE_B, WITH_ROBOT
 from .study import Outcome
@@ -106,32 +103,24 @@ def markdown(results: Results, picture: str) -> str:
     )
 
 
-def as_json(results: Results) -> dict[str, Any]:
-    """Everything as plain values: one entry per case, with one number per seed, and the verdict."""
+def as_json(results: Results) -> Any:
+    """Everything as plain values, one entry per scene, cover and variant."""
     start, stop = results.setup.cover
-    return {
-        "method": results.method,
-        "seeds": list(results.seeds),
-        "setup": asdict(results.setup),
-        "cases": [
-            {
-                "scene": case.scene,
-                "covered": case.covered,
-                "sources": list(case.variant.sources),
-                "nmi_a": _plain(case.nmi_a()),
-                "nmi_a_after": _plain(case.nmi_a(stop, stop + AFTER_S)),
-                "nmi": _plain(case.nmi()),
-                "surface": _plain(case.surface()),
-                "ids_kept": _plain(case.kept((start, stop))),
-            }
-            for case in results.cases
-        ],
-        "verdict": finite_or_none(asdict(verdict(results))),
-    }
-
-
-def _plain(values: np.ndarray) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+    cases = [
+        {
+            "scene": case.scene,
+            "covered": case.covered,
+            "sources": case.variant.sources,
+            "nmi_a": case.nmi_a(),
+            "nmi_a_after": case.nmi_a(stop, stop + AFTER_S),
+            "nmi": case.nmi(),
+            "surface": case.surface(),
+            "ids_kept": case.kept((start, stop)),
+        }
+        for case in results.cases
+    ]
+    about = {"method": results.method, "seeds": results.seeds, "setup": results.setup}
+    return plain({**about, "cases": cases, "verdict": verdict(results)})
 
 
 def save_picture(path: Path, results: Results) -> None:

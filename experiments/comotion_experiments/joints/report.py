@@ -1,11 +1,10 @@
 """Results of the experiments with joints, as Markdown and plain values."""
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from ..tables import Table, mean
+from ..tables import Table, mean, plain
 from . import features, people, poses
 from .experiment import Results
 
@@ -58,21 +57,7 @@ def _hand_table(results: Results) -> str:
     return drawn.markdown()
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """All results as plain values."""
-    return {
-        "seeds": list(results.experiment.seeds),
-        "poses": [asdict(one) for one in results.poses],
-        "features": [[scene, [asdict(one) for one in found]] for scene, found in results.features],
-        "sparse": [[scene, [asdict(one) for one in found]] for scene, found in results.sparse],
-        "free": results.free,
-        "people": [_person(one) for one in results.people],
-        "cost": [asdict(one) for one in results.cost],
-        "hand": [asdict(one) for one in results.hand],
-    }
-
-
-def _person(one: people.Person) -> dict[str, Any]:
-    """Plain values; ``asdict`` does not keep counters before Python 3.12."""
-    kinds = {name: dict(counter) for name, counter in one.kinds.items()}
-    return dict(vars(one)) | {"apart": dict(one.apart), "kinds": kinds, "others": dict(one.others)}
+    parts = {name: part for name, part in vars(results).items() if name != "experiment"}
+    return plain({"seeds": results.experiment.seeds, **parts})

@@ -1,11 +1,8 @@
 """The link experiment as a table and as JSON."""
 
-from dataclasses import asdict
 from typing import Any
 
-from comotion_clients.scoring import finite_or_none
-
-from ..tables import Table, number, spread
+from ..tables import Table, number, plain, spread
 from .experiment import Case, Results
 
 _READINGS = ("apart", "rest", "joined", "oracle")
@@ -56,25 +53,18 @@ def _links(case: Case, what: str) -> str:
     return f"{number(100 * count.precision, 0)}/{number(100 * count.recall, 0)} ({count.linkable})"
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Everything as plain values, one entry per scene, with one number per seed."""
-    return {
-        "seeds": list(results.seeds),
-        "setup": asdict(results.setup),
-        "cases": [
-            {
-                "scene": case.scene,
-                **{
-                    f"{what}_links": asdict(count)
-                    | finite_or_none({"precision": count.precision, "recall": count.recall})
-                    for what in ("moving", "pure", "resting")
-                    for count in [case.count(what)]
-                },
-                **{
-                    what: {reading: case.scores(what, reading).tolist() for reading in _READINGS}
-                    for what in ("nmi", "nmi_plain", "error_plain")
-                },
-            }
-            for case in results.cases
-        ],
-    }
+    cases: list[dict[str, Any]] = []
+    for case in results.cases:
+        counts = {what: case.count(what) for what in ("moving", "pure", "resting")}
+        links = {
+            f"{what}_links": {**vars(count), "precision": count.precision, "recall": count.recall}
+            for what, count in counts.items()
+        }
+        scores = {
+            what: {reading: case.scores(what, reading) for reading in _READINGS}
+            for what in ("nmi", "nmi_plain", "error_plain")
+        }
+        cases.append({"scene": case.scene, **links, **scores})
+    return plain({"seeds": results.seeds, "setup": results.setup, "cases": cases})

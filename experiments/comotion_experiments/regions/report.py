@@ -1,10 +1,9 @@
 """Scores of regions, as Markdown and plain values."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-from ..tables import Table, mean, spread
+from ..tables import Table, mean, plain, spread
 from .experiment import METHODS, Scored
 
 
@@ -21,6 +20,6 @@ def markdown(results: Sequence[Scored]) -> str:
     return f"{head}\n\n{found.markdown()}\n"
 
 
-def as_json(results: Sequence[Scored]) -> list[dict[str, Any]]:
+def as_json(results: Sequence[Scored]) -> Any:
     """All scores as plain values."""
-    return [asdict(one) for one in results]
+    return plain(list(results))

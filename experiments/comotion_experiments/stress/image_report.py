@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from comotion_clients.scoring import finite_or_none
-
-from ..tables import Table, mean, number
+from ..tables import Table, mean, number, plain
 from .image_experiment import IMAGE_FAMILIES, ImageFigures, ImageOutcome
 
 # Field of the figures, title, digits, factor.
@@ -48,9 +46,8 @@ def markdown(outcomes: Sequence[ImageOutcome]) -> str:
     return f"{_TEXT}\n\n{table(outcomes).markdown()}"
 
 
-def as_json(outcomes: Sequence[ImageOutcome]) -> list[dict[str, Any]]:
+def as_json(outcomes: Sequence[ImageOutcome]) -> Any:
     """Plain values, an entry for each family and seed."""
-    return [
-        {"family": o.family, "seed": o.seed, **finite_or_none(asdict(o.figures)), "errors": o.errors}
-        for o in outcomes
-    ]
+    return plain(
+        [{"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in outcomes]
+    )

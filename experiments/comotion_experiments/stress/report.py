@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from comotion_clients.scoring import finite_or_none
-
 from ..plot import new_figure
-from ..tables import Table, mean, number
+from ..tables import Table, mean, number, plain
 from . import image_report
 from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Figures, Results
@@ -84,21 +82,12 @@ def traces(results: Results) -> str:
     return "\n".join(lines)
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Everything but the traces as plain values."""
-    return {
-        "seeds": list(results.seeds),
-        "images": image_report.as_json(results.images),
-        "runs": [
-            {
-                "family": o.family,
-                "method": o.method,
-                "seed": o.seed,
-                **finite_or_none(asdict(o.figures)),
-            }
-            for o in results.outcomes
-        ],
-    }
+    runs = [
+        {"family": o.family, "method": o.method, "seed": o.seed, **vars(o.figures)} for o in results.outcomes
+    ]
+    return plain({"seeds": results.seeds, "images": image_report.as_json(results.images), "runs": runs})
 
 
 def markdown(results: Results, picture: str) -> str:
