@@ -20,8 +20,6 @@ Examples:
   comotion dev reproduce fusion --seeds 0-4 --out fusion
   comotion dev reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
 """
-    log_level = "info"
-
     seeds: str | None = setting(None, "Seeds, e.g. 0-4 or 0,3. Default: 0-4, quick 0-1.")
     quick: bool = option(False, "Small images, short runs, two scenes, two seeds.")
     period: float = option(1 / 3, "s between updates.", min=0.05, max=10)
@@ -33,14 +31,19 @@ Examples:
         from comotion_experiments.inputs import parse_seeds
 
         check(self.out)
-        results = run_experiment(
-            self.workcell or (SCENES[:2] if self.quick else SCENES),
-            parse_seeds(self.seeds or ("0-1" if self.quick else "0-4")),
-            self.fusion_config(),
-            setup=QUICK if self.quick else Setup(),
-            cache=self.cache_folder("fusion"),
-            period=self.period,
-        )
+        scenes = self.workcell or (SCENES[:2] if self.quick else SCENES)
+        seeds = parse_seeds(self.seeds or ("0-1" if self.quick else "0-4"))
+        setup, cache = QUICK if self.quick else Setup(), self.cache_folder("fusion")
+        with progress() as note:
+            results = run_experiment(
+                scenes,
+                seeds,
+                self.fusion_config(),
+                setup=setup,
+                cache=cache,
+                period=self.period,
+                progress=note,
+            )
         text, shown = report.markdown(results, "fusion.png"), (report.table(results), *report.lines(results))
         drawn = {"fusion.png": lambda path: report.save_picture(path, results)}
         self.report("fusion", text, report.as_json(results), *shown, pictures=drawn)
