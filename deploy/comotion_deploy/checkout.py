@@ -24,7 +24,7 @@ def require_checkout(command: str) -> None:
     """
     if not in_checkout():
         raise UserError(
-            f"'comotion dev {command}' needs a checkout of the repository: make setup, in a clone"
+            f"'comotion dev {command}' needs a checkout of the repository: the wheel has what users run"
         )
     if str(_TESTS) not in sys.path:
         sys.path.append(str(_TESTS))

@@ -69,11 +69,7 @@ _PANELS: dict[str, dict[str, type[Command] | typer.Typer]] = {
     "Develop": {"dev": dev.app},
 }
 for _panel, _commands in _PANELS.items():
-    for _name, _command in _commands.items():
-        if isinstance(_command, typer.Typer):
-            app.add_typer(_command, name=_name, rich_help_panel=_panel)
-        else:
-            add(app, _name, _command, _panel)
+    add(app, _commands, _panel)
 
 
 def _present(arguments: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ import inspect
 import re
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -112,9 +112,14 @@ def as_function(kind: type[Command]) -> Callable[..., None]:
     return call
 
 
-def add(app: typer.Typer, name: str, kind: type[Command], panel: str | None = None) -> None:
-    """Add a command to an app, in a panel of its help."""
-    app.command(name, epilog=shown_epilog(kind.epilog), rich_help_panel=panel)(as_function(kind))
+def add(app: typer.Typer, commands: Mapping[str, type[Command] | typer.Typer], panel: str = "") -> None:
+    """Add commands and groups of commands to an app by their names, in a panel of its help."""
+    for name, command in commands.items():
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name, rich_help_panel=panel or None)
+        else:
+            epilog = shown_epilog(command.epilog)
+            app.command(name, epilog=epilog, rich_help_panel=panel or None)(as_function(command))
 
 
 def shown_epilog(text: str) -> str:

@@ -9,10 +9,7 @@ from .soak import Soak
 from .warm_up import WarmUp
 
 app = typer.Typer(help="Measure, stress and reproduce; compile ahead.", no_args_is_help=True)
-app.add_typer(reproduce.app, name="reproduce")
-add(app, "bench", Bench)
-add(app, "soak", Soak)
-add(app, "warm-up", WarmUp)
+add(app, {"reproduce": reproduce.app, "bench": Bench, "soak": Soak, "warm-up": WarmUp})
 
 MOVED = frozenset({"bench", "reproduce", "soak", "warm-up"})
 """Commands that had no group; their old names are accepted for one release."""

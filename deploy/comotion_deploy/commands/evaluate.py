@@ -74,13 +74,13 @@ Examples:
     def _score_files(self, files: list[str]) -> None:
         from rich.console import Console
 
-        from comotion.library.compiling import tell_of_compiling
+        from comotion.library.compiling import report_compiling
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
         from comotion_sources.parts import parse_rates
 
         config = self.fusion_config()
-        tell_of_compiling()
+        report_compiling()
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
         try:

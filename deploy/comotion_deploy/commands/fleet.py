@@ -88,7 +88,7 @@ class RunAgent(Cluster, Ready, Session):
 
 @dataclass(kw_only=True)
 class Add(Cluster):
-    """Add a scene to the fleet; agents with room serve it."""
+    """Add a scene to the fleet; agents with a free place serve it."""
 
     epilog = "Example:\n  comotion fleet add kitchen --one -- --method thesis"
 
@@ -172,7 +172,4 @@ class Listing(Json, Cluster):
 
 app = typer.Typer(epilog=shown_epilog(EPILOG), help="Serve many scenes on many hosts.")
 app.callback(invoke_without_command=True)(as_function(RunAgent))
-add(app, "add", Add)
-add(app, "remove", Remove)
-add(app, "drain", Drain)
-add(app, "list", Listing)
+add(app, {"add": Add, "remove": Remove, "drain": Drain, "list": Listing})

@@ -153,10 +153,7 @@ Examples:
 app = typer.Typer(
     help="Make and list the certificates of a system.", epilog=shown_epilog(EPILOG), no_args_is_help=True
 )
-add(app, "init", Init)
-add(app, "issue", Issue)
-add(app, "list", Listing)
-add(app, "export", Export)
+add(app, {"init": Init, "issue": Issue, "list": Listing, "export": Export})
 
 
 def _authority() -> Any:

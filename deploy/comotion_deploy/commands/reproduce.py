@@ -32,12 +32,17 @@ app = typer.Typer(
     help="Run the project's experiments again. Without a command: the figures of the thesis.",
     epilog=shown_epilog(EPILOG),
 )
-add(app, "figures", Figures)
-add(app, "joints", JointsStudy)
-add(app, "links", Links)
-add(app, "regions", Regions)
-add(app, "ablation", Ablation)
-add(app, "stress", Stress)
-add(app, "fusion", FusionStudy)
-add(app, "pixels", Pixels)
-add(app, "accuracy", Accuracy)
+add(
+    app,
+    {
+        "figures": Figures,
+        "joints": JointsStudy,
+        "links": Links,
+        "regions": Regions,
+        "ablation": Ablation,
+        "stress": Stress,
+        "fusion": FusionStudy,
+        "pixels": Pixels,
+        "accuracy": Accuracy,
+    },
+)

@@ -12,10 +12,15 @@ from .source_simulator import Simulator
 from .source_workcell import Workcell
 
 app = typer.Typer(help="Publish tracked features to a scene.", no_args_is_help=True)
-add(app, "simulator", Simulator)
-add(app, "replay", Replay)
-add(app, "ros2", SourceRos2)
-add(app, "workcell", Workcell)
-add(app, "proprioception", Proprioception)
-add(app, "klt", Klt)
-add(app, "external-camera", ExternalCamera)
+add(
+    app,
+    {
+        "simulator": Simulator,
+        "replay": Replay,
+        "ros2": SourceRos2,
+        "workcell": Workcell,
+        "proprioception": Proprioception,
+        "klt": Klt,
+        "external-camera": ExternalCamera,
+    },
+)

@@ -113,7 +113,7 @@ _TERMS = """\
   3 s. **kept**: share of bodies that kept their id.
 - **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
 - **spurious**: events a minute beyond the true ones. **switches**: tracks whose hypothesis differs from that
-  of the update before, per 100. **K**: hypotheses, and bodies that are apart."""
+  of the update before, per 100."""
 
 _MARKDOWN = (
     ("nmi_apart", "NMI", 3),
@@ -124,7 +124,6 @@ _MARKDOWN = (
     ("ids", "ids", 1),
     ("spurious", "spurious", 0),
     ("switches", "switches", 1),
-    ("hypotheses", "K", 1),
 )
 
 
@@ -146,10 +145,10 @@ def _group(results: Results, group: str) -> str:
     rows = {name: [means(results, name, method) for method in results.methods] for name in names}
     # A column without a value in the whole group says nothing.
     columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
-    drawn = Table(("family", "what happens", *(title for _, title, _ in columns), "true K"), words=2)
+    drawn = Table(("family", "what happens", *(title for _, title, _ in columns)), words=2)
     for name, row in rows.items():
         cells = (" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns)
-        drawn.add(f"`{name}`", FAMILIES[name].title, *cells, number(row[0]["bodies"], 1))
+        drawn.add(f"`{name}`", FAMILIES[name].title, *cells)
     return f"## {group[0].upper()}{group[1:]}\n\n{drawn.markdown()}"
 
 

@@ -1,4 +1,4 @@
-"""Computed updates in; while this service speaks for its scene, published updates and answered queries out.
+"""Publishes updates and answers queries while this service is the one of its scene.
 
 A standby (:mod:`.standby`) computes the same updates and keeps them to itself.
 """

@@ -24,7 +24,7 @@ from .election import Election
 _MOST_UPDATES = 64
 # s; a router answers within milliseconds.
 _TOKEN_TIMEOUT_S = 0.5
-# Without an update for so long, the router is asked for the token of the active service.
+# Without an update for so long, the service queries the router for the token of the active service.
 _QUIET_NS, _QUIET_PERIODS = 300_000_000, 3
 # Zenoh takes a link for dead after 2 s; over one that works a source of 1 Hz is heard meanwhile.
 _SILENT_NS = 1_500_000_000
