@@ -9,6 +9,11 @@ from .errors import UserError
 _TESTS = Path(__file__).parents[2] / "tests"
 
 
+def in_checkout() -> bool:
+    """Whether this is a checkout of the repository, not what a wheel installed."""
+    return (_TESTS / "comotion_tools").is_dir()
+
+
 def require_checkout(command: str) -> None:
     """Make ``comotion_tools`` importable, here and in processes that are started from here.
 
@@ -17,7 +22,7 @@ def require_checkout(command: str) -> None:
     UserError
         If comotion was installed from a wheel, which leaves the tools out.
     """
-    if not (_TESTS / "comotion_tools").is_dir():
+    if not in_checkout():
         raise UserError(
             f"'comotion dev {command}' needs a checkout of the repository: the wheel has what users run"
         )

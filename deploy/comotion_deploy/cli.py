@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
+from .checkout import in_checkout
 from .commands import dev, fleet, pki, source
 from .commands.calibrate import Calibrate
 from .commands.config import Config
@@ -90,6 +91,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
         return _fail(error, error)
+    except ImportError as error:
+        if in_checkout() or (error.name or "").partition(".")[0] != "comotion_experiments":
+            raise
+        return _fail("this needs a checkout of the repository: make setup, in a clone", error)
     except ValueError as error:
         if not _is_known(error):
             raise

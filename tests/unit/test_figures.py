@@ -12,10 +12,11 @@ pytest.importorskip("matplotlib", reason="needs the extra plot (matplotlib)")
 from comotion_deploy.cli import run
 from comotion_deploy.commands import reproduce_figures
 from comotion_experiments.figures import FIGURES, Options, select
-from comotion_experiments.figures.colouring import LETTERS, Styles, unit
+from comotion_experiments.figures.colouring import LETTERS, Styles
 from comotion_experiments.figures.numbers import format_times, perfect_from, right_at
 from comotion_experiments.figures.runs import ViewRequest
 from comotion_experiments.figures.study import Study, thesis
+from comotion_experiments.plot import unit
 from comotion_schemas import UNDETERMINED
 
 CLOSE = ViewRequest((1.0, 5.0, 10.0), trail=2.0, affinity=True)

@@ -2,13 +2,15 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import UserError, missing_extra
 from ..options import Command, Json, Tool, option
+
+Pictures = Mapping[str, Callable[[Path], object]]
 
 
 @dataclass(kw_only=True)
@@ -30,25 +32,72 @@ class Cached(Command):
 
 @dataclass(kw_only=True)
 class Experiment(Json, Tool):
-    """What all experiments have in common: how their results are printed."""
+    """What all experiments have in common: a folder for their results, and how these are printed."""
 
     log_level = "warning"
+    out: Path
 
-    def print_written(self, values: str, text: str, written: str) -> None:
-        """Print the values as JSON, or the report and where it was written."""
-        print(values if self.json_ else f"{text}\n{written}")
-
-    def print_table(self, values: str, width: int, table: object, *lines: str) -> None:
-        """Print the values as JSON, or a table of at least `width` columns and lines."""
+    def show(self, values: str, *shown: object) -> None:
+        """Print the values as JSON, or tables and lines."""
         from rich.console import Console
 
         if self.json_:
             print(values)
             return
-        console = Console(width=max(width, Console().width))
-        console.print(table)
-        for line in lines:
-            console.print(line, markup=False, highlight=False)
+        console = Console(width=max(170, Console().width))
+        for part in shown:
+            if isinstance(part, str):
+                print(part)
+            else:
+                console.print(part)
+
+    def report(
+        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
+    ) -> None:
+        """Write the page of an experiment, its values and its pictures, and show it.
+
+        Parameters
+        ----------
+        name
+            Name of page and values, without a suffix.
+        text
+            The page, in Markdown.
+        values
+            What the JSON file holds.
+        shown
+            Tables and lines for the terminal; the page itself by default.
+        pictures
+            What draws each picture, by its path in the folder.
+        """
+        data, drawn = json.dumps(values, indent=2), pictures or {}
+        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
+        for path in (page, *images):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(text, encoding="utf-8")
+        numbers.write_text(data + "\n", encoding="utf-8")
+        for path, draw in zip(images, drawn.values(), strict=True):
+            draw(path)
+        written = ", ".join(map(str, (page, numbers, *images)))
+        self.show(data, *(shown or (text,)), f"written: {written}")
+
+
+@dataclass(kw_only=True)
+class OnFamilies(Command):
+    """Options of an experiment on stress families."""
+
+    family: list[str] | None = option(
+        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
+    )
+    jobs: int = option(2, "Processes at once.", min=1, max=256)
+
+
+@dataclass(kw_only=True)
+class OnWorkcell(Command):
+    """The option of an experiment on scenes of the workcell."""
+
+    workcell: list[str] | None = option(
+        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
+    )
 
 
 def check(out: Path) -> None:
@@ -90,32 +139,6 @@ def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
     if unknown:
         raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
     return list(parts or ())
-
-
-def write_report(out: Path, name: str, text: str, values: object) -> tuple[str, str]:
-    """Write the report of an experiment as Markdown and its values as JSON.
-
-    Parameters
-    ----------
-    out
-        Folder; made if it is missing.
-    name
-        Name of both files, without a suffix.
-    text
-        The report.
-    values
-        What the JSON file holds.
-
-    Returns
-    -------
-    tuple of str
-        The values as JSON, and a line that says where both files are.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    page, data, written = out / f"{name}.md", out / f"{name}.json", json.dumps(values, indent=2)
-    page.write_text(text, encoding="utf-8")
-    data.write_text(written + "\n", encoding="utf-8")
-    return written, f"written: {page}, {data}"
 
 
 @contextmanager

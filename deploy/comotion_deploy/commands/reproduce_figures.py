@@ -64,7 +64,7 @@ Examples:
         data.write_text(values + "\n", encoding="utf-8")
         html.write_text(page(results, self._command()), encoding="utf-8")
         missing = [left_out(results)] if left_out(results) else []
-        self.print_table(values, 150, _table(results), *missing, f"written: {html}, {data}")
+        self.show(values, _table(results), *missing, f"written: {html}, {data}")
 
     def _command(self) -> str:
         """Return the command line that makes the same page."""

@@ -1,16 +1,15 @@
 """``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import UserError
-from ..options import Tool, option, setting
-from .experiments import Experiment, check, check_folder, known_parts, progress, write_report
+from ..options import option, setting
+from .experiments import Experiment, OnFamilies, check, check_folder, known_parts, progress
 
 
 @dataclass(kw_only=True)
-class Accuracy(Tool):
+class Accuracy(Experiment):
     """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
 
     epilog = """
@@ -19,7 +18,6 @@ Examples:
   comotion dev reproduce accuracy --quick
   comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
-    log_level = "warning"
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
@@ -28,7 +26,7 @@ Examples:
     part: list[str] | None = option(
         None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
     )
-    out: Path = option(Path("accuracy"), "Where accuracy.md and its picture go.", metavar="DIR")
+    out: Path = option(Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR")
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -49,34 +47,26 @@ Examples:
         seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         with progress() as note:
             results = study.run_experiment(study.Experiment(cases, seeds, parts), progress=note)
-        self.out.mkdir(parents=True, exist_ok=True)
-        if "scores" in parts:
-            (self.out / "images").mkdir(exist_ok=True)
-            report.save_reliability(self.out / "images" / "reliability.png", results)
-        page = self.out / "accuracy.md"
-        page.write_text(report.markdown(results, "images/reliability.png"))
-        print(f"written: {page}")
+        picture = "images/reliability.png"
+        drawn = {picture: lambda path: report.save_reliability(path, results)} if "scores" in parts else {}
+        self.report("accuracy", report.markdown(results, picture), report.as_json(results), pictures=drawn)
 
 
 @dataclass(kw_only=True)
-class Ablation(Experiment):
+class Ablation(OnFamilies, Experiment):
     """Leave out each rule of the default method alone, on stress families and recordings."""
 
     epilog = """
 Examples:
   comotion dev reproduce ablation --data recordings/mocap --out docs/research
   comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
-
-A family's name also stands for all that begin with it.
 """
 
     rule: list[str] | None = option(
         None, "Rule to leave out; may be repeated. Default: each.", metavar="NAME"
     )
-    family: list[str] | None = option(None, "Stress family; may be repeated. Default: all.", metavar="NAME")
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
     out: Path = option(Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR")
 
     def run(self) -> None:
@@ -94,13 +84,11 @@ A family's name also stands for all that begin with it.
         seeds = parse_seeds(self.seeds)
         with progress() as note:
             results = run_experiment(rules, families, seeds, self.data or (), jobs=self.jobs, progress=note)
-        text = report.markdown(results)
-        values, written = write_report(self.out, "ablation", text, report.as_json(results))
-        self.print_written(values, text, written)
+        self.report("ablation", report.markdown(results), report.as_json(results))
 
 
 @dataclass(kw_only=True)
-class Stress(Experiment):
+class Stress(OnFamilies, Experiment):
     """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
 
     epilog = """
@@ -112,21 +100,16 @@ Examples:
 A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.
 """
 
-    family: list[str] | None = option(
-        None, "Family of scenes; may be repeated. Default: all.", metavar="NAME"
-    )
     seeds: str | None = setting(
         None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
     quick: bool = option(False, "One seed, no runs of ten minutes.")
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
-    out: Path = option(Path("stress"), "Where stress.md and images/stress.png go.", metavar="DIR")
+    trace: bool = option(False, "Print the NMI of every update too.")
+    out: Path = option(Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR")
 
     def run(self) -> None:
         """Run it and write the report."""
-        from rich.console import Console
-
         from comotion_experiments import stress as study
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import report
@@ -141,17 +124,11 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
             results = study.run_experiment(
                 families, seeds, methods=self.method or study.METHODS, jobs=self.jobs, progress=note
             )
-        page, picture = self.out / "stress.md", self.out / "images" / "stress.png"
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        report.save_picture(picture, results)
-        page.write_text(report.markdown(results, "images/stress.png"))
-        if self.json_:
-            print(json.dumps(report.as_json(results), indent=2))
-            return
-        console = Console(width=max(170, Console().width))
-        for drawn in report.tables(results):
-            console.print(drawn)
-        print(f"written: {page}, {picture}")
+        picture = "images/stress.png"
+        text = report.markdown(results, picture)
+        drawn = {picture: lambda path: report.save_picture(path, results)}
+        shown = [*report.tables(results), *([report.traces(results)] if self.trace else [])]
+        self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
 
 
 @dataclass(kw_only=True)
@@ -184,5 +161,5 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
                 cross_validate=self.cross_validate and not self.quick,
                 progress=note,
             )
-        values, written = write_report(self.out, "pixels", report.markdown(scores), scores.as_json())
-        self.print_table(values, 130, report.table(scores), *report.lines(scores), written)
+        shown = report.table(scores), *report.lines(scores)
+        self.report("pixels", report.markdown(scores), scores.as_json(), *shown)

@@ -2,15 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..errors import require_dense
 from ..fusion_options import Fusion
 from ..options import option, setting
-from .experiments import Cached, Experiment, check, check_folder, known_parts, progress, write_report
+from .experiments import Cached, Experiment, OnWorkcell, check, check_folder, known_parts, progress
 
 
 @dataclass(kw_only=True)
-class FusionStudy(Cached, Fusion, Experiment):
+class FusionStudy(OnWorkcell, Cached, Fusion, Experiment):
     """Measure the gain of fusing cameras and robot joints, with camera A open and covered."""
 
     epilog = """
@@ -19,11 +20,6 @@ Examples:
   comotion dev reproduce fusion --seeds 0-4 --out fusion
   comotion dev reproduce fusion --workcell shelf --method thesis --set thesis.sigma_switch=0.04 --json
 """
-    log_level = "info"
-
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: the four.", metavar="SCENE"
-    )
     seeds: str | None = setting(None, "Seeds, e.g. 0-4 or 0,3. Default: 0-4, quick 0-1.")
     quick: bool = option(False, "Small images, short runs, two scenes, two seeds.")
     period: float = option(1 / 3, "s between updates.", min=0.05, max=10)
@@ -35,24 +31,26 @@ Examples:
         from comotion_experiments.inputs import parse_seeds
 
         check(self.out)
-        results = run_experiment(
-            self.workcell or (SCENES[:2] if self.quick else SCENES),
-            parse_seeds(self.seeds or ("0-1" if self.quick else "0-4")),
-            self.fusion_config(),
-            setup=QUICK if self.quick else Setup(),
-            cache=self.cache_folder("fusion"),
-            period=self.period,
-        )
-        self.out.mkdir(parents=True, exist_ok=True)
-        picture = self.out / "fusion.png"
-        report.save_picture(picture, results)
-        text = report.markdown(results, "fusion.png")
-        values, written = write_report(self.out, "fusion", text, report.as_json(results))
-        self.print_table(values, 110, report.table(results), *report.lines(results), f"{written}, {picture}")
+        scenes = self.workcell or (SCENES[:2] if self.quick else SCENES)
+        seeds = parse_seeds(self.seeds or ("0-1" if self.quick else "0-4"))
+        setup, cache = QUICK if self.quick else Setup(), self.cache_folder("fusion")
+        with progress() as note:
+            results = run_experiment(
+                scenes,
+                seeds,
+                self.fusion_config(),
+                setup=setup,
+                cache=cache,
+                period=self.period,
+                progress=note,
+            )
+        text, shown = report.markdown(results, "fusion.png"), (report.table(results), *report.lines(results))
+        drawn = {"fusion.png": lambda path: report.save_picture(path, results)}
+        self.report("fusion", text, report.as_json(results), *shown, pictures=drawn)
 
 
 @dataclass(kw_only=True)
-class Links(Cached, Fusion, Experiment):
+class Links(OnWorkcell, Cached, Fusion, Experiment):
     """Measure the gain of linking hypotheses of a camera without depth to bodies of a depth camera."""
 
     epilog = """
@@ -62,9 +60,6 @@ Examples:
   comotion dev reproduce links --workcell shelf --turned 2 --json
 """
 
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: six of them.", metavar="SCENE"
-    )
     seeds: str | None = setting(None, "Seeds, e.g. 2-4 or 2,5. Default: 2-4, quick 2.")
     quick: bool = option(False, "Small images, short runs, one seed.")
     period: float = option(1 / 3, "s between updates.", min=0.05, max=10)
@@ -82,24 +77,19 @@ Examples:
         seeds = parse_seeds(self.seeds or ("2" if self.quick else "2-4"))
         config = self.fusion_config()
         setup, cache = study.QUICK if self.quick else None, self.cache_folder("links")
+        how: dict[str, Any] = {"setup": setup, "cache": cache}
         with progress() as note:
             results = study.run_experiment(
-                scenes,
-                seeds,
-                config,
-                setup=setup,
-                cache=cache,
-                period=self.period,
-                turned=self.turned,
-                progress=note,
+                scenes, seeds, config, **how, period=self.period, turned=self.turned, progress=note
             )
-        values, written = write_report(self.out, "links", report.markdown(results), report.as_json(results))
-        study.save_picture(self.out / "links.jpg", scenes[0], seeds[0], config, setup=setup, cache=cache)
-        self.print_table(values, 170, report.table(results), written)
+        of = scenes[0], seeds[0], config
+        drawn = {"links.jpg": lambda path: study.save_picture(path, *of, **how)}
+        text, values = report.markdown(results), report.as_json(results)
+        self.report("links", text, values, report.table(results), pictures=drawn)
 
 
 @dataclass(kw_only=True)
-class Regions(Fusion, Experiment):
+class Regions(OnWorkcell, Fusion, Experiment):
     """Measure how well dense regions cover the true objects of the workcell (IoU)."""
 
     epilog = """
@@ -108,9 +98,6 @@ Examples:
   comotion dev reproduce regions --seeds 1,3,5 --workcell shelf --out regions
 """
 
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: shelf, truck, arm.", metavar="SCENE"
-    )
     seeds: str | None = setting(None, "Seeds, e.g. 1,3 or 0-4. Default: 0-4, quick 0.")
     quick: bool = option(False, "One seed, 6 s of each scene.")
     out: Path = option(Path("regions"), "Where regions.md and regions.json go.", metavar="DIR")
@@ -130,9 +117,7 @@ Examples:
             results = study.run_experiment(
                 self.workcell or study.SCENES, seeds, config, duration=duration, progress=note
             )
-        text = report.markdown(results)
-        values, written = write_report(self.out, "regions", text, report.as_json(results))
-        self.print_written(values, text, written)
+        self.report("regions", report.markdown(results), report.as_json(results))
 
 
 @dataclass(kw_only=True)
@@ -170,6 +155,4 @@ Examples:
         wanted = study.Experiment(chosen, seeds, poses, self.data, self.cache_folder("joints"))
         with progress() as note:
             results = study.run_experiment(wanted, progress=note)
-        text = report.markdown(results)
-        values, written = write_report(self.out, "joints", text, report.as_json(results))
-        self.print_written(values, text, written)
+        self.report("joints", report.markdown(results), report.as_json(results))
