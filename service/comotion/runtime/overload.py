@@ -31,10 +31,10 @@ class Overload:
         """From 0, nothing is left out, to :data:`comotion.shedding.MOST`."""
         return self._load.level
 
-    def note(self, took_ns: int, at_ns: int) -> int:
-        """Take note of how long an update took; returns the level from now on."""
+    def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
+        """Take note of how long an update took, and its processor time; returns the level from now on."""
         before = self.level
-        level = self._load.note(took_ns, at_ns)
+        level = self._load.note(took_ns, spent_ns, at_ns)
         if level > before:
             kind = logging.INFO if before else logging.WARNING
             self._limit.log(_log, kind, "%s", *self.notes())
