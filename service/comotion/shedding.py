@@ -15,6 +15,7 @@ order:
 from collections import deque
 from dataclasses import dataclass, field
 from math import ceil, log2
+from statistics import median_low
 from typing import NamedTuple
 
 MOST = 8
@@ -28,6 +29,8 @@ _SHARE = 0.8
 _STEPS_PER_DOUBLING = 2
 # ns without a slow update after which the level falls.
 _CALM_NS = 500_000_000
+# Updates of a level whose costs are remembered: their median counts, for one may cost anything.
+_REMEMBERED = 5
 # ns after which half of what a level has cost is forgotten: it is tried again now and then.
 _FORGOTTEN_NS = 10_000_000_000
 
@@ -82,8 +85,9 @@ class Load:
     period_ns: int
     level: int = 0
     _slow_ns: int = 0
-    # By level: processor time of an update, ns, and when it was taken down.
-    _costs: dict[int, tuple[float, int]] = field(default_factory=dict)
+    # By level: processor time of its last updates, ns, and when the last one was.
+    _costs: dict[int, deque[int]] = field(default_factory=dict)
+    _last_ns: dict[int, int] = field(default_factory=dict)
     # Of the updates since the last slow one and _CALM_NS: when, and how much longer than its cost it took.
     _stretched: deque[tuple[int, float]] = field(default_factory=deque)
 
@@ -102,8 +106,8 @@ class Load:
         """
         most_ns = _SHARE * self.period_ns
         spent_ns = max(spent_ns, 1)
-        before = self._cost(self.level, at_ns)
-        self._costs[self.level] = (spent_ns if before is None else (before + spent_ns) / 2), at_ns
+        self._costs.setdefault(self.level, deque(maxlen=_REMEMBERED)).append(spent_ns)
+        self._last_ns[self.level] = at_ns
         self._stretched.append((at_ns, took_ns / spent_ns))
         while self._stretched[0][0] <= at_ns - _CALM_NS:
             self._stretched.popleft()
@@ -116,20 +120,13 @@ class Load:
             self.level = next(fitting, self.level)
         return self.level
 
-    def _cost(self, level: int, at_ns: int) -> float | None:
-        """What is remembered of the cost of a level, ns; None for nothing."""
-        if level not in self._costs:
-            return None
-        cost, seen_ns = self._costs[level]
-        return float(cost * 0.5 ** ((at_ns - seen_ns) / _FORGOTTEN_NS))
-
     def _expected(self, level: int, at_ns: int) -> float:
         """What a lower level probably costs, ns: no less than the present one."""
-        present = self._costs[self.level][0]
-        known = self._cost(level, at_ns)
-        if known is None:
-            return present * 2 ** ((self.level - level) / _STEPS_PER_DOUBLING)
-        return max(known, present)
+        present = median_low(self._costs[self.level])
+        if level not in self._costs:
+            return float(present * 2 ** ((self.level - level) / _STEPS_PER_DOUBLING))
+        forgotten = 0.5 ** ((at_ns - self._last_ns[level]) / _FORGOTTEN_NS)
+        return max(float(median_low(self._costs[level]) * forgotten), present)
 
 
 def describe(level: int) -> str:

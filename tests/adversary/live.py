@@ -73,17 +73,13 @@ class Live:
 
     def __str__(self) -> str:
         back = "-" if self.back_s is None else f"{self.back_s:.1f} s"
-        return (
-            f"| {self.scene} | {self.cores:g} | {self.nmi[0]:.3f} | {self.nmi[1]:.3f} | {self.hypotheses[0]:.1f} "
-            f"| {self.hypotheses[1]:.1f} | {self.updates} of {self.due} | {self.gap_s:.2f} s | {self.level} "
-            f"| {back} |"
-        )
+        scores = [*(f"{one:.3f}" for one in self.nmi), *(f"{one:.1f}" for one in self.hypotheses)]
+        came = f"{self.updates} of {self.due}", f"{self.gap_s:.2f} s"
+        return f"| {' | '.join([self.scene, f'{self.cores:g}', *scores, *came, str(self.level), back])} |"
 
 
-HEAD = (
-    "| scene | cores | NMI live | offline | hypotheses live | offline | updates | longest gap | level | back |\n"
-    "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
-)
+_COLUMNS = "scene, cores, NMI live, offline, hypotheses live, offline, updates, longest gap, level, back"
+HEAD = f"| {_COLUMNS.replace(', ', ' | ')} |\n|---|{9 * '---:|'}"
 
 
 @dataclass
