@@ -73,6 +73,8 @@ class Troubles(NamedTuple):
         Whose data waits or is dropped because of what it costs.
     contradictions
         What contradicts what a space is, in words.
+    drifting
+        Whose offset from the others changes, so that they tell no more which bodies there are.
     """
 
     clocks: dict[str, ClockTrouble]
@@ -80,6 +82,7 @@ class Troubles(NamedTuple):
     rivalled: list[str]
     costly: list[str]
     contradictions: dict[str, str]
+    drifting: list[str]
 
 
 class Fusion:
@@ -295,6 +298,7 @@ class Fusion:
             rivalled=timeline.sources.rivalled(at_ns),
             costly=sorted({*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}),
             contradictions=self._spaces.contradictions(),
+            drifting=sorted({sessions[one][0] for one in self._spaces.drifting() if one in sessions}),
         )
 
     def snapshot(self, *, clean: bool = False) -> bytes:

@@ -118,6 +118,10 @@ class Spaces:
                 found.setdefault(source, f"that {space.spec.name} is carried, which others do not say")
         return found
 
+    def drifting(self) -> set[int]:
+        """Numbers of the sessions that drift away from the others of a space."""
+        return {number for space in self for number in space.drift.drifting}
+
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
         name = instant.batch.space

@@ -6,6 +6,7 @@ Router, service, sources and attacker are processes of their own. The honest are
 import json
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -21,8 +22,9 @@ from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_deploy.processes import PYTHON
 from comotion_deploy.soak.attacks import NAME
+from comotion_deploy.soak.load import ID_STEP
 from comotion_deploy.soak.processes import Managed, system
-from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Keys, Status, decode_as
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.transport import client_settings, connect
 
@@ -52,6 +54,8 @@ class Outcome:
         Kind and source of the problems that the Status named.
     told_lost
         Batches of the honest that the service says are lost.
+    renamed
+        Bodies that most features of the honest have under another id than before.
     memory_mb, cpu_s
         Of the service: before, at most, and 8 s after; and how long it has computed in the 3 s more.
     load
@@ -67,6 +71,7 @@ class Outcome:
     sent: int = 0
     problems: set[tuple[str, str | None]] = field(default_factory=set)
     told_lost: int = 0
+    renamed: int = 0
     memory_mb: tuple[float, ...] = ()
     cpu_s: float = 0.0
     load: float = 0.0
@@ -76,8 +81,8 @@ class Outcome:
         memory = " ".join(f"{one:.0f}" for one in self.memory_mb)
         return (
             f"{self.attack:12s} gap {self.gap_s:5.2f} s | {self.updates} updates | lost {self.lost} of "
-            f"{self.sent}, told {self.told_lost} | {self.did} in {self.seconds:.0f} s | MB {memory} | "
-            f"CPU {self.cpu_s:.1f} s | load {self.load:.1f} | {named}"
+            f"{self.sent}, told {self.told_lost} | renamed {self.renamed} | {self.did} in {self.seconds:.0f} s | "
+            f"MB {memory} | CPU {self.cpu_s:.1f} s | load {self.load:.1f} | {named}"
         )
 
     @property
@@ -201,7 +206,7 @@ class Arena:
         """Attack for some seconds; the figures are of that time and the three seconds after it."""
         outcome = Outcome(name, seconds, load=os.getloadavg()[0])
         before = self._accounts()
-        memory, cpu_s = [self._memory()], self._cpu_s()
+        memory, cpu_s, ids = [self._memory()], self._cpu_s(), self._ids()
         with self.attacked_by(name, seconds) as attacker:
             del self._arrived[:-1]
             end = time.monotonic() + seconds + 3.0
@@ -212,6 +217,8 @@ class Arena:
                     found = {(one.kind, one.source) for one in self.status.problems}
                     outcome.problems |= found - _PAUSED
         outcome.cpu_s = self._cpu_s() - cpu_s
+        now = self._ids()
+        outcome.renamed = sum(now.get(body) != one for body, one in ids.items())
         arrived = [*self._arrived, time.monotonic()]
         outcome.gap_s = max(b - a for a, b in pairwise(arrived))
         outcome.updates, outcome.did = len(arrived) - 2, attacker.account["sent"]
@@ -222,6 +229,17 @@ class Arena:
         self.watch(5.0)
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome
+
+    def _ids(self) -> dict[int, int]:
+        """Hypothesis of each body, as most features of the honest have it."""
+        votes: dict[int, Counter[int]] = {}
+        update = self.last
+        assert update is not None
+        rows = zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
+        for source, feature, hypothesis in rows:
+            if update.sources[source].name in HONEST and hypothesis != UNDETERMINED:
+                votes.setdefault(int(feature) // ID_STEP, Counter())[int(hypothesis)] += 1
+        return {body: counts.most_common(1)[0][0] for body, counts in votes.items()}
 
     def _memory(self) -> float:
         usage = self.processes["service"].usage()

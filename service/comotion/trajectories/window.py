@@ -20,6 +20,8 @@ _PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "cova
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
+# Of more slots than the first number, memory is given back when fewer than this share are still in use.
+_MANY_SLOTS, _STILL_USED = 256, 0.25
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Window:
         self.capacity = 0
         self._rows = _FIRST_ROWS
         self._free: list[int] = []
+        # Most slots in use since the columns are as they are: so many have memory behind them.
+        self._written = 0
         self._next_key = 0
         self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
         self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
@@ -109,6 +113,7 @@ class Window:
             self._grow_slots()
         slots = np.array([self._free.pop() for _ in range(count)], np.intp)
         self.used[slots] = True
+        self._written = max(self._written, self.capacity - len(self._free))
         self.ended[slots] = False
         self.source[slots] = source
         self.key[slots] = np.arange(self._next_key, self._next_key + count)
@@ -123,6 +128,10 @@ class Window:
         """Free slots whose trajectories are forgotten."""
         self.used[slots] = False
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
+        in_use = self.capacity - len(self._free)
+        if self._written > _MANY_SLOTS and in_use < _STILL_USED * self._written:
+            self._renew_columns(self.capacity, self._rows)
+            self._written = in_use
 
     def insert(
         self, slots: Slots, stamps: Stamps | int, positions: Floats, sigma: Floats, quaternions: Floats | None
@@ -240,20 +249,20 @@ class Window:
         self.start[due] = 0
 
     def _grow_rows(self) -> None:
-        self._grow_columns(self.capacity, 2 * self._rows)
+        self._renew_columns(self.capacity, 2 * self._rows)
         self._rows *= 2
 
     def _grow_slots(self) -> None:
         extra = max(_FIRST_SLOTS, self.capacity)
-        self._grow_columns(self.capacity + extra, self._rows)
+        self._renew_columns(self.capacity + extra, self._rows)
         for name in _PER_SLOT:
             column = getattr(self, name)
             setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
         self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
         self.capacity += extra
 
-    def _grow_columns(self, slots: int, rows: int) -> None:
-        """Most slots of short-lived features are nearly empty: memory that nobody writes to costs nothing."""
+    def _renew_columns(self, slots: int, rows: int) -> None:
+        """Put what is in use into new columns of a size: memory that nobody writes to costs nothing."""
         used = np.flatnonzero(self.used)
         for name in _COLUMNS:
             column = getattr(self, name)
