@@ -31,9 +31,12 @@ from comotion_schemas.transport import client_settings, connect
 SCENE = "arena"
 HONEST = ("left", "right")
 DEADLINE_S = 600.0
+COLUMNS = "attack, longest gap, updates, lost of sent, renamed, MB before / most / after, load, named"
 BOUND_S = 0.5
 """Longest gap between updates that an attack may cause while the load of the machine is below two."""
 _POLL_S = 0.02
+# The trajectories of an attack leave the window, and housekeeping comes by.
+_GIVEN_BACK_S = 22.0
 # The honest pause before an attack, for their accounts.
 _PAUSED = {("silent", name) for name in HONEST}
 
@@ -56,8 +59,8 @@ class Outcome:
         Batches of the honest that the service says are lost.
     renamed
         Bodies that most features of the honest have under another id than before.
-    memory_mb, cpu_s
-        Of the service: before, at most, and 8 s after; and how long it has computed in the 3 s more.
+    memory_mb
+        Of the service: before, at most, and 25 s after.
     load
         Of the machine over the last minute.
     """
@@ -73,17 +76,20 @@ class Outcome:
     told_lost: int = 0
     renamed: int = 0
     memory_mb: tuple[float, ...] = ()
-    cpu_s: float = 0.0
     load: float = 0.0
 
     def __str__(self) -> str:
-        named = ", ".join(sorted(f"{kind} {who or ''}".strip() for kind, who in self.problems)) or "-"
-        memory = " ".join(f"{one:.0f}" for one in self.memory_mb)
-        return (
-            f"{self.attack:12s} gap {self.gap_s:5.2f} s | {self.updates} updates | lost {self.lost} of "
-            f"{self.sent}, told {self.told_lost} | renamed {self.renamed} | {self.did} in {self.seconds:.0f} s | "
-            f"MB {memory} | CPU {self.cpu_s:.1f} s | load {self.load:.1f} | {named}"
-        )
+        cells = [
+            self.attack,
+            f"{self.gap_s:.2f} s",
+            str(self.updates),
+            f"{self.lost} of {self.sent}",
+            str(self.renamed),
+            " / ".join(f"{one:.0f}" for one in self.memory_mb),
+            f"{self.load:.1f}",
+            ", ".join(sorted(f"`{kind}` {who or ''}".strip() for kind, who in self.problems)) or "-",
+        ]
+        return f"| {' | '.join(cells)} |"
 
     @property
     def blames_the_honest(self) -> bool:
@@ -204,9 +210,10 @@ class Arena:
 
     def attack(self, name: str, seconds: float) -> Outcome:
         """Attack for some seconds; the figures are of that time and the three seconds after it."""
-        outcome = Outcome(name, seconds, load=os.getloadavg()[0])
+        label = f"{name}, certificates" if self._tls else name
+        outcome = Outcome(label, seconds, load=os.getloadavg()[0])
         before = self._accounts()
-        memory, cpu_s, ids = [self._memory()], self._cpu_s(), self._ids()
+        memory, ids = [self._memory()], self._ids()
         with self.attacked_by(name, seconds) as attacker:
             del self._arrived[:-1]
             end = time.monotonic() + seconds + 3.0
@@ -216,7 +223,6 @@ class Arena:
                 if self.status is not None:
                     found = {(one.kind, one.source) for one in self.status.problems}
                     outcome.problems |= found - _PAUSED
-        outcome.cpu_s = self._cpu_s() - cpu_s
         now = self._ids()
         outcome.renamed = sum(now.get(body) != one for body, one in ids.items())
         arrived = [*self._arrived, time.monotonic()]
@@ -226,7 +232,7 @@ class Arena:
         outcome.sent = after[0] - before[0]
         outcome.lost = outcome.sent - (after[1] - before[1])
         outcome.told_lost = sum(one["lost"] or 0 for one in self.accounts() if one["source"] in HONEST)
-        self.watch(5.0)
+        self.watch(_GIVEN_BACK_S)
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome
 
@@ -244,10 +250,6 @@ class Arena:
     def _memory(self) -> float:
         usage = self.processes["service"].usage()
         return 0.0 if usage is None else usage.memory_mb
-
-    def _cpu_s(self) -> float:
-        fields = Path(f"/proc/{self.processes['service'].pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def _accounts(self) -> tuple[int, int]:
         """Batches that the honest have sent, and those fused, once all is counted; they pause meanwhile."""

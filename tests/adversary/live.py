@@ -13,9 +13,10 @@ import re
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,7 +34,7 @@ from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, T
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 from comotion_sources import scenes
 
-SCENES = ("3d_4:60", "3d_4:300", "3d_4:1000", "3d_async", "workcell")
+SCENES = ("3d_4:60", "3d_4:300", "3d_4:1000", "3d_async", *(["workcell"] if find_spec("mujoco") else []))
 CORES = (1.0, 0.5, 0.25)
 SETTLED_S = 3.0
 """The first updates show too little motion for either."""
@@ -228,6 +229,14 @@ def _mean(scores: list[Score], first_ns: int, name: str) -> float:
     return float(np.nanmean(values))
 
 
+def show(scenes: Sequence[str], cores: Sequence[float], seconds: float) -> None:
+    """Print the table, a line as it comes."""
+    print(HEAD, flush=True)
+    for scene in scenes:
+        for share in cores:
+            print(measure(scene, share, seconds), flush=True)
+
+
 def main() -> None:
     """Print a row of each."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -235,10 +244,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("scenes", nargs="*", default=SCENES)
     chosen = parser.parse_args()
-    print(HEAD, flush=True)
-    for scene in chosen.scenes:
-        for cores in chosen.cores:
-            print(measure(scene, cores, chosen.seconds), flush=True)
+    show(chosen.scenes, chosen.cores, chosen.seconds)
 
 
 if __name__ == "__main__":
