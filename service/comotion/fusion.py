@@ -39,8 +39,9 @@ from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
-# Share of a period for updating spaces.
-_GROUPING = 0.8
+# Share of a period for updating spaces: less than what makes updates slow, for who spends it must not make
+# all leave out work.
+_GROUPING = 0.6
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 

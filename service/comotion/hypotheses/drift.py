@@ -6,6 +6,7 @@ its clock runs away. A body that moves otherwise for one source alone is no drif
 """
 
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ from ..trajectories.window import Window
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
 # sources, too, have observed something; velocities are taken over the third.
 _SPAN_NS, _LAG_NS, _STEP_NS = 2_000_000_000, 300_000_000, 200_000_000
+# ns; between observations farther apart, bodies turn and swing by more than noise.
+_DENSE_NS = 100_000_000
 # ns between two looks, and for which a source counts as drifting after it was found to.
 _EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
 # Looks in a row that find it.
@@ -35,7 +38,7 @@ _CLEAR, _LEFT = 4.0, 6.0
 
 
 class _Motion(NamedTuple):
-    """x1 = R x0 + t, the squared residual, the degrees of freedom that are left, and how many features tell."""
+    """x1 = R x0 + t, the squared residual, the degrees of freedom left, and how many features tell."""
 
     R: Floats
     t: Floats
@@ -90,15 +93,14 @@ class DriftCheck:
         # What has parted since is a question: what was one body before?
         while len(self._looks) > 1 and self._looks[1][0] <= stamp_ns - _LAG_NS - _SPAN_NS:
             self._looks.popleft()
-        found, steady = set[int](), set[int]()
-        if self._looks and len(np.unique(window.source[current])) > 1:
-            found, steady = _judged(_seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS))
+        here = set(np.unique(window.source[current]).tolist())
+        known = self._drifting.keys() & here
+        found = set(known)
+        if self._looks and len(here) > 1:
+            found = _judged(_seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS), known)
         self._looks.append((stamp_ns, window.key[current], labels[current]))
         self._found = {one: self._found.get(one, 0) + 1 for one in found}
-        now = {one for one, looks in self._found.items() if looks >= _LOOKS}
-        # Who cannot be judged is as it was.
-        self._drifting |= dict.fromkeys(now | self._drifting.keys() - steady, stamp_ns)
-        here = set(np.unique(window.source[current]).tolist())
+        self._drifting |= {one: stamp_ns for one, looks in self._found.items() if looks >= _LOOKS}
         self._drifting = {
             one: at for one, at in self._drifting.items() if one in here and stamp_ns - at <= _LASTS_NS
         }
@@ -113,33 +115,34 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
-    states = states_at(window, slots, stamps)
+    states = states_at(window, slots, stamps, _DENSE_NS)
     x, step_s = states.position, _STEP_NS * 1e-9
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
     every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
     return every.where(states.held.all(0))
 
 
-def _judged(seen: _Seen) -> tuple[set[int], set[int]]:
-    """Sessions that drift, and those that do not.
+def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
+    """Sessions that drift, of which some are `known` to; who cannot be judged is as it was.
 
     Of those apart from all others the clearest one drifts; then the rest is compared without it. Of two
     nobody knows; that which sees the calmest body move less is believed.
     """
-    drifting: set[int] = set()
+    drifting = set(known)
     while True:
+        rest = seen.where(~np.isin(seen.source, list(drifting)))
         gains = {}
-        for one in np.unique(seen.source).tolist():
-            mine = seen.source == one
-            gains[one] = _gain(_motions(seen.where(~mine)), seen.where(mine))
+        for one in np.unique(rest.source).tolist():
+            mine = rest.source == one
+            gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
         apart = {one: gain for one, gain in gains.items() if gain >= 1}
         if not apart:
-            return drifting, {one for one, gain in gains.items() if gain < 1}
+            break
         if len(gains) == 2:
-            apart = {one: _calmest(seen.where(seen.source == one)) for one in gains}
-        worst = max(apart, key=lambda one: apart[one])
-        drifting.add(worst)
-        seen = seen.where(seen.source != worst)
+            apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
+        drifting.add(max(apart, key=lambda one: apart[one]))
+    motions = _motions(rest)
+    return drifting - {one for one in known if _gain(motions, seen.where(seen.source == one)) < 1}
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:

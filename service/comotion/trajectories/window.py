@@ -20,7 +20,8 @@ _PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "cova
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
-# Of more slots than the first number, memory is given back when fewer than this share are still in use.
+# Memory is given back when less than this share of it is still in use: of the rows of a slot, or of more
+# slots than this number.
 _MANY_SLOTS, _STILL_USED = 256, 0.25
 
 
@@ -128,10 +129,21 @@ class Window:
         """Free slots whose trajectories are forgotten."""
         self.used[slots] = False
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
-        in_use = self.capacity - len(self._free)
-        if self._written > _MANY_SLOTS and in_use < _STILL_USED * self._written:
-            self._renew_columns(self.capacity, self._rows)
-            self._written = in_use
+        self._give_back()
+
+    def _give_back(self) -> None:
+        """Renew the columns when most of the memory behind them holds nothing any more."""
+        in_use, rows = self.capacity - len(self._free), _FIRST_ROWS
+        longest = int(self.counts(self.used).max(initial=0))
+        while longest > _STILL_USED * rows:
+            rows *= 2
+        if rows < _STILL_USED * self._rows:
+            self._compact(np.flatnonzero(self.used))
+            self._rows = rows
+        elif self._written <= _MANY_SLOTS or in_use >= _STILL_USED * self._written:
+            return
+        self._renew_columns(self.capacity, self._rows)
+        self._written = in_use
 
     def insert(
         self, slots: Slots, stamps: Stamps | int, positions: Floats, sigma: Floats, quaternions: Floats | None
@@ -237,16 +249,19 @@ class Window:
             self._grow_rows()
             due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
             full = due[self.stop[due] + more > self._rows]
-        if not len(due):
-            return
+        if len(due):
+            self._compact(due)
+
+    def _compact(self, slots: Slots) -> None:
+        """Move the observations of slots to the beginning of their rows."""
         if self.quaternions is not None:
-            for slot in due:
+            for slot in slots:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
                 self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
         columns = self.times, self.positions, self.speed, self.sigma
-        compact(due, *columns, self.start, self.stop)
-        self.stop[due] -= self.start[due]
-        self.start[due] = 0
+        compact(slots, *columns, self.start, self.stop)
+        self.stop[slots] -= self.start[slots]
+        self.start[slots] = 0
 
     def _grow_rows(self) -> None:
         self._renew_columns(self.capacity, 2 * self._rows)
