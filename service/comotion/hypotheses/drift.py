@@ -44,10 +44,11 @@ class _Motion(NamedTuple):
     t: Floats
     squared: float
     freedom: int
-    count: int
+    features: int
 
 
-class _Seen(NamedTuple):
+@dataclass(frozen=True)
+class _Seen:
     """Of N trajectories: positions and velocities then and now, float64 [N, dim]; session and hypothesis."""
 
     before: Floats
@@ -58,7 +59,7 @@ class _Seen(NamedTuple):
     label: Labels
 
     def where(self, rows: Bools) -> "_Seen":
-        return _Seen(*(column[rows] for column in self))
+        return _Seen(**{name: column[rows] for name, column in vars(self).items()})
 
 
 @dataclass
@@ -133,7 +134,7 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
         rest = seen.where(~np.isin(seen.source, list(drifting)))
         gains = {}
         for one in np.unique(rest.source).tolist():
-            mine = rest.source == one
+            mine = np.asarray(rest.source == one)
             gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
         apart = {one: gain for one, gain in gains.items() if gain >= 1}
         if not apart:
@@ -184,7 +185,7 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     constant = _left(e, J0 * prior)
     changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
     # The fewer features tell the motions, the more their errors look like a change.
-    clear = _CLEAR * len(prior) * (1 + 2 * len(other.label) / sum(motions[one].count for one in shared))
+    clear = _CLEAR * len(prior) * (1 + 2 * len(other.label) / sum(motions[one].features for one in shared))
     return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
 
 

@@ -134,7 +134,7 @@ class Window:
     def _give_back(self) -> None:
         """Renew the columns when most of the memory behind them holds nothing any more."""
         in_use, rows = self.capacity - len(self._free), _FIRST_ROWS
-        longest = int(self.counts(self.used).max(initial=0))
+        longest = int(self.counts(np.flatnonzero(self.used)).max(initial=0))
         while longest > _STILL_USED * rows:
             rows *= 2
         if rows < _STILL_USED * self._rows:
