@@ -1,4 +1,4 @@
-"""Trajectories of several sources and their hypotheses in; sources whose offset from the others changes, out.
+"""Finds the sources of a space whose offset from the others changes.
 
 Sources of a space see each body move by one motion, up to a small turn, shift and delay of each source that
 last: its offset. Where these change, and so in all bodies alike, a source drifts: what carries it moves, or

@@ -1,7 +1,7 @@
-"""Liveliness tokens of sources, asked for once a second, in; which sources are there, out.
+"""Knows which sources are present, by their liveliness tokens, queried once a second.
 
-The service does not subscribe to them: it would hear of each one that comes and goes, and nothing limits how
-many a source declares. What it asks for ends with the router's answer.
+The service does not subscribe to them: it would receive each one that comes and goes, and nothing limits how
+many a source declares. A query ends with the router's reply.
 """
 
 import logging
@@ -24,12 +24,12 @@ _log = logging.getLogger(__name__)
 
 
 class _Answer:
-    """What comes of one question. A ring would be gone with the last reply, with all that is in it."""
+    """Collects the replies to one query. A ring would vanish with the last reply, and its content with it."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self.names: set[str] = set()
-        # Whether it has all names; and whether all that comes has come.
+        # Whether it has all names; and whether all replies have come.
         self.whole, self.complete = True, threading.Event()
 
     def add(self, reply: zenoh.Reply) -> None:
@@ -65,15 +65,15 @@ class Tokens:
         self.present: dict[str, int] = {}
 
     def look(self, monotonic_ns: int) -> None:
-        """Take in an answer that is complete, and ask again when it is time."""
+        """Take in a complete answer, and query again when it is due."""
         answer = self._answer
         if answer is not None and answer.complete.is_set():
             self._answer = None
             self._due_ns = monotonic_ns + (_AGAIN_NS if answer.whole else _AGAIN_AFTER_FLOOD_NS)
             self._take_in(answer, monotonic_ns)
         if self._answer is None and monotonic_ns >= self._due_ns:
-            self._answer = asked = _Answer(self._most)
-            replies = Callback(asked.add, asked.complete.set)
+            self._answer = query = _Answer(self._most)
+            replies = Callback(query.add, query.complete.set)
             self._session.liveliness().get(self._key, replies, timeout=_TIMEOUT_S)
 
     def _take_in(self, answer: _Answer, monotonic_ns: int) -> None:
