@@ -225,15 +225,17 @@ class Fusion:
                 fitting.append(one)
         return update
 
-    def measure(self, clock: CostClock) -> None:
+    def measure(self, clock: CostClock, grouping: CostClock | None = None) -> None:
         """Limit what each source may cost, as the budgets of `limits` say; without, nothing is limited.
 
         Parameters
         ----------
         clock
             Time that this thread has spent, in ns from any start.
+        grouping
+            The same for what updates of spaces cost, where that counts otherwise; None: `clock`.
         """
-        self.timeline.budget.clock = self._grouping.clock = clock
+        self.timeline.budget.clock, self._grouping.clock = clock, grouping or clock
 
     def shed(self, level: int) -> None:
         """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""

@@ -120,6 +120,11 @@ class Load:
             self.level = next(fitting, self.level)
         return self.level
 
+    @property
+    def busy(self) -> float:
+        """How much longer than its processor time an update takes of late, at least 1."""
+        return max(1.0, median_low([stretch for _, stretch in self._stretched] or [1.0]))
+
     def _expected(self, level: int, at_ns: int) -> float:
         """What a lower level probably costs, ns: no less than the present one."""
         present = median_low(self._costs[self.level])

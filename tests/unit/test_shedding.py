@@ -237,6 +237,17 @@ class TestLoad:
 
 
 class TestOverload:
+    def test_what_is_spent_counts_for_more_on_a_busy_machine(self, monkeypatch) -> None:
+        load, spent = Overload(PERIOD), iter([10, 20, 30, 40])
+        monkeypatch.setattr("time.thread_time_ns", lambda: next(spent))
+        assert [load.cost_ns(), load.cost_ns()] == [10, 20]
+        for k in range(4):
+            load.note(PERIOD // 2, PERIOD // 8, k * PERIOD)
+        assert load.cost_ns() == 60
+        # A single pause counts for nothing.
+        load.note(100 * PERIOD, PERIOD // 8, 4 * PERIOD)
+        assert load.cost_ns() == 100
+
     def test_it_says_what_is_left_out_and_when_it_is_over(self, caplog) -> None:
         load = Overload(PERIOD)
         with caplog.at_level("INFO"):

@@ -181,7 +181,8 @@ class _Loop:
         overload: Overload,
     ) -> None:
         self._fusion = fusion
-        fusion.measure(time.thread_time_ns)
+        # On a busy machine spaces wait rather than the update; what is stored for too long would be lost.
+        fusion.measure(time.thread_time_ns, overload.cost_ns)
         self._overload = overload
         self._source_clocks = clocks
         self._component = component
