@@ -120,7 +120,7 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     x, step_s = states.position, _STEP_NS * 1e-9
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
     every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
-    return every.where(states.held.all(0))
+    return every.where(np.asarray(states.held.all(0)))
 
 
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
@@ -131,7 +131,7 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
     """
     drifting = set(known)
     while True:
-        rest = seen.where(~np.isin(seen.source, list(drifting)))
+        rest = seen.where(np.isin(seen.source, list(drifting), invert=True))
         gains = {}
         for one in np.unique(rest.source).tolist():
             mine = np.asarray(rest.source == one)
@@ -143,7 +143,8 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
             apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
         drifting.add(max(apart, key=lambda one: apart[one]))
     motions = _motions(rest)
-    return drifting - {one for one in known if _gain(motions, seen.where(seen.source == one)) < 1}
+    steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
+    return drifting - steady
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
