@@ -178,8 +178,10 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
         rows, motion = other.label == one, motions[one]
         apart[rows] = other.after[rows] - other.before[rows] @ motion.R.T - motion.t
         lasting[rows] -= np.einsum("cd,ndp->ncp", motion.R, was[rows])
-    freedom = sum(motions[one].freedom for one in shared)
-    noise = float(np.sqrt(sum(motions[one].squared for one in shared) / freedom)) + 1e-9 * extent
+    # That of the worse side: thousands of exact features do not make the others exact.
+    sides = [motions[one] for one in shared], list(_motions(other).values())
+    squares = [sum(one.squared for one in side) / max(sum(one.freedom for one in side), 1) for side in sides]
+    noise = float(np.sqrt(max(squares))) + 1e-9 * extent
     turns = change.shape[2] - len(centre) - 1
     prior = np.array([*turns * [_ROTATION], *len(centre) * [_SHIFT * extent], _DELAY]) / noise
     e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), change.reshape(apart.size, -1)
