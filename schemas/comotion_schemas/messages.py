@@ -325,6 +325,7 @@ ProblemKind = Literal[
     "duplicate-name",
     "over-budget",
     "contradicts-space",
+    "drifts",
     "limit",
     "defect",
 ]

@@ -39,8 +39,9 @@ from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
-# Share of a period for updating spaces.
-_GROUPING = 0.8
+# Share of a period for updating spaces: less than what makes updates slow, for who spends it must not make
+# all leave out work.
+_GROUPING = 0.6
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
@@ -73,6 +74,8 @@ class Troubles(NamedTuple):
         Whose data waits or is dropped because of what it costs.
     contradictions
         What contradicts what a space is, in words.
+    drifting
+        Whose offset from the others changes, so that they tell no more which bodies there are.
     """
 
     clocks: dict[str, ClockTrouble]
@@ -80,6 +83,7 @@ class Troubles(NamedTuple):
     rivalled: list[str]
     costly: list[str]
     contradictions: dict[str, str]
+    drifting: list[str]
 
 
 class Fusion:
@@ -221,15 +225,17 @@ class Fusion:
                 fitting.append(one)
         return update
 
-    def measure(self, clock: CostClock) -> None:
+    def measure(self, clock: CostClock, grouping: CostClock | None = None) -> None:
         """Limit what each source may cost, as the budgets of `limits` say; without, nothing is limited.
 
         Parameters
         ----------
         clock
             Time that this thread has spent, in ns from any start.
+        grouping
+            The same for what updates of spaces cost, where that counts otherwise; None: `clock`.
         """
-        self.timeline.budget.clock = self._grouping.clock = clock
+        self.timeline.budget.clock, self._grouping.clock = clock, grouping or clock
 
     def shed(self, level: int) -> None:
         """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""
@@ -295,6 +301,7 @@ class Fusion:
             rivalled=timeline.sources.rivalled(at_ns),
             costly=sorted({*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}),
             contradictions=self._spaces.contradictions(),
+            drifting=sorted({sessions[one][0] for one in self._spaces.drifting() if one in sessions}),
         )
 
     def snapshot(self, *, clean: bool = False) -> bytes:

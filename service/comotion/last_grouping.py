@@ -95,11 +95,13 @@ class LastGrouping:
 def representatives(window: Window, current: Slots, labels: Labels, share: float) -> Slots:
     """A share of the current trajectories, as many of every hypothesis, in the order of `current`, intp [m].
 
-    `labels` int64 [n] are their hypotheses. Small spaces are taken whole; the same ones are taken again.
+    `labels` int64 [capacity] are the hypotheses of all slots. Small spaces are taken whole; the same ones are
+    taken again.
     """
     count = max(round(share * len(current)), _LEAST_GROUPED)
     if count >= len(current):
         return current
+    labels = labels[current]
     spread = window.key[current] * _SPREAD % 2**32
     order = np.lexsort((spread, labels))
     begins = np.flatnonzero(np.diff(labels[order], prepend=labels[order[0]] - 1))

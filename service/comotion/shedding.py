@@ -12,8 +12,10 @@ order:
    hypothesis. The others keep their hypotheses; new ones join by place and motion (:mod:`.last_grouping`).
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from math import ceil, log2
+from statistics import median_low
 from typing import NamedTuple
 
 MOST = 8
@@ -23,11 +25,14 @@ _SEARCH_EVERY = 5
 _WORDS = ("joints", "axes of boxes", "links", "most searches for new bodies")
 # Share of a period that an update may take: what arrives must be read, too.
 _SHARE = 0.8
-# An update that takes twice as long as it may raises the level by so much; and it falls as fast.
+# An update that takes twice as long as it may raises the level by so much.
 _STEPS_PER_DOUBLING = 2
-# ns without a slow update after which the level falls, and the longest such time: it doubles each time that
-# the level has to rise again soon.
-_CALM_NS, _LONGEST_CALM_NS = 500_000_000, 16_000_000_000
+# ns without a slow update after which the level falls.
+_CALM_NS = 500_000_000
+# Updates of a level whose costs are remembered: their median counts, for one may cost anything.
+_REMEMBERED = 5
+# ns after which half of what a level has cost is forgotten: it is tried again now and then.
+_FORGOTTEN_NS = 10_000_000_000
 
 
 class Effort(NamedTuple):
@@ -65,6 +70,10 @@ FULL = Effort()
 class Load:
     """Finds the level from what updates take.
 
+    What a level costs in processor time is remembered; how much longer an update takes than that tells how
+    busy the machine is. So all is done again as soon as the machine has time, and a level at which updates
+    are slow is not tried again and again.
+
     Attributes
     ----------
     period_ns
@@ -75,26 +84,54 @@ class Load:
 
     period_ns: int
     level: int = 0
-    _calm_ns: int = _CALM_NS
     _slow_ns: int = 0
-    _fell_ns: int | None = None
+    # By level: processor time of its last updates, ns, and when the last one was.
+    _costs: dict[int, deque[int]] = field(default_factory=dict)
+    _last_ns: dict[int, int] = field(default_factory=dict)
+    # Of the updates since the last slow one and _CALM_NS: when, and how much longer than its cost it took.
+    _stretched: deque[tuple[int, float]] = field(default_factory=deque)
 
-    def note(self, took_ns: int, at_ns: int) -> int:
-        """Take note of what an update took, at a time on a clock that is never set.
+    def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
+        """Take note of an update; returns the level from now on.
 
-        Returns the level from now on. One slow update is enough to raise it. It falls as soon as the lower
-        level fits into the period as far as the last update tells.
+        One slow update is enough to raise it. It falls half a second later, to where updates fit into the
+        period as the machine is now.
+
+        Parameters
+        ----------
+        took_ns, spent_ns
+            How long it took, and its processor time.
+        at_ns
+            A clock that is never set.
         """
-        # In steps of the level: how far an update is from what it may take.
-        distance = _STEPS_PER_DOUBLING * log2(max(took_ns, 1) / (_SHARE * self.period_ns))
-        if distance > 0:
-            if self._fell_ns is not None:
-                early = at_ns - self._fell_ns <= 2 * self._calm_ns
-                self._calm_ns = min(2 * self._calm_ns, _LONGEST_CALM_NS) if early else _CALM_NS
-            self.level, self._slow_ns, self._fell_ns = min(self.level + ceil(distance), MOST), at_ns, None
-        elif self.level and at_ns - self._slow_ns >= self._calm_ns and distance <= -1:
-            self.level, self._fell_ns = max(self.level - int(-distance), 0), at_ns
+        most_ns = _SHARE * self.period_ns
+        spent_ns = max(spent_ns, 1)
+        self._costs.setdefault(self.level, deque(maxlen=_REMEMBERED)).append(spent_ns)
+        self._last_ns[self.level] = at_ns
+        self._stretched.append((at_ns, took_ns / spent_ns))
+        while self._stretched[0][0] <= at_ns - _CALM_NS:
+            self._stretched.popleft()
+        if took_ns > most_ns:
+            steps = ceil(_STEPS_PER_DOUBLING * log2(took_ns / most_ns))
+            self.level, self._slow_ns = min(self.level + steps, MOST), at_ns
+        elif self.level and at_ns - self._slow_ns >= _CALM_NS:
+            busy = max(stretch for _, stretch in self._stretched)
+            fitting = (one for one in range(self.level) if busy * self._expected(one, at_ns) <= most_ns)
+            self.level = next(fitting, self.level)
         return self.level
+
+    @property
+    def busy(self) -> float:
+        """How much longer than its processor time an update takes of late, at least 1."""
+        return max(1.0, median_low([stretch for _, stretch in self._stretched] or [1.0]))
+
+    def _expected(self, level: int, at_ns: int) -> float:
+        """What a lower level probably costs, ns: no less than the present one."""
+        present = median_low(self._costs[self.level])
+        if level not in self._costs:
+            return float(present * 2 ** ((self.level - level) / _STEPS_PER_DOUBLING))
+        forgotten = 0.5 ** ((at_ns - self._last_ns[level]) / _FORGOTTEN_NS)
+        return max(float(median_low(self._costs[level]) * forgotten), present)
 
 
 def describe(level: int) -> str:

@@ -16,6 +16,7 @@ from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
 from .extent_check import ExtentCheck
+from .hypotheses.drift import DriftCheck
 from .hypotheses.explained import explained
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
@@ -114,6 +115,7 @@ class Space:
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.contradicting: list[str] = []
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
+        self.drift = DriftCheck()
         self._groupings = 0
         known = config.spaces.get(spec.name)
         self._moving = None if known is None else known.moving
@@ -347,8 +349,13 @@ class Space:
             return self._last.extended(window, current, previous.labels)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        some = representatives(window, current, previous.labels[current], effort.share)
-        part = window if len(some) == len(current) else window.of(some)
+        self.drift.look(window, current, previous.labels, stamp_ns)
+        steady = window.used & ~np.isin(window.source, self.drift.drifting)
+        some = representatives(window, current[steady[current]], previous.labels, effort.share)
+        part = window
+        if len(some) < len(current):
+            few = len(some) < np.count_nonzero(steady[current])
+            part = window.of(some if few else np.flatnonzero(steady))
         found = self._method.partition(part, some, stamp_ns, previous)
         self._last = LastGrouping.of(window, found, some, self._index.ids[some])
         if len(some) == len(current):

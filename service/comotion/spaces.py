@@ -28,6 +28,8 @@ from .space import Space, SpaceUpdate
 
 # How long a contradiction is reported, and of how many sources.
 _TOLD_NS, _MOST_TOLD = 3_000_000_000, 256
+# Share of the spaces that one source may open.
+_OF_ONE_SOURCE = 0.25
 MakeMethod = Callable[[SpaceSpec], Method]
 
 
@@ -118,6 +120,10 @@ class Spaces:
                 found.setdefault(source, f"that {space.spec.name} is carried, which others do not say")
         return found
 
+    def drifting(self) -> set[int]:
+        """Numbers of the sessions that drift away from the others of a space."""
+        return {number for space in self for number in space.drift.drifting}
+
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
         name = instant.batch.space
@@ -181,7 +187,8 @@ class Spaces:
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
-        return [self._doubted(updates[name]) for name in sorted(updates)]
+        doubted = self.checks.doubted(self.at_ns)
+        return [_doubted(updates[name], doubted) for name in sorted(updates)]
 
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
@@ -205,14 +212,6 @@ class Spaces:
                 return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
             self._rebuild(name, keep=keep)
         return {}
-
-    def _doubted(self, update: SpaceUpdate) -> SpaceUpdate:
-        """The same with half the confidence at most in what sources say whose ids change hands."""
-        numbers = self.checks.doubted(self.at_ns)
-        if not numbers:
-            return update
-        most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
-        return replace(update, confidence=np.minimum(update.confidence, most))
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
@@ -271,7 +270,7 @@ class Spaces:
             return "space-mismatch"
         space = self._spaces.get(name)
         if space is None or not space.spec.suits(batch):
-            if space is None and not self._admit_space():
+            if space is None and not self._admit_space(batch.source):
                 return "limit"
             self.open(SpaceSpec(name, batch.unit, batch.dim))
             self._owners[name] = batch.source
@@ -281,11 +280,15 @@ class Spaces:
     def _is_released(self, name: str) -> bool:
         return self.at_ns - self._fed_ns.get(name, 0) > to_ns(self.config.limits.release)
 
-    def _admit_space(self) -> bool:
-        """Whether one more space is admitted; of too many, the one without data for longest goes."""
-        if len(self._spaces) < self.config.limits.spaces:
-            return True
-        name = min(self._spaces, key=lambda one: self._fed_ns.get(one, 0))
+    def _admit_space(self, source: str) -> bool:
+        """Whether a source may open one more; of too many, the one without data for longest goes."""
+        most = self.config.limits.spaces
+        names = [name for name, owner in self._owners.items() if owner == source]
+        if len(names) < max(_OF_ONE_SOURCE * most, 1):
+            names = list(self._spaces)
+            if len(names) < most:
+                return True
+        name = min(names, key=lambda one: self._fed_ns.get(one, 0))
         if not self._is_released(name):
             return False
         self.drop(name)
@@ -351,3 +354,11 @@ class Spaces:
         for space in self:
             freed += space.displace(session, count - freed)
         return freed
+
+
+def _doubted(update: SpaceUpdate, numbers: list[int]) -> SpaceUpdate:
+    """The same with half the confidence at most in what sessions say whose ids change hands."""
+    if not numbers:
+        return update
+    most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
+    return replace(update, confidence=np.minimum(update.confidence, most))

@@ -6,6 +6,7 @@ Router, service, sources and attacker are processes of their own. The honest are
 import json
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -20,18 +21,22 @@ from comotion_deploy.demo import free_endpoint
 from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_deploy.processes import PYTHON
-from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Keys, Status, decode_as
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.transport import client_settings, connect
 from comotion_tools.soak.attacks import NAME
+from comotion_tools.soak.load import ID_STEP
 from comotion_tools.soak.processes import Managed, system
 
 SCENE = "arena"
 HONEST = ("left", "right")
 DEADLINE_S = 600.0
+COLUMNS = "attack, longest gap, updates, lost of sent, renamed, MB before / most / after, load, named"
 BOUND_S = 0.5
 """Longest gap between updates that an attack may cause while the load of the machine is below two."""
 _POLL_S = 0.02
+# The trajectories of an attack leave the window, and housekeeping comes by.
+_GIVEN_BACK_S = 22.0
 # The honest pause before an attack, for their accounts.
 _PAUSED = {("silent", name) for name in HONEST}
 
@@ -52,8 +57,10 @@ class Outcome:
         Kind and source of the problems that the Status named.
     told_lost
         Batches of the honest that the service says are lost.
-    memory_mb, cpu_s
-        Of the service: before, at most, and 8 s after; and how long it has computed in the 3 s more.
+    renamed
+        Bodies that most features of the honest have under another id than before.
+    memory_mb
+        Of the service: before, at most, and 25 s after.
     load
         Of the machine over the last minute.
     """
@@ -67,18 +74,22 @@ class Outcome:
     sent: int = 0
     problems: set[tuple[str, str | None]] = field(default_factory=set)
     told_lost: int = 0
+    renamed: int = 0
     memory_mb: tuple[float, ...] = ()
-    cpu_s: float = 0.0
     load: float = 0.0
 
     def __str__(self) -> str:
-        named = ", ".join(sorted(f"{kind} {who or ''}".strip() for kind, who in self.problems)) or "-"
-        memory = " ".join(f"{one:.0f}" for one in self.memory_mb)
-        return (
-            f"{self.attack:12s} gap {self.gap_s:5.2f} s | {self.updates} updates | lost {self.lost} of "
-            f"{self.sent}, told {self.told_lost} | {self.did} in {self.seconds:.0f} s | MB {memory} | "
-            f"CPU {self.cpu_s:.1f} s | load {self.load:.1f} | {named}"
-        )
+        cells = [
+            self.attack,
+            f"{self.gap_s:.2f} s",
+            str(self.updates),
+            f"{self.lost} of {self.sent}",
+            str(self.renamed),
+            " / ".join(f"{one:.0f}" for one in self.memory_mb),
+            f"{self.load:.1f}",
+            ", ".join(sorted(f"`{kind}` {who or ''}".strip() for kind, who in self.problems)) or "-",
+        ]
+        return f"| {' | '.join(cells)} |"
 
     @property
     def blames_the_honest(self) -> bool:
@@ -199,9 +210,10 @@ class Arena:
 
     def attack(self, name: str, seconds: float) -> Outcome:
         """Attack for some seconds; the figures are of that time and the three seconds after it."""
-        outcome = Outcome(name, seconds, load=os.getloadavg()[0])
+        label = f"{name}, certificates" if self._tls else name
+        outcome = Outcome(label, seconds, load=os.getloadavg()[0])
         before = self._accounts()
-        memory, cpu_s = [self._memory()], self._cpu_s()
+        memory, ids = [self._memory()], self._ids()
         with self.attacked_by(name, seconds) as attacker:
             del self._arrived[:-1]
             end = time.monotonic() + seconds + 3.0
@@ -211,7 +223,8 @@ class Arena:
                 if self.status is not None:
                     found = {(one.kind, one.source) for one in self.status.problems}
                     outcome.problems |= found - _PAUSED
-        outcome.cpu_s = self._cpu_s() - cpu_s
+        now = self._ids()
+        outcome.renamed = sum(now.get(body) != one for body, one in ids.items())
         arrived = [*self._arrived, time.monotonic()]
         outcome.gap_s = max(b - a for a, b in pairwise(arrived))
         outcome.updates, outcome.did = len(arrived) - 2, attacker.account["sent"]
@@ -219,17 +232,24 @@ class Arena:
         outcome.sent = after[0] - before[0]
         outcome.lost = outcome.sent - (after[1] - before[1])
         outcome.told_lost = sum(one["lost"] or 0 for one in self.accounts() if one["source"] in HONEST)
-        self.watch(5.0)
+        self.watch(_GIVEN_BACK_S)
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome
+
+    def _ids(self) -> dict[int, int]:
+        """Hypothesis of each body, as most features of the honest have it."""
+        votes: dict[int, Counter[int]] = {}
+        update = self.last
+        assert update is not None
+        rows = zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
+        for source, feature, hypothesis in rows:
+            if update.sources[source].name in HONEST and hypothesis != UNDETERMINED:
+                votes.setdefault(int(feature) // ID_STEP, Counter())[int(hypothesis)] += 1
+        return {body: counts.most_common(1)[0][0] for body, counts in votes.items()}
 
     def _memory(self) -> float:
         usage = self.processes["service"].usage()
         return 0.0 if usage is None else usage.memory_mb
-
-    def _cpu_s(self) -> float:
-        fields = Path(f"/proc/{self.processes['service'].pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def _accounts(self) -> tuple[int, int]:
         """Batches that the honest have sent, and those fused, once all is counted; they pause meanwhile."""

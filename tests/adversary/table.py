@@ -1,22 +1,43 @@
-"""Every attack once, and none: ``PYTHONPATH=tests python -m adversary.table [--secure] [ATTACK...]``."""
+"""The tables of docs/research/attacks.md: what one source costs the others, and what a busy machine costs.
 
-import sys
+    PYTHONPATH=tests python -m adversary.table [--secure] [--seconds 20] [ATTACK...]
+
+Without attacks every one of them, those that certificates do not keep out once more with certificates, and
+then :mod:`.live` whole: half an hour on a quiet machine. Give it priority (``nice -n -10``) on another.
+"""
+
+import argparse
 import tempfile
 from pathlib import Path
 
-from comotion_tools.soak.attacks import ATTACKS
+from comotion_tools.soak.attacks import ATTACKS, WITHIN_LIMITS
 
-from .arena import Arena
+from . import live
+from .arena import COLUMNS, Arena
 
-SECONDS = 10.0
+# Under the names of others, which access control denies.
+_DENIED = ("names", "many-tokens")
+SECURE = tuple(one for one in WITHIN_LIMITS if one not in _DENIED)
 
 
-def main(chosen: list[str]) -> None:
-    secure = "--secure" in chosen
-    for name in [one for one in chosen if one != "--secure"] or ATTACKS:
+def main() -> None:
+    """Print the tables, a line as it comes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--secure", action="store_true")
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("attacks", nargs="*")
+    chosen = parser.parse_args()
+    runs = [(one, chosen.secure) for one in chosen.attacks]
+    if not runs:
+        runs = [*((one, False) for one in ATTACKS), *((one, True) for one in SECURE)]
+    print(f"| {COLUMNS.replace(', ', ' | ')} |\n{8 * '|---'}|", flush=True)
+    for name, secure in runs:
         with tempfile.TemporaryDirectory() as folder, Arena(Path(folder), secure=secure) as arena:
-            print(arena.attack(name, SECONDS), flush=True)
+            print(arena.attack(name, chosen.seconds), flush=True)
+    if not chosen.attacks:
+        print(flush=True)
+        live.show(live.SCENES, live.CORES, chosen.seconds)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

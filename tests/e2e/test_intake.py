@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import zenoh
 from comotion.event_time.stats import Ledger, Stats
 from comotion.runtime.intake import Intake
 from comotion.runtime.rings import IDLE_NS
+from comotion.runtime.tokens import Tokens
 from comotion_schemas import Keys, ObservationBatch, encode
 from comotion_schemas.transport import SessionSettings, open_session, stream_publisher
 
@@ -53,11 +55,21 @@ class Reader:
         self.got += [(batch.source, batch.seq) for batch in self.intake.receive(now_ns)]
 
     def until(self, fulfilled: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
-        deadline = time.monotonic() + DEADLINE
-        while not fulfilled():
-            assert time.monotonic() < deadline, f"{len(self.got)}: {self.got[-9:]} {self.stats.rejected}"
+        def poll() -> None:
             meanwhile()
             self.poll()
+
+        until(fulfilled, poll, lambda: f"{len(self.got)}: {self.got[-9:]} {self.stats.rejected}")
+
+
+def until(
+    fulfilled: Callable[[], bool], step: Callable[[], None], told: Callable[[], str] = lambda: ""
+) -> None:
+    """Take steps until something is so."""
+    deadline = time.monotonic() + DEADLINE
+    while not fulfilled():
+        assert time.monotonic() < deadline, told()
+        step()
 
 
 def test_every_batch_comes_once_from_the_first_on(sessions) -> None:
@@ -86,10 +98,29 @@ def test_every_batch_comes_once_from_the_first_on(sessions) -> None:
 def test_a_source_is_present_while_its_token_is(sessions) -> None:
     router, client = sessions
     reader = Reader(router)
+    seconds = count(step=1_000_000_000)
+    asking = {"meanwhile": lambda: reader.intake.tokens.look(next(seconds))}
     token = client.liveliness().declare_token(KEYS.live("source", "cam"))
-    reader.until(lambda: set(reader.intake.present) == {"cam"})
+    reader.until(lambda: set(reader.intake.present) == {"cam"}, **asking)
     token.undeclare()
-    reader.until(lambda: not reader.intake.present)
+    reader.until(lambda: not reader.intake.present, **asking)
+
+
+def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(sessions) -> None:
+    router, client = sessions
+    tokens = Tokens(router, KEYS, 3)
+    seconds = count(step=20_000_000_000)
+    known = client.liveliness().declare_token(KEYS.live("source", "cam"))
+    until(lambda: set(tokens.present) == {"cam"}, lambda: tokens.look(next(seconds)))
+    flood = [client.liveliness().declare_token(KEYS.live("source", f"s-{k}")) for k in range(50)]
+    until(lambda: len(tokens.present) == 3, lambda: tokens.look(next(seconds)))
+    known.undeclare()
+    for _ in range(3):
+        tokens.look(next(seconds))
+    assert "cam" in tokens.present
+    for one in flood:
+        one.undeclare()
+    until(lambda: not tokens.present, lambda: tokens.look(next(seconds)))
 
 
 def test_a_flood_of_one_source_does_not_displace_another(sessions) -> None:

@@ -110,7 +110,7 @@ class TestInstants:
 
 class TestSpaces:
     def test_many_spaces_of_one_source_are_its_own_cost(self, monkeypatch):
-        """A grouping takes 5 ms: 100 spaces of one source take five periods."""
+        """A grouping takes 5 ms: 60 spaces of one source take three periods."""
         fusion, clock, grouped = Fusion(FusionConfig()), Clock(), []
         plain = RigidMethod.partition
 
@@ -125,9 +125,9 @@ class TestSpaces:
         for k in range(40):
             now = T0 + k * 100 * MS
             fusion.ingest(batch("honest", k, now, POINTS + np.array([0.02 * k, 0, 0])))
-            for n in range(100):
+            for n in range(60):
                 ids = np.arange(3, dtype=np.uint64) + 3 * n
-                fusion.ingest(batch("many", 100 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
+                fusion.ingest(batch("many", 60 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
             grouped.append(0)
             update = fusion.update(now)
             mine = np.array([one.name == "honest" for one in update.sources])[update.track_source]
@@ -137,7 +137,7 @@ class TestSpaces:
         assert accounts(fusion)["honest"].fused == 40
         assert max(ages) < 1e-5, "the honest space is as of now in every update"
         assert max(grouped[1:]) <= 20, "within a period"
-        assert len(update.track_id) == 12 + 300, "what waits is listed as it was"
+        assert len(update.track_id) == 12 + 180, "what waits is listed as it was"
         assert fusion.troubles().costly == ["many"]
         assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
 

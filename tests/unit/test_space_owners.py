@@ -3,7 +3,7 @@
 import numpy as np
 
 from comotion import Fusion, FusionConfig
-from comotion.config import SpaceConfig
+from comotion.config import LimitsConfig, SpaceConfig
 from comotion.runtime.problems import of_fusion
 from comotion_schemas import ObservationBatch
 
@@ -16,15 +16,10 @@ FAR = np.random.default_rng(1).uniform(-1, 1, (40, 3))
 
 def batch(source, seq, stamp_ns, positions=POINTS, **fields):
     positions = np.asarray(positions, np.float32)
-    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
+    ids = np.arange(len(positions), dtype=np.uint64)
+    fields = {"space": "world", "unit": "m", "dim": positions.shape[1], "ids": ids} | fields
     return ObservationBatch(
-        source=source,
-        session="a" * 16,
-        seq=seq,
-        stamp_ns=stamp_ns,
-        ids=np.arange(len(positions), dtype=np.uint64),
-        positions=positions,
-        **fields,
+        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, positions=positions, **fields
     )
 
 
@@ -124,3 +119,15 @@ def test_the_configuration_has_the_last_word_on_whether_a_frame_moves():
     carried = Fusion(FusionConfig(spaces={"world": SpaceConfig(moving=True)}))
     assert frames(still, range(60), other=True) == {}
     assert "world" in frames(carried, range(60), other=False)
+
+
+def test_one_source_may_open_a_fourth_of_the_spaces():
+    fusion = Fusion(FusionConfig(limits=LimitsConfig(spaces=8)))
+    for k in range(10):
+        now = T0 + k * 33 * MS
+        fusion.ingest(batch("many", k, now, space=f"space-{k}", ids=np.arange(12, dtype=np.uint64) + 100 * k))
+        fusion.ingest(batch("honest", k, now, space="world"))
+        fusion.update(now)
+    assert sorted(fusion.spaces) == ["space-0", "space-1", "world"]
+    assert rejected(fusion)["many"] == {"limit": 8}
+    assert rejected(fusion)["honest"] == {}

@@ -80,6 +80,7 @@ class Intake:
             For reading and whatever the caller does with a batch. Beyond it, a source that has had its share
             waits for the next call; any source may have one batch read.
         """
+        self.tokens.look(monotonic_ns)
         unknown = self.rings.gather(monotonic_ns)
         for name, sample in unknown:
             yield from self._check(name, sample, monotonic_ns)
@@ -117,7 +118,6 @@ class Intake:
         """Forget sources that have left and sent nothing for a minute."""
         self.rings.drop_idle(monotonic_ns)
         self._received = self.received
-        self.tokens.reconcile()
 
     def close(self) -> None:
         """Stop receiving; the subscriptions to observations end with the session."""

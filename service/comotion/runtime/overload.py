@@ -1,6 +1,7 @@
 """Chooses the level of shedding from what updates take, and logs it: see :mod:`comotion.shedding`."""
 
 import logging
+import time
 from dataclasses import dataclass, field
 
 from ..shedding import MOST, Load, describe
@@ -22,6 +23,8 @@ class Overload:
     period_ns: int
     _load: Load = field(init=False)
     _limit: LogLimit = field(default_factory=lambda: LogLimit(10, 60.0))
+    _cost_ns: float = 0.0
+    _spent_ns: int = 0
 
     def __post_init__(self) -> None:
         self._load = Load(self.period_ns)
@@ -31,10 +34,16 @@ class Overload:
         """From 0, nothing is left out, to :data:`comotion.shedding.MOST`."""
         return self._load.level
 
-    def note(self, took_ns: int, at_ns: int) -> int:
-        """Take note of how long an update took; returns the level from now on."""
+    def cost_ns(self) -> int:
+        """What this thread costs so far: on a busy machine a second of its processor time takes longer."""
+        before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
+        self._cost_ns += (self._spent_ns - before_ns) * self._load.busy
+        return int(self._cost_ns)
+
+    def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
+        """Take note of how long an update took, and its processor time; returns the level from now on."""
         before = self.level
-        level = self._load.note(took_ns, at_ns)
+        level = self._load.note(took_ns, spent_ns, at_ns)
         if level > before:
             kind = logging.INFO if before else logging.WARNING
             self._limit.log(_log, kind, "%s", *self.notes())

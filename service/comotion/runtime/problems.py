@@ -14,7 +14,7 @@ from comotion_schemas.time_units import unix_unit
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from ..event_time.steps import ClockTrouble
-from ..fusion import Fusion
+from ..fusion import Fusion, Troubles
 from ..source_checks import TroubleKind
 from .guard import LogLimit
 
@@ -25,6 +25,15 @@ _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
 _MOST = 64
 _MOST_ALIKE = 8
+_DOUBLE = "a second process publishes under this name and is refused; give it another name"
+_COSTLY = (
+    "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
+    "instants or spaces"
+)
+_DRIFTS = (
+    "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, see what "
+    "it is mounted on, and synchronise its clock"
+)
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
 _log = logging.getLogger(__name__)
@@ -72,9 +81,7 @@ def of_fusion(fusion: Fusion) -> Found:
     return {
         **clocks(found.clocks),
         **data(found.data),
-        **doubles(found.rivalled),
-        **costs(found.costly),
-        **spaces(found.contradictions),
+        **of_others(found),
     }
 
 
@@ -159,41 +166,24 @@ def _summed(found: Found) -> Found:
     return kept
 
 
-def doubles(names: list[str]) -> Found:
-    """Names that two processes use."""
-    return {
-        (name, "duplicate-name"): f"{name}: a second process publishes under this name and is refused; give "
-        "it another name"
-        for name in names
+def _each(kind: ProblemKind, texts: Mapping[str, str]) -> Found:
+    """A problem of some sources, by name."""
+    return _summed({(name, kind): f"{name}: {text}" for name, text in texts.items()})
+
+
+def of_others(troubles: Troubles) -> Found:
+    """Sources that share a name, cost too much, contradict what a space is, or drift."""
+    contradictions = {
+        name: f"says {text}; publish in a space of its own, or set what is right in [spaces] of the "
+        "parameters"
+        for name, text in troubles.contradictions.items()
     }
-
-
-def spaces(contradictions: Mapping[str, str]) -> Found:
-    """Sources that contradict what a space is."""
-    return _summed(
-        {
-            (
-                name,
-                "contradicts-space",
-            ): f"{name}: says {text}; publish in a space of its own, or set what is "
-            "right in [spaces] of the parameters"
-            for name, text in contradictions.items()
-        }
-    )
-
-
-def costs(names: list[str]) -> Found:
-    """Sources that take more time than their share."""
-    return _summed(
-        {
-            (
-                name,
-                "over-budget",
-            ): f"{name}: its data takes more time than its share, so that some waits or is "
-            "dropped; send fewer features, instants or spaces"
-            for name in names
-        }
-    )
+    return {
+        **_each("duplicate-name", dict.fromkeys(troubles.rivalled, _DOUBLE)),
+        **_each("over-budget", dict.fromkeys(troubles.costly, _COSTLY)),
+        **_each("contradicts-space", contradictions),
+        **_each("drifts", dict.fromkeys(troubles.drifting, _DRIFTS)),
+    }
 
 
 def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:

@@ -2,8 +2,7 @@
 
 With a ring per source, a source that floods cannot displace the others' data. What its ring displaces shows
 as a gap in `seq`, and is counted as overflow. Rings count samples: a thread empties them all the time, while
-an update is computed too, into queues that are bounded in bytes. A source is discovered by its liveliness
-token or by its first batch, whichever comes first.
+an update is computed too, into queues that are bounded in bytes. A source is discovered by its first batch.
 """
 
 import threading
@@ -34,7 +33,7 @@ _PULL_S = 0.02
 # What of a source is kept to be read in its share of the time; also of all that have no ring yet.
 _PENDING = 1024
 _PENDING_BYTES = 32 * 1024 * 1024
-# Time for opening rings in one turn of the loop, for tokens and for batches; one is opened in any case.
+# Time for opening rings in one turn of the loop; one is opened in any case.
 _OPENING_NS = 2_000_000
 # The first batches of all sources that start at once.
 _DISCOVERY_RING = 1024
@@ -116,7 +115,7 @@ class Rings:
     keys
         Keys of the scene.
     tokens
-        Of the sources.
+        Of the sources: a ring is kept while its source is there.
     most
         Sources at a time.
     """
@@ -130,8 +129,6 @@ class Rings:
         # Samples of sources that have no ring yet, as discovery has found them.
         self._early: deque[tuple[str, zenoh.Sample]] = deque()
         self._early_bytes = 0
-        # Names whose token has come and that have no ring yet.
-        self._expected: dict[str, None] = {}
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._pull, name="intake", daemon=True)
@@ -181,7 +178,7 @@ class Rings:
 
         Returns samples for whose source there is no ring. For some there is no time now: theirs wait.
         """
-        opened = self._open_expected(monotonic_ns)
+        opened: set[str] = set()
         until_ns, is_full, found = time.monotonic_ns() + _OPENING_NS, False, True
         while found:
             # What came before a new ring was open is in the discovery ring alone: look again.
@@ -199,19 +196,6 @@ class Rings:
             found = found and time.monotonic_ns() < until_ns
         self._drain_discovery(opened)
         return self._sort_early(is_full=is_full)
-
-    def _open_expected(self, monotonic_ns: int) -> set[str]:
-        """Open rings for sources that have said that they are here, if the limits and the time allow."""
-        until_ns, opened = time.monotonic_ns() + _OPENING_NS, set()
-        self._expected |= dict.fromkeys(self._tokens.follow(monotonic_ns))
-        while self._expected and len(self.of) < self._most and time.monotonic_ns() < until_ns:
-            name = next(iter(self._expected))
-            del self._expected[name]
-            if name in self._tokens.present and self._open(name, monotonic_ns):
-                opened.add(name)
-        if len(self.of) >= self._most:
-            self._expected.clear()
-        return opened
 
     def _sort_early(self, *, is_full: bool) -> list[tuple[str, zenoh.Sample]]:
         """Give early samples to their rings; returns those for which there will be none."""

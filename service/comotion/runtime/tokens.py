@@ -1,10 +1,14 @@
-"""Knows which sources are present, by their liveliness tokens."""
+"""Knows which sources are present, by their liveliness tokens, queried once a second.
+
+The service does not subscribe to them: it would receive each one that comes and goes, and nothing limits how
+many a source declares. A query ends with the router's reply.
+"""
 
 import logging
-from typing import Any
+import threading
 
 import zenoh
-from zenoh.handlers import RingChannel
+from zenoh.handlers import Callback
 
 from comotion_schemas import Keys
 from comotion_schemas.keys import last_chunk
@@ -12,11 +16,27 @@ from comotion_schemas.types import is_name
 
 from .guard import LogLimit
 
-# Tokens that come and go between two turns of the loop; more are read with the next full list.
-_MOST_CHANGES = 1024
-# Tokens that are read at a time: a storm of them must not delay an update.
-_AT_ONCE = 256
+_AGAIN_NS = 1_000_000_000
+# After more tokens than are remembered.
+_AGAIN_AFTER_FLOOD_NS = 10_000_000_000
+_TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
+
+
+class _Answer:
+    """Collects the replies to one query. A ring would vanish with the last reply, and its content with it."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self.names: set[str] = set()
+        # Whether it has all names; and whether all replies have come.
+        self.whole, self.complete = True, threading.Event()
+
+    def add(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None or len(self.names) >= self._most:
+            self.whole = False
+        elif is_name(name := last_chunk(str(reply.ok.key_expr))):
+            self.names.add(name)
 
 
 class Tokens:
@@ -30,58 +50,37 @@ class Tokens:
         Keys of the scene.
     most
         Names that are remembered.
+
+    Attributes
+    ----------
+    present
+        Names whose token is there, and since when in monotonic ns.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._session, self._key, self._most = session, keys.all_live("source"), most
-        self._changes = session.liveliness().declare_subscriber(
-            self._key, RingChannel(_MOST_CHANGES), history=True
-        )
         self._limit = LogLimit(20, 10.0)
-        self._query: Any = None
-        self._since_query: set[str] = set()
+        self._answer: _Answer | None = None
+        self._due_ns = 0
         self.present: dict[str, int] = {}
 
-    def follow(self, monotonic_ns: int) -> list[str]:
-        """Take in tokens that came and went; returns the names of those that came."""
-        came = []
-        for _ in range(_AT_ONCE):
-            sample = self._changes.try_recv()
-            if sample is None:
-                break
-            name = last_chunk(str(sample.key_expr))
-            if sample.kind == zenoh.SampleKind.DELETE:
-                if self.present.pop(name, None) is not None:
-                    self._limit.log(_log, logging.INFO, "source %s has left", name)
-            elif is_name(name) and len(self.present) < self._most:
-                came.append(name)
-                self._since_query.add(name)
-                if name not in self.present:
-                    self.present[name] = monotonic_ns
-                    self._limit.log(_log, logging.INFO, "source %s is here", name)
-        return came
+    def look(self, monotonic_ns: int) -> None:
+        """Take in a complete answer, and query again when it is due."""
+        answer = self._answer
+        if answer is not None and answer.complete.is_set():
+            self._answer = None
+            self._due_ns = monotonic_ns + (_AGAIN_NS if answer.whole else _AGAIN_AFTER_FLOOD_NS)
+            self._take_in(answer, monotonic_ns)
+        if self._answer is None and monotonic_ns >= self._due_ns:
+            self._answer = query = _Answer(self._most)
+            replies = Callback(query.add, query.complete.set)
+            self._session.liveliness().get(self._key, replies, timeout=_TIMEOUT_S)
 
-    def reconcile(self) -> None:
-        """Forget tokens whose end was not heard, by what the last call queried; and query again."""
-        if self._query is not None:
-            there, replies = set(), 0
-            while replies < 4 * self._most and (reply := _next(self._query)) is not None:
-                replies += 1
-                if reply.ok is not None:
-                    there.add(last_chunk(str(reply.ok.key_expr)))
-            # Without any answer there may be no router.
-            if there and replies < 4 * self._most:
-                lost = self.present.keys() - there - self._since_query
-                for name in lost:
-                    del self.present[name]
-        self._since_query.clear()
-        self._query = self._session.liveliness().get(self._key, RingChannel(4 * self._most), timeout=5.0)
-
-
-def _next(replies: Any) -> zenoh.Reply | None:
-    """The next reply; None where there is none, or where the last one has been read."""
-    try:
-        found: zenoh.Reply | None = replies.try_recv()
-    except zenoh.ZError:
-        return None
-    return found
+    def _take_in(self, answer: _Answer, monotonic_ns: int) -> None:
+        # Of more tokens than are remembered nobody knows which are gone.
+        for name in self.present.keys() - answer.names if answer.whole else ():
+            del self.present[name]
+            self._limit.log(_log, logging.INFO, "source %s has left", name)
+        for name in sorted(answer.names - self.present.keys())[: self._most - len(self.present)]:
+            self.present[name] = monotonic_ns
+            self._limit.log(_log, logging.INFO, "source %s is here", name)

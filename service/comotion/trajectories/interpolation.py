@@ -31,10 +31,11 @@ class States:
     held: Bools
 
 
-def states_at(window: Window, slots: Slots, stamps: Stamps) -> States:
+def states_at(window: Window, slots: Slots, stamps: Stamps, gap_ns: int | None = None) -> States:
     """States at some instants, linear between observations (3.5).
 
-    Nothing is interpolated across a gap longer than ``window.gap_ns``, nor beyond either end.
+    Nothing is interpolated across a gap longer than `gap_ns`, by default ``window.gap_ns``, nor beyond either
+    end.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ def states_at(window: Window, slots: Slots, stamps: Stamps) -> States:
     """
     shape = len(stamps), len(slots)
     states = States(np.zeros((*shape, window.dim)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
-    columns = window.times, window.positions, window.start, window.stop, window.gap_ns
+    longest_ns = window.gap_ns if gap_ns is None else gap_ns
+    columns = window.times, window.positions, window.start, window.stop, longest_ns
     fill_states(*columns, slots, stamps, states.position, states.observed, states.held)
     return states
 

@@ -20,6 +20,9 @@ _PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "cova
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
+# Memory is given back when less than this share of it is still in use: of the rows of a slot, or of more
+# slots than this number.
+_MANY_SLOTS, _STILL_USED = 256, 0.25
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Window:
         self.capacity = 0
         self._rows = _FIRST_ROWS
         self._free: list[int] = []
+        # Most slots in use since the columns are as they are: so many have memory behind them.
+        self._written = 0
         self._next_key = 0
         self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
         self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
@@ -109,6 +114,7 @@ class Window:
             self._grow_slots()
         slots = np.array([self._free.pop() for _ in range(count)], np.intp)
         self.used[slots] = True
+        self._written = max(self._written, self.capacity - len(self._free))
         self.ended[slots] = False
         self.source[slots] = source
         self.key[slots] = np.arange(self._next_key, self._next_key + count)
@@ -123,6 +129,21 @@ class Window:
         """Free slots whose trajectories are forgotten."""
         self.used[slots] = False
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
+        self._give_back()
+
+    def _give_back(self) -> None:
+        """Renew the columns when most of the memory behind them holds nothing any more."""
+        in_use, rows = self.capacity - len(self._free), _FIRST_ROWS
+        longest = int(self.counts(np.flatnonzero(self.used)).max(initial=0))
+        while longest > _STILL_USED * rows:
+            rows *= 2
+        if rows < _STILL_USED * self._rows:
+            self._compact(np.flatnonzero(self.used))
+            self._rows = rows
+        elif self._written <= _MANY_SLOTS or in_use >= _STILL_USED * self._written:
+            return
+        self._renew_columns(self.capacity, self._rows)
+        self._written = in_use
 
     def insert(
         self, slots: Slots, stamps: Stamps | int, positions: Floats, sigma: Floats, quaternions: Floats | None
@@ -228,32 +249,35 @@ class Window:
             self._grow_rows()
             due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
             full = due[self.stop[due] + more > self._rows]
-        if not len(due):
-            return
+        if len(due):
+            self._compact(due)
+
+    def _compact(self, slots: Slots) -> None:
+        """Move the observations of slots to the beginning of their rows."""
         if self.quaternions is not None:
-            for slot in due:
+            for slot in slots:
                 span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
                 self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
         columns = self.times, self.positions, self.speed, self.sigma
-        compact(due, *columns, self.start, self.stop)
-        self.stop[due] -= self.start[due]
-        self.start[due] = 0
+        compact(slots, *columns, self.start, self.stop)
+        self.stop[slots] -= self.start[slots]
+        self.start[slots] = 0
 
     def _grow_rows(self) -> None:
-        self._grow_columns(self.capacity, 2 * self._rows)
+        self._renew_columns(self.capacity, 2 * self._rows)
         self._rows *= 2
 
     def _grow_slots(self) -> None:
         extra = max(_FIRST_SLOTS, self.capacity)
-        self._grow_columns(self.capacity + extra, self._rows)
+        self._renew_columns(self.capacity + extra, self._rows)
         for name in _PER_SLOT:
             column = getattr(self, name)
             setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
         self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
         self.capacity += extra
 
-    def _grow_columns(self, slots: int, rows: int) -> None:
-        """Most slots of short-lived features are nearly empty: memory that nobody writes to costs nothing."""
+    def _renew_columns(self, slots: int, rows: int) -> None:
+        """Put what is in use into new columns of a size: memory that nobody writes to costs nothing."""
         used = np.flatnonzero(self.used)
         for name in _COLUMNS:
             column = getattr(self, name)

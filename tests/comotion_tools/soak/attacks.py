@@ -18,12 +18,17 @@ from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, 
 from comotion_schemas.component import new_session_id
 from comotion_schemas.keys import StreamKind
 
+from .load import BODIES, ID_STEP, Kind, places, positions
+
 NAME = "hostile"
 VICTIM = "left"
 """The source in whose name it lies."""
 MARKUP = "[/nope] [bold]\x1b[2J\x1b]0;owned\x07\x9b31m\r\nok: all is well\u202e.\u2066 " + 60 * "x"
 """What ends a table of rich, clears a terminal, forges a line and turns what follows."""
 _TOP = 2**64 - 1
+_DRIFTER = Kind(30, 24)
+# rad/s, and s after which it begins.
+_DRIFT, _STEADY_S = 0.02, 5.0
 
 
 def resting_batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
@@ -151,6 +156,17 @@ def statuses(attacker: Attacker) -> None:
     attacker.say(attacker.status(message=2000 * "x", counters={"sent": attacker.seq}))
 
 
+def drift(attacker: Attacker) -> None:
+    """It sees the bodies of the others, twice as many features of each, and turns away."""
+    found = positions(_DRIFTER, places(_DRIFTER, 1), time.time())
+    found += np.random.default_rng(attacker.seq).normal(0, 0.002, found.shape)
+    angle = _DRIFT * max(attacker.seq / _DRIFTER.rate - _STEADY_S, 0.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(_DRIFTER.features)
+    rows = (found.reshape(-1, 3) @ turn.T).astype(np.float32)
+    attacker.put(attacker.batch(len(rows), ids=ids.reshape(-1).astype(np.uint64), positions=rows))
+
+
 def large(attacker: Attacker) -> None:
     """A valid batch of 3.9 MB."""
     rows = 195_000
@@ -230,6 +246,7 @@ ATTACKS: dict[str, Attack] = {
     "markup": Attack(markup, 2),
     "statuses": Attack(statuses, 3000),
     "large": Attack(large, 10),
+    "drift": Attack(drift, _DRIFTER.rate),
     "tokens": Attack(tokens, 400),
     "many-tokens": Attack(many_tokens, 200),
     "seize": Attack(seize, 1),

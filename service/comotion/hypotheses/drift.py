@@ -1,0 +1,231 @@
+"""Finds the sources of a space whose offset from the others changes.
+
+Sources of a space see each body move by one motion, up to a small turn, shift and delay of each source that
+last: its offset. Where these change, and so in all bodies alike, a source drifts: what carries it moves, or
+its clock runs away. A body that moves otherwise for one source alone is no drift: bodies split.
+"""
+
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Labels, Slots, Stamps, find
+from ..partition import NO_HYPOTHESIS
+from ..trajectories.interpolation import states_at
+from ..trajectories.window import Window
+
+# ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
+# sources, too, have observed something; velocities are taken over the third.
+_SPAN_NS, _LAG_NS, _STEP_NS = 2_000_000_000, 300_000_000, 200_000_000
+# ns; between observations farther apart, bodies turn and swing by more than noise.
+_DENSE_NS = 100_000_000
+# ns between two looks, and for which a source counts as drifting after it was found to.
+_EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
+# Looks in a row that find it.
+_LOOKS = 2
+# Bodies that two sources share, and features of the one that are compared on each, at least.
+_LEAST_BODIES, _LEAST_FEATURES = 2, 2
+# Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
+# as much it may change.
+_ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
+_CHANGE = 10.0
+# What a change must explain, in variances of noise for each of its unknowns, and what it may leave for each
+# coordinate.
+_CLEAR, _LEFT = 4.0, 6.0
+
+
+class _Motion(NamedTuple):
+    """x1 = R x0 + t, the squared residual, the degrees of freedom left, and how many features tell."""
+
+    R: Floats
+    t: Floats
+    squared: float
+    freedom: int
+    features: int
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Of N trajectories: positions and velocities then and now, float64 [N, dim]; session and hypothesis."""
+
+    before: Floats
+    after: Floats
+    speed_before: Floats
+    speed_after: Floats
+    source: Slots
+    label: Labels
+
+    def where(self, rows: Bools) -> "_Seen":
+        return _Seen(**{name: column[rows] for name, column in vars(self).items()})
+
+
+@dataclass
+class DriftCheck:
+    """Follows the sources of one space."""
+
+    # Times, keys and hypotheses of the last looks.
+    _looks: deque[tuple[int, Stamps, Labels]] = field(default_factory=deque)
+    # By session number: looks in a row that have found a drift, and when one did last.
+    _found: dict[int, int] = field(default_factory=dict)
+    _drifting: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def drifting(self) -> list[int]:
+        """Numbers of the sessions that drift, ascending."""
+        return sorted(self._drifting)
+
+    def look(self, window: Window, current: Slots, labels: Labels, stamp_ns: int) -> None:
+        """Compare what sources see.
+
+        Parameters
+        ----------
+        current
+            intp [n], slots of the current trajectories.
+        labels
+            int64 [capacity], hypothesis of each slot.
+        stamp_ns
+            The watermark.
+        """
+        if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
+            return
+        # What has parted since is a question: what was one body before?
+        while len(self._looks) > 1 and self._looks[1][0] <= stamp_ns - _LAG_NS - _SPAN_NS:
+            self._looks.popleft()
+        here = set(np.unique(window.source[current]).tolist())
+        known = self._drifting.keys() & here
+        found = set(known)
+        if self._looks and len(here) > 1:
+            found = _judged(_seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS), known)
+        self._looks.append((stamp_ns, window.key[current], labels[current]))
+        self._found = {one: self._found.get(one, 0) + 1 for one in found}
+        self._drifting |= {one: stamp_ns for one, looks in self._found.items() if looks >= _LOOKS}
+        self._drifting = {
+            one: at for one, at in self._drifting.items() if one in here and stamp_ns - at <= _LASTS_NS
+        }
+
+
+def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns: int) -> _Seen:
+    """Current trajectories that had a hypothesis, by their keys and hypotheses then."""
+    order = np.argsort(keys)
+    at = find(window.key[current], keys[order])
+    known = at >= 0
+    slots, label = current[known], labels[order][at[known]]
+    slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
+    before_ns = stamp_ns - _SPAN_NS
+    stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
+    states = states_at(window, slots, stamps, _DENSE_NS)
+    x, step_s = states.position, _STEP_NS * 1e-9
+    speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
+    every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
+    return every.where(np.asarray(states.held.all(0)))
+
+
+def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
+    """Sessions that drift, of which some are `known` to; who cannot be judged is as it was.
+
+    Of those apart from all others the clearest one drifts; then the rest is compared without it. Of two
+    nobody knows; that which sees the calmest body move less is believed.
+    """
+    drifting = set(known)
+    while True:
+        rest = seen.where(np.isin(seen.source, list(drifting), invert=True))
+        gains = {}
+        for one in np.unique(rest.source).tolist():
+            mine = np.asarray(rest.source == one)
+            gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
+        apart = {one: gain for one, gain in gains.items() if gain >= 1}
+        if not apart:
+            break
+        if len(gains) == 2:
+            apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
+        drifting.add(max(apart, key=lambda one: apart[one]))
+    motions = _motions(rest)
+    steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
+    return drifting - steady
+
+
+def _motions(seen: _Seen) -> dict[int, _Motion]:
+    """Motion of each hypothesis that enough features tell."""
+    dim, found = seen.before.shape[1], {}
+    for label in np.unique(seen.label).tolist():
+        mine = seen.where(seen.label == label)
+        if len(mine.label) > dim:
+            found[label] = _fit(mine.before, mine.after)
+    return found
+
+
+def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
+    """What a change of a source's offset explains by the motions that others see: 1 is clear.
+
+    NaN where they share too little, or where no change explains the difference.
+    """
+    shared = [one for one in motions if np.count_nonzero(other.label == one) >= _LEAST_FEATURES]
+    if len(shared) < _LEAST_BODIES:
+        return np.nan
+    other = other.where(np.isin(other.label, shared))
+    centre = other.before.mean(0)
+    extent = float(np.sqrt(((other.before - centre) ** 2).sum(1).mean()))
+    apart = np.empty_like(other.after)
+    was, lasting = (
+        _offsets(other.before, other.speed_before, centre),
+        _offsets(other.after, other.speed_after, centre),
+    )
+    change = lasting.copy()
+    for one in shared:
+        rows, motion = other.label == one, motions[one]
+        apart[rows] = other.after[rows] - other.before[rows] @ motion.R.T - motion.t
+        lasting[rows] -= np.einsum("cd,ndp->ncp", motion.R, was[rows])
+    # That of the worse side: thousands of exact features do not make the others exact.
+    sides = [motions[one] for one in shared], list(_motions(other).values())
+    squares = [sum(one.squared for one in side) / max(sum(one.freedom for one in side), 1) for side in sides]
+    noise = float(np.sqrt(max(squares))) + 1e-9 * extent
+    turns = change.shape[2] - len(centre) - 1
+    prior = np.array([*turns * [_ROTATION], *len(centre) * [_SHIFT * extent], _DELAY]) / noise
+    e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), change.reshape(apart.size, -1)
+    constant = _left(e, J0 * prior)
+    changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
+    # The fewer features tell the motions, the more their errors look like a change.
+    clear = _CLEAR * len(prior) * (1 + 2 * len(other.label) / sum(motions[one].features for one in shared))
+    return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
+
+
+def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
+    """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
+    n, dim = places.shape
+    arm = places - centre
+    if dim == 2:
+        turn = np.stack([-arm[:, 1], arm[:, 0]], 1)[:, :, None]
+    else:
+        turn = np.stack([np.cross(axis, arm) for axis in np.eye(3)], 2)
+    shift = np.broadcast_to(np.eye(dim), (n, dim, dim))
+    return np.concatenate([turn, shift, speeds[:, :, None]], 2)
+
+
+def _left(e: Floats, J: Floats) -> float:
+    """Least |e - J x|^2 + |x|^2."""
+    x = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ e)
+    return float(e @ (e - J @ x))
+
+
+def _calmest(seen: _Seen) -> float:
+    """Mean squared displacement of the body that moves least, as one source sees it."""
+    squared = ((seen.after - seen.before) ** 2).sum(1)
+    labels, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
+    means = np.bincount(row, squared, len(labels)) / counts
+    return float(means[counts >= _LEAST_FEATURES].min(initial=np.inf))
+
+
+def _fit(before: Floats, after: Floats) -> _Motion:
+    """The rigid motion that fits best (Kabsch), float64 [n, dim] each."""
+    n, dim = before.shape
+    middle, now = before.mean(0), after.mean(0)
+    U, _, V = np.linalg.svd((before - middle).T @ (after - now))
+    mirror = np.ones(dim)
+    mirror[-1] = np.sign(np.linalg.det(U @ V))
+    R = (V.T * mirror) @ U.T
+    t = now - R @ middle
+    squared = float(((before @ R.T + t - after) ** 2).sum())
+    return _Motion(R, t, squared, n * dim - dim * (dim + 1) // 2, n)

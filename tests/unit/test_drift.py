@@ -1,0 +1,134 @@
+"""A source that drifts away from the others: said, and the bodies that others see keep their ids."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion_schemas import ObservationBatch
+
+SECOND = 10**9
+RATE = 15
+BODIES = 3
+START = 10**18
+Change = Callable[[np.ndarray, float], np.ndarray]
+
+
+def swings(t: float) -> np.ndarray:
+    """Shifts of the bodies at a time: the first one rests."""
+    return np.array([[0, 0, 0], [0.5, 0.3 * np.sin(1.4 * t), 0], [-0.5, 0, 0.3 * np.sin(1.9 * t + 1)]])
+
+
+def batch(source: int, k: int, features: int, change: Change) -> ObservationBatch:
+    """What a source sees, as `change` makes it."""
+    t = (k + source / 3) / RATE
+    own = np.random.default_rng(source).uniform(-0.2, 0.2, (BODIES, features, 3))
+    own[0] *= 4
+    rows = (own + swings(t)[:, None]).reshape(-1, 3)
+    rows += np.random.default_rng([source, k]).normal(0, 0.002, rows.shape)
+    return ObservationBatch(
+        source="abc"[source],
+        session=f"{source + 1:016x}",
+        seq=k,
+        space="world",
+        unit="m",
+        dim=3,
+        stamp_ns=START + round(t * SECOND),
+        ids=np.arange(len(rows), dtype=np.uint64),
+        positions=change(rows, t).astype(np.float32),
+    )
+
+
+class Scene:
+    """Three sources, of which the last has as many features as the others together."""
+
+    features = 5, 5, 10
+
+    def __init__(self) -> None:
+        self.fusion = Fusion(FusionConfig())
+        self.k = 0
+
+    def run(self, seconds: float, change: Change = lambda rows, t: rows) -> list[dict[int, int]]:
+        """The hypothesis of each body, as most features of the first two sources have it, every 0.2 s."""
+        ids = []
+        for _ in range(round(seconds * RATE)):
+            for source, count in enumerate(self.features):
+                unchanged = source < len(self.features) - 1
+                same = batch(source, self.k, count, (lambda rows, t: rows) if unchanged else change)
+                self.fusion.ingest(same)
+            self.k += 1
+            if self.k % 3 == 0:
+                self.fusion.update(START + round(self.k / RATE * SECOND))
+                ids.append(self._ids())
+        return ids
+
+    def _ids(self) -> dict[int, int]:
+        update = self.fusion._latest
+        votes: dict[int, Counter[int]] = {}
+        for source, feature, one in zip(
+            update.track_source, update.track_id, update.track_hypothesis, strict=True
+        ):
+            name = "abc".index(update.sources[source].name)
+            if name < 2:
+                votes.setdefault(int(feature) // self.features[name], Counter())[int(one)] += 1
+        return {body: counts.most_common(1)[0][0] for body, counts in votes.items()}
+
+    @property
+    def drifting(self) -> list[str]:
+        return self.fusion.troubles().drifting
+
+
+def turned(since: float, until: float = 1e9) -> Change:
+    """Turns by 0.05 rad/s about the vertical axis from one time to another."""
+
+    def change(rows: np.ndarray, t: float) -> np.ndarray:
+        angle = 0.05 * (min(t, until) - since)
+        cos, sin = np.cos(angle), np.sin(angle)
+        return rows @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+
+    return change
+
+
+def test_the_ids_of_what_others_see_stay_and_the_source_is_named() -> None:
+    scene = Scene()
+    before = scene.run(5.0)[-1]
+    assert len(set(before.values())) == BODIES
+    assert scene.drifting == []
+    during = scene.run(8.0, turned(5.0))
+    assert scene.drifting == ["c"]
+    assert all(one == before for one in during)
+
+
+def test_what_has_stopped_drifting_takes_part_again() -> None:
+    scene = Scene()
+    scene.run(5.0)
+    scene.run(3.0, turned(5.0, 8.0))
+    assert scene.drifting == ["c"]
+    scene.run(7.0, turned(5.0, 8.0))
+    assert scene.drifting == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda rows, t: turned(0.0)(rows, 0.5),
+        lambda rows, t: rows + 0.01,
+        lambda rows, t: rows + np.repeat([[0], [0], [max(t - 4, 0) * 0.05]], 10, 0),
+    ],
+    ids=["a lasting turn", "a lasting shift", "one body"],
+)
+def test_a_lasting_offset_or_one_body_is_no_drift(change) -> None:
+    scene = Scene()
+    for _ in range(16):
+        scene.run(0.5, change)
+        assert scene.drifting == []
+
+
+def test_of_two_sources_that_which_sees_the_background_rest_is_believed() -> None:
+    scene = Scene()
+    scene.features = 8, 12
+    scene.run(5.0)
+    scene.run(4.0, turned(5.0))
+    assert scene.drifting == ["b"]
