@@ -3,6 +3,7 @@
 import itertools
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
+from comotion.pixels import merging
 from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
@@ -117,7 +119,7 @@ def test_local_motions_equal_a_literal_fit():
     visible = rng.random((6, 16)) > 0.2
     pairs = frame_pairs(frames_of(positions, visible), (1, 3))
     members = np.array([[0, 1, 2, 3, 4], [5, 6, 9, 10, 11]])
-    found = explain(pairs, [members], ridge=25.0, cap=400.0)
+    found = explain(pairs, [members])
     total, used = np.zeros((2, 16)), np.zeros((2, len(pairs.seen)))
     for q in range(len(pairs.seen)):
         for h in range(2):
@@ -199,7 +201,7 @@ def wide_baseline_test(*bodies, noise=0.1):
     positions = positions + np.random.default_rng(0).normal(0, noise, positions.shape)
     ends = np.cumsum([0, *(body.shape[1] for body in bodies)])
     groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
-    return WideBaselineTest(frames_of(positions), groups, PixelsConfig()), groups
+    return WideBaselineTest(frames_of(positions), groups, 0.02), groups
 
 
 def test_parallax_within_a_body_explains_that_between_its_parts():
@@ -249,27 +251,26 @@ def test_previous_hypotheses_shift_the_merge_threshold():
     rng = np.random.default_rng(15)
     positions = rng.uniform(0, 400, (1, 80, 2)) + np.cumsum(rng.normal(0, 2, (24, 1, 2)), axis=0)
     frames = frames_of(positions + rng.normal(0, 0.1, (24, 80, 2)))
-    p = PixelsConfig()
     superclusters = Superclusters(
-        np.repeat([0, 1], 40), np.full((2, 2), 1600 * p.merge_similarity), np.full((2, 2), 1600.0)
+        np.repeat([0, 1], 40), np.full((2, 2), 1600 * merging.SIMILARITY), np.full((2, 2), 1600.0)
     )
     test = EpipolarTest(frames)
     left, right = np.arange(40), np.arange(40, 80)
     # Without the test that would join them whatever they were before.
-    wide = WideBaselineTest(frames, [left, right], PixelsConfig(parallax_epipolar=-9.0))
+    wide = SimpleNamespace(one_body=lambda *_: False, two_bodies=lambda *_: False)
     distance = BoundaryContrast(frames, np.ones((80, 80), np.float32)).between(left, right).distance
-    threshold = p.boundary_least + p.epipolar_weight * test.compare(left, right).log_ratio
+    threshold = merging._LEAST_EVIDENCE + merging._EPIPOLAR_WEIGHT * test.compare(left, right).log_ratio
 
     def groups(surplus, before):
         value = np.ones((80, 80), np.float32)
-        drop = threshold - p.boundary_distance * np.log1p(distance) + surplus
+        drop = threshold - merging._DISTANCE_WEIGHT * np.log1p(distance) + surplus
         value[:40, 40:] = value[40:, :40] = np.exp(drop)
         boundary = BoundaryContrast(frames, value)
-        return len(set(merge(superclusters, boundary, test, wide, p, before).tolist()))
+        return len(set(merge(superclusters, boundary, test, wide, 5, before).tolist()))
 
     apart, together = np.repeat([7, 8], 40), np.full(80, 7)
-    assert [groups(0.5 * p.held_apart, before) for before in (None, together, apart)] == [1, 1, 2]
-    assert [groups(-0.5 * p.held_together, before) for before in (None, together, apart)] == [2, 1, 2]
+    assert [groups(0.5 * merging._HELD_APART, before) for before in (None, together, apart)] == [1, 1, 2]
+    assert [groups(-0.5 * merging._HELD_TOGETHER, before) for before in (None, together, apart)] == [2, 1, 2]
 
 
 @pytest.mark.parametrize("sizes", [(60,), (70, 40), (80, 40, 30)])

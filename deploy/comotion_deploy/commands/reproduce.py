@@ -135,12 +135,11 @@ def pixels(
         Path,
         typer.Option("--data", metavar="DIR", envvar="COMOTION_DATA", help="Folder of the recordings."),
     ],
-    quick: Annotated[bool, typer.Option("--quick", help="As --no-baselines --no-cross-validate.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="As --no-baselines.")] = False,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where pixels.md and pixels.json go.")
     ] = Path("pixels"),
     baselines: Annotated[bool, typer.Option(help="Run the baselines too.")] = True,
-    cross_validate: Annotated[bool, typer.Option(help="Cross-validate over scenes too.")] = True,
     json_: options.Json = False,
     _config: options.ConfigFile = None,
     _log_level: options.Log = options.LogLevel.WARNING,
@@ -155,7 +154,6 @@ def pixels(
         found = run_benchmark(
             find_data_sets(data),
             baselines=baselines and not quick,
-            cross_validate=cross_validate and not quick,
             progress=note,
         )
     values, written = write_report(out, "pixels", report.markdown(found), found.as_json())

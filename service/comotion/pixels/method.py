@@ -116,7 +116,7 @@ class PixelMethod:
         names = _provisional_names(previous.labels[compared], groups[compared])
         labelled = compared[groups[compared] != NO_HYPOTHESIS]
         known = labelled, names[groups[labelled]], previous.labels[newborn]
-        labels, share = assign_newborns(window, newborn, *known, self._p.motion_weight)
+        labels, share = assign_newborns(window, newborn, *known)
         group_of = {int(name): k for k, name in enumerate(names)}
         return np.array([group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]), share / 2
 

@@ -8,10 +8,11 @@ from ..arrays import Bools, Floats, Floats32, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
+from .affine import RIDGE
 from .kernels.affine import group_deviations
 from .kernels.neighbours import newborn_distances, weighted_votes
 from .key_frames import KeyFrames, evenly_spaced, frame_pairs
-from .neighbour_sampling import NeighbourDistance
+from .neighbour_sampling import MOTION_WEIGHT, NeighbourDistance
 
 # Key frames from the first to the second of a pair. Over pairs 3 apart the labelled recordings get worse,
 # see docs/pixels.md.
@@ -54,7 +55,7 @@ class Reassigned(NamedTuple):
     explained: Bools
 
 
-def reassign(frames: KeyFrames, labels: Ints, ridge: float) -> Reassigned:
+def reassign(frames: KeyFrames, labels: Ints) -> Reassigned:
     """Give trajectories that their own group's motion contradicts to the group that explains them.
 
     Linkage compares neighbours, and a local motion that is fitted across a boundary explains a little of
@@ -70,14 +71,12 @@ def reassign(frames: KeyFrames, labels: Ints, ridge: float) -> Reassigned:
         F key frames of N trajectories.
     labels
         intp [N], 0 to K − 1.
-    ridge
-        px² per member; regularisation of the affine fit.
     """
     pairs, groups = len(frames.positions) - _PAIR_STEP, int(labels.max()) + 1
     if pairs < _LEAST_PAIRS or groups < 2:
         return Reassigned(labels, np.zeros((groups, len(labels)), np.bool_))
     shown = frame_pairs(frames, (_PAIR_STEP,))
-    own, every = group_deviations(shown.start, shown.displacement, shown.seen, labels, groups, ridge)
+    own, every = group_deviations(shown.start, shown.displacement, shown.seen, labels, groups, RIDGE)
     known = np.isfinite(own) & np.isfinite(every)
     count = known.sum(axis=1)
     mean = np.where(known, np.minimum(every, _LARGEST_DEVIATION), 0).sum(axis=1) / np.maximum(count, 1)
@@ -153,7 +152,7 @@ def _most_frequent(values: Labels) -> int:
 
 
 def assign_newborns(
-    window: Window, newborn: Slots, compared: Slots, labels: Labels, previous: Labels, motion_weight: float
+    window: Window, newborn: Slots, compared: Slots, labels: Labels, previous: Labels
 ) -> tuple[Labels, Floats]:
     """Labels of newborn trajectories by the vote of the nearest in the image that move as they do.
 
@@ -166,8 +165,6 @@ def assign_newborns(
         the `labels` int64 [m].
     previous
         int64 [n]; labels of the newborn ones until now: each counts as one vote.
-    motion_weight
-        See :class:`~comotion.pixels.neighbour_sampling.NeighbourDistance`.
 
     Returns
     -------
@@ -175,11 +172,11 @@ def assign_newborns(
     """
     if not len(compared):
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
-    distance = _newborn_distance(window, newborn, compared, motion_weight)
+    distance = _newborn_distance(window, newborn, compared)
     return weighted_votes(distance, labels, previous, _VOTERS, _PREVIOUS_VOTES)
 
 
-def _newborn_distance(window: Window, newborn: Slots, compared: Slots, motion_weight: float) -> Floats:
+def _newborn_distance(window: Window, newborn: Slots, compared: Slots) -> Floats:
     """Distances at some instants of the newborn ones, float64 [n, m] px; inf where none is shared."""
     at = [
         window.start[s] + evenly_spaced(int(window.stop[s] - window.start[s]), _NEWBORN_INSTANTS)
@@ -191,4 +188,4 @@ def _newborn_distance(window: Window, newborn: Slots, compared: Slots, motion_we
     stamps, instant = np.unique(window.times[newborn[owner], index], return_inverse=True)
     states = states_at(window, compared, stamps)
     own = window.positions[newborn[owner], index]
-    return newborn_distances(states.position, states.held, own, instant, owner, len(newborn), motion_weight)
+    return newborn_distances(states.position, states.held, own, instant, owner, len(newborn), MOTION_WEIGHT)
