@@ -75,15 +75,6 @@ def test_local_motions_and_their_residuals(rng):
 
 @few
 @given(rng=seeds)
-def test_deviations_from_the_motion_of_groups(rng):
-    pairs, labels = frame_pairs(rng, 40), rng.integers(0, 3, 40)
-    found = affine.group_deviations(*pairs, labels, 3, 25.0)
-    for some, want in zip(found, twin.group_deviations(*pairs, labels, 3, 25.0), strict=True):
-        assert_allclose(some, want, rtol=1e-4, atol=1e-4)
-
-
-@few
-@given(rng=seeds)
 def test_preference_kernel(rng):
     pattern = rng.integers(0, 3, 20)
     total, count = rng.gamma(1, 4, (20, 9)).astype(np.float32), rng.integers(0, 4, (3, 9)).astype(np.float32)

@@ -59,30 +59,6 @@ def pair_activity(start, displacement, seen, motions, caps):
     return (square / (square + 1)).sum(axis=(1, 2)) / np.maximum(trials, 1)
 
 
-def group_deviations(start, displacement, seen, labels, groups, ridge):
-    own = np.full(seen.shape, np.inf)
-    every = np.full((groups, *seen.shape), np.inf)
-    for g, q in np.ndindex(groups, len(seen)):
-        shown = seen[q] > 0
-        members = np.flatnonzero(shown & (labels == g))
-        if len(members) < 8:
-            continue
-        x, y, u, v = *start[q][:, members], *displacement[q][:, members]
-        weight = np.ones(len(members))
-        for _ in range(3):
-            used = weight
-            centre, normal, field = fit_affine(x, y, u, v, weight, ridge)
-            square = residual(field, x, y, u, v)
-            variance = max(np.median(square) / 1.386, 0.3**2)
-            weight = 1 / (1 + square / (4 * variance))
-        deviation = residual(field, *start[q], *displacement[q]) / variance
-        off = start[q].T - centre
-        leverage = 1 / used.sum() + np.einsum("ni,ij,nj->n", off, np.linalg.inv(normal), off)
-        every[g, q, shown] = deviation[shown]
-        own[q, members] = (deviation / (1 + leverage))[members]
-    return own, every
-
-
 def mean_residuals(total, count, pattern):
     n = count[pattern]
     return np.where(n > 0, total / np.maximum(n, 1), np.inf)

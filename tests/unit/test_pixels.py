@@ -18,7 +18,6 @@ from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced, frame_pairs
 from comotion.pixels.linkage import Superclusters, link
-from comotion.pixels.memory import Separation
 from comotion.pixels.merging import BoundaryContrast, merge
 from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
@@ -448,24 +447,3 @@ def test_a_body_that_rests_longer_than_the_window_stays_a_hypothesis():
         assert misclassification(update.track_hypothesis, np.repeat([0, 1], [40, 20])) == 0
         assert len(update.hypotheses) == 2
     assert {h.id for h in moved.hypotheses} == {h.id for h in update.hypotheses}
-
-
-def test_a_separate_hypothesis_that_moves_with_another_is_joined_after_seconds():
-    rng = np.random.default_rng(17)
-    moving = frames_of(np.repeat(rng.uniform(0, 400, (1, 60, 2)), 24, 0) + np.arange(24)[:, None, None])
-    resting = frames_of(np.repeat(moving.positions[:1], 24, 0))
-    before, one = np.repeat([7, 8], [40, 20]), np.zeros(60, np.intp)
-    memory = Separation(5)
-
-    def groups(frames, labels, seconds):
-        return len(set(memory.keep(frames, labels, before, T0 + int(seconds * 1e9)).tolist()))
-
-    # Not known to be separate yet.
-    assert groups(resting, one, 0.0) == 1
-    for second in (1, 2, 3):
-        assert groups(moving, before - 7, second) == 2
-    again = Separation(5)
-    again.load(memory.state())
-    assert again.state() == memory.state()
-    assert [groups(resting, one, second) for second in (4, 30)] == [2, 2]
-    assert [groups(moving, one, second) for second in (31, 32, 33, 34)] == [2, 2, 1, 1]

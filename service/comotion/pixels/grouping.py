@@ -9,8 +9,6 @@ local motions that explain both, and by the subspace that they span together. Th
 5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
    objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
-7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
-8. Keep the labels of trajectories with little evidence (:mod:`.reassignment`).
 """
 
 from dataclasses import dataclass
@@ -25,7 +23,6 @@ from .key_frames import KeyFrames, frame_pairs
 from .linkage import link, pool
 from .merging import SIMILARITY, BoundaryContrast, merge
 from .neighbour_sampling import sample_members
-from .reassignment import label_hysteresis, reassign, vote_of_neighbours
 from .similarity import Similarity, combine, preference, subspace
 from .wide_baseline import WideBaselineTest
 
@@ -52,7 +49,7 @@ class Grouping:
 def group(
     frames: KeyFrames, parameters: PixelsConfig, *, seed: int = 0, previous: Labels | None = None
 ) -> Grouping:
-    """Group trajectories by motion and find the number of groups: steps 2 to 8.
+    """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     Parameters
     ----------
@@ -75,14 +72,8 @@ def group(
     wide_baseline = WideBaselineTest(frames, superclusters.members(), parameters.drift)
     merged = merge(superclusters, boundary, epipolar, wide_baseline, parameters.smallest, previous)  # 6
     _, labels = np.unique(merged[superclusters.of], return_inverse=True)
-    labels, explained = reassign(frames, labels)  # 7
     weighted, evidence = pool(similarity, labels)
-    mean = (weighted / evidence).T
-    own_evidence = np.diagonal(similarity.evidence)
-    labels = vote_of_neighbours(frames, own_evidence, mean, labels)  # 8
-    if previous is not None:
-        labels = label_hysteresis(own_evidence, explained, labels, previous)
-    return Grouping(labels, _confidence(mean, labels), similarity)
+    return Grouping(labels, _confidence((weighted / evidence).T, labels), similarity)
 
 
 def _confidence(mean: Floats, labels: Ints) -> Floats:

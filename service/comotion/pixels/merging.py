@@ -17,10 +17,8 @@ _NEAREST = 5
 _COMPARED = 40
 _DISTANCE_FRAMES = 12
 # Mean similarity at which superclusters merge if the smaller has so many members; the threshold grows with
-# the root of its size over that, up to a size.
-SIMILARITY, _SIZE, _LARGEST_SIZE = 0.0075, 40, 100
-# Multiples of the threshold below which no superclusters merge, and from which on all do.
-_NEVER, _ALWAYS = 0.15, 20.0
+# the root of its size over that.
+SIMILARITY, _SIZE = 0.0075, 40
 # The logistic rule: weight of log(1 + distance in px) of two groups, and of the log multiple of the
 # threshold, which saturates; what must be reached, in nat; and the evidence needed per log ratio of their
 # joint epipolar residual to their own. docs/research/pixels.md says how it was fitted.
@@ -148,9 +146,9 @@ class _Merging:
 
     def best_pair(self) -> tuple[int, int] | None:
         """The pair that merges and has the largest similarity over the threshold for its size, if any."""
-        smaller = np.minimum(np.minimum(self._size[:, None], self._size[None]), _LARGEST_SIZE)
+        smaller = np.minimum(self._size[:, None], self._size[None])
         ratio = np.triu(self._similarity(), 1) / (SIMILARITY * np.sqrt(smaller / _SIZE))
-        pairs = np.flatnonzero(ratio >= _NEVER)
+        pairs = np.flatnonzero(ratio > 0)
         for flat in pairs[np.argsort(-ratio.flat[pairs], kind="stable")].tolist():
             a, b = divmod(flat, len(ratio))
             if self._merges(a, b, float(ratio[a, b])):
@@ -174,8 +172,6 @@ class _Merging:
         return mean
 
     def _merges(self, a: int, b: int, ratio: float) -> bool:
-        if ratio >= _ALWAYS:
-            return True
         if min(self._size[a], self._size[b]) < self._smallest:
             return ratio >= 1
         if (a, b) not in self._decided:
