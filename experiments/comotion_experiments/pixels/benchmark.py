@@ -86,7 +86,7 @@ def run_benchmark(
     baselines
         Whether to score these too.
     progress
-        Told what comes next.
+        Receives what comes next.
     """
     found = Benchmark()
     for name, sequences in data_sets.items():
