@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from comotion.pixels.kernels import affine, epipolar, linkage, neighbours, robust_affine, similarity
+from comotion.pixels.kernels import affine, epipolar, linkage, motion, neighbours, robust_affine, similarity
 
 from ..reference import pixels as twin
 
@@ -71,15 +71,6 @@ def test_local_motions_and_their_residuals(rng):
     )
     assert_allclose(total, twin.total_residuals(*pairs, motions, caps), **CLOSE)
     assert_allclose(activity, twin.pair_activity(*pairs, motions, caps), **CLOSE)
-
-
-@few
-@given(rng=seeds)
-def test_deviations_from_the_motion_of_groups(rng):
-    pairs, labels = frame_pairs(rng, 40), rng.integers(0, 3, 40)
-    found = affine.group_deviations(*pairs, labels, 3, 25.0)
-    for some, want in zip(found, twin.group_deviations(*pairs, labels, 3, 25.0), strict=True):
-        assert_allclose(some, want, rtol=1e-4, atol=1e-4)
 
 
 @few
@@ -211,3 +202,21 @@ def test_epipolar_residuals(rng):
     assert_allclose(alone, twin.affine_residual_alone(x, y), rtol=1e-3)
     joint = robust_affine.affine_residuals_joint(*halves)
     assert_allclose(joint, twin.affine_residuals_joint(*halves), rtol=1e-3)
+
+
+@few
+@given(rng=seeds, members=st.integers(0, 30))
+def test_gain_under_the_motion_of_a_group(rng, members):
+    place = rng.uniform(0, 300, (40, 2))
+    turned = np.stack([0.02 * place[:, ::-1] * [1, -1], 0.04 * place[:, ::-1] * [1, -1]])
+    arguments = (
+        place,
+        turned + rng.normal(0, 0.5, turned.shape),
+        rng.random((2, 40)) > 0.2,
+        rng.uniform(0.01, 1.0, 40),
+        np.array([0.3, 0.45]),
+        np.arange(40) < members,
+    )
+    (gain, far), (expected, farther) = motion.motion_gain(*arguments), twin.motion_gain(*arguments)
+    assert_allclose(gain, expected, atol=1e-7)
+    assert_allclose(far, farther, rtol=1e-9)

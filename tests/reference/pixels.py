@@ -59,30 +59,6 @@ def pair_activity(start, displacement, seen, motions, caps):
     return (square / (square + 1)).sum(axis=(1, 2)) / np.maximum(trials, 1)
 
 
-def group_deviations(start, displacement, seen, labels, groups, ridge):
-    own = np.full(seen.shape, np.inf)
-    every = np.full((groups, *seen.shape), np.inf)
-    for g, q in np.ndindex(groups, len(seen)):
-        shown = seen[q] > 0
-        members = np.flatnonzero(shown & (labels == g))
-        if len(members) < 8:
-            continue
-        x, y, u, v = *start[q][:, members], *displacement[q][:, members]
-        weight = np.ones(len(members))
-        for _ in range(3):
-            used = weight
-            centre, normal, field = fit_affine(x, y, u, v, weight, ridge)
-            square = residual(field, x, y, u, v)
-            variance = max(np.median(square) / 1.386, 0.3**2)
-            weight = 1 / (1 + square / (4 * variance))
-        deviation = residual(field, *start[q], *displacement[q]) / variance
-        off = start[q].T - centre
-        leverage = 1 / used.sum() + np.einsum("ni,ij,nj->n", off, np.linalg.inv(normal), off)
-        every[g, q, shown] = deviation[shown]
-        own[q, members] = (deviation / (1 + leverage))[members]
-    return own, every
-
-
 def mean_residuals(total, count, pattern):
     n = count[pattern]
     return np.where(n > 0, total / np.maximum(n, 1), np.inf)
@@ -257,3 +233,41 @@ def affine_residual_alone(x, y):
 
 def affine_residuals_joint(xa, ya, xb, yb):
     return residuals_joint(xa, ya, xb, yb, affine_residuals)
+
+
+def robust_field(start, step):
+    """Displacement as a function of place, fitted robustly; quadratic from twelve points on."""
+    centre = start.mean(axis=0)
+    extent = max(np.sqrt(((start - centre) ** 2).sum(axis=1).mean() / 2), 1.0)
+    quadratic = len(start) >= 12
+
+    def basis(place):
+        x, y = ((place - centre) / extent).T
+        linear = [np.ones(len(place)), x, y]
+        return np.stack([*linear, x * x, x * y, y * y] if quadratic else linear, axis=1)
+
+    ridge = np.diag([0.0] + 2 * [25.0 / extent**2] + quadratic * 3 * [0.1])
+    rows = basis(start)
+    square = ((step - np.median(step, axis=0)) ** 2).sum(axis=1)
+    for _ in range(4):
+        weight = (1 + square / (4 * max(np.median(square) / 1.386, 0.05))) ** -2
+        normal = (weight[:, None] * rows).T @ rows + weight.sum() * ridge
+        field = np.linalg.solve(normal, (weight[:, None] * rows).T @ step)
+        square = ((step - rows @ field) ** 2).sum(axis=1)
+    return lambda place: basis(place) @ field
+
+
+def motion_gain(position, displacement, seen, variance, drift, members):
+    gain, known, motion = np.ones(len(position)), np.zeros(len(position), bool), -1.0
+    for step, there, extra in zip(displacement, seen, drift, strict=True):
+        mine = members & there
+        if mine.sum() < 4:
+            continue
+        start = position - step
+        expected = robust_field(start[mine], step[mine])(start)
+        square = ((step - expected) ** 2).sum(axis=1) * np.where(mine, mine.sum() / (mine.sum() - 3), 1)
+        width = 2 * (variance + extra**2) + 0.15**2 * (expected**2).sum(axis=1)
+        gain = np.where(there, np.minimum(gain, np.clip(1 - square / (9 * width), -3, 1)), gain)
+        known |= there
+        motion = max(motion, np.sqrt(np.median((step[mine] ** 2).sum(axis=1))))
+    return np.where(known, gain, 0.0), motion

@@ -111,7 +111,7 @@ def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str]
         (["config", "--set", "windw=3"], "unknown fusion parameter 'windw'; did you mean window?"),
         (["config", "--set", "looseness=1"], "'looseness'; did you mean rigid.looseness?"),
         (["config", "--set", "rigid.loosenes=1"], "'rigid.loosenes'; did you mean rigid.looseness?"),
-        (["config", "--set", "rigid.merge_cap=1"], "'rigid.merge_cap'; did you mean pixels.merge_cap?"),
+        (["config", "--set", "rigid.most_tracks=1"], "'rigid.most_tracks'; did you mean pixels.most_tracks?"),
         (["config", "--set", "qqqq=1"], "unknown fusion parameter 'qqqq'; see 'comotion config'"),
         (["config", "--set", "thesis.v_move=-1"], "fusion parameter thesis.v_move"),
         (["config", "--set", "rigid=1"], "fusion parameter rigid"),
@@ -292,10 +292,10 @@ class TestDemo:
 def test_a_parameter_of_a_group_can_be_set_and_read_again(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.steps=[1, 4]")
+    arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.drift=0.05")
     expected = effective(capsys, *arguments)
     assert expected["rigid"]["looseness"] == 0.4
-    assert expected["pixels"]["steps"] == [1, 4]
+    assert expected["pixels"]["drift"] == 0.05
     assert run(["config", *arguments]) == 0
     (tmp_path / "c.toml").write_text(capsys.readouterr().out)
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected

@@ -16,8 +16,8 @@ CAMERA = Camera(fx=1, fy=1, cx=0, cy=0, translation=(0, 0, 0), quaternion=(0, 0,
         {"motion": {"pose_price": 1}},
         {"thesis": {"looseness": 1}},
         {"v_move": 1},
-        {"pixels": {"steps": []}},
-        {"pixels": {"merge_range": (0.1,)}},
+        {"pixels": {"most_tracks": 0}},
+        {"pixels": {"key_frames": 1}},
         {"looseness": 1},
     ],
 )
@@ -29,7 +29,7 @@ def test_parameters_are_checked(wrong: dict[str, object]) -> None:
 def test_what_is_dumped_can_be_read() -> None:
     config = FusionConfig(
         thesis=ThesisConfig(sigma_switch=0.01),
-        pixels=PixelsConfig(steps=(1, 2)),
+        pixels=PixelsConfig(key_frames=12),
         linking=LinkingConfig(cameras={"a/pixels": CAMERA}),
     )
     assert FusionConfig.model_validate_json(config.model_dump_json()) == config

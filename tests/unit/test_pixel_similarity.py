@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from comotion.config import PixelsConfig
 from comotion.pixels.affine import Residuals
 from comotion.pixels.similarity import preference, visibility_patterns
 
 
 def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
     rng = np.random.default_rng(3)
-    p = PixelsConfig()
     seen = (rng.random((6, 14)) > 0.3).astype(np.float32)
     # Few ways in which motions and trajectories are used and seen, as in a recording.
     seen[:, 5:] = seen[:, rng.integers(0, 5, 9)]
@@ -18,15 +16,15 @@ def test_preference_is_the_tanimoto_kernel_of_preferred_motions():
     activity = rng.random(6)
     count = used @ seen
     square = np.where(count > 0, total / np.maximum(count, 1), np.inf)
-    width = 2 * (p.noise_factor * np.median(square.min(axis=0)) + p.noise_floor)
+    width = 2 * (32.0 * np.median(square.min(axis=0)) + 0.05)
     phi, cover = np.exp(-square / width), ((used * activity / activity.sum()) @ seen) ** 3
-    found = preference(Residuals(total.copy(), used, activity), seen, p)
+    found = preference(Residuals(total.copy(), used, activity), seen)
     for i in range(14):
         for j in range(14):
             c, a, b = cover[:, i] * cover[:, j], phi[:, i], phi[:, j]
             expected = (c * a * b).sum() / (c * (a * a + b * b - a * b)).sum()
             assert abs(found.value[i, j] - expected) < 1e-5
-            covered = (cover[::4, i] * cover[::4, j]).mean() + p.evidence_floor
+            covered = (cover[::4, i] * cover[::4, j]).mean() + 0.0005
             assert abs(found.evidence[i, j] - covered) < 1e-6
     np.testing.assert_allclose(found.residual, square.min(axis=0), rtol=1e-6)
 

@@ -3,6 +3,7 @@
 import itertools
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
+from comotion.pixels import merging
 from comotion.pixels.affine import explain
 from comotion.pixels.epipolar import EpipolarTest
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced, frame_pairs
 from comotion.pixels.linkage import Superclusters, link
-from comotion.pixels.memory import Separation
 from comotion.pixels.merging import BoundaryContrast, merge
 from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
@@ -117,7 +118,7 @@ def test_local_motions_equal_a_literal_fit():
     visible = rng.random((6, 16)) > 0.2
     pairs = frame_pairs(frames_of(positions, visible), (1, 3))
     members = np.array([[0, 1, 2, 3, 4], [5, 6, 9, 10, 11]])
-    found = explain(pairs, [members], ridge=25.0, cap=400.0)
+    found = explain(pairs, [members])
     total, used = np.zeros((2, 16)), np.zeros((2, len(pairs.seen)))
     for q in range(len(pairs.seen)):
         for h in range(2):
@@ -199,7 +200,7 @@ def wide_baseline_test(*bodies, noise=0.1):
     positions = positions + np.random.default_rng(0).normal(0, noise, positions.shape)
     ends = np.cumsum([0, *(body.shape[1] for body in bodies)])
     groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
-    return WideBaselineTest(frames_of(positions), groups, PixelsConfig()), groups
+    return WideBaselineTest(frames_of(positions), groups, 0.02), groups
 
 
 def test_parallax_within_a_body_explains_that_between_its_parts():
@@ -249,27 +250,26 @@ def test_previous_hypotheses_shift_the_merge_threshold():
     rng = np.random.default_rng(15)
     positions = rng.uniform(0, 400, (1, 80, 2)) + np.cumsum(rng.normal(0, 2, (24, 1, 2)), axis=0)
     frames = frames_of(positions + rng.normal(0, 0.1, (24, 80, 2)))
-    p = PixelsConfig()
     superclusters = Superclusters(
-        np.repeat([0, 1], 40), np.full((2, 2), 1600 * p.merge_similarity), np.full((2, 2), 1600.0)
+        np.repeat([0, 1], 40), np.full((2, 2), 1600 * merging.SIMILARITY), np.full((2, 2), 1600.0)
     )
     test = EpipolarTest(frames)
     left, right = np.arange(40), np.arange(40, 80)
     # Without the test that would join them whatever they were before.
-    wide = WideBaselineTest(frames, [left, right], PixelsConfig(parallax_epipolar=-9.0))
+    wide = SimpleNamespace(one_body=lambda *_: False, two_bodies=lambda *_: False)
     distance = BoundaryContrast(frames, np.ones((80, 80), np.float32)).between(left, right).distance
-    threshold = p.boundary_least + p.epipolar_weight * test.compare(left, right).log_ratio
+    threshold = merging._LEAST_EVIDENCE + merging._EPIPOLAR_WEIGHT * test.compare(left, right).log_ratio
 
     def groups(surplus, before):
         value = np.ones((80, 80), np.float32)
-        drop = threshold - p.boundary_distance * np.log1p(distance) + surplus
+        drop = threshold - merging._DISTANCE_WEIGHT * np.log1p(distance) + surplus
         value[:40, 40:] = value[40:, :40] = np.exp(drop)
         boundary = BoundaryContrast(frames, value)
-        return len(set(merge(superclusters, boundary, test, wide, p, before).tolist()))
+        return len(set(merge(superclusters, boundary, test, wide, 5, before).tolist()))
 
     apart, together = np.repeat([7, 8], 40), np.full(80, 7)
-    assert [groups(0.5 * p.held_apart, before) for before in (None, together, apart)] == [1, 1, 2]
-    assert [groups(-0.5 * p.held_together, before) for before in (None, together, apart)] == [2, 1, 2]
+    assert [groups(0.5 * merging._HELD_APART, before) for before in (None, together, apart)] == [1, 1, 2]
+    assert [groups(-0.5 * merging._HELD_TOGETHER, before) for before in (None, together, apart)] == [2, 1, 2]
 
 
 @pytest.mark.parametrize("sizes", [(60,), (70, 40), (80, 40, 30)])
@@ -447,24 +447,3 @@ def test_a_body_that_rests_longer_than_the_window_stays_a_hypothesis():
         assert misclassification(update.track_hypothesis, np.repeat([0, 1], [40, 20])) == 0
         assert len(update.hypotheses) == 2
     assert {h.id for h in moved.hypotheses} == {h.id for h in update.hypotheses}
-
-
-def test_a_separate_hypothesis_that_moves_with_another_is_joined_after_seconds():
-    rng = np.random.default_rng(17)
-    moving = frames_of(np.repeat(rng.uniform(0, 400, (1, 60, 2)), 24, 0) + np.arange(24)[:, None, None])
-    resting = frames_of(np.repeat(moving.positions[:1], 24, 0))
-    before, one = np.repeat([7, 8], [40, 20]), np.zeros(60, np.intp)
-    memory = Separation(5)
-
-    def groups(frames, labels, seconds):
-        return len(set(memory.keep(frames, labels, before, T0 + int(seconds * 1e9)).tolist()))
-
-    # Not known to be separate yet.
-    assert groups(resting, one, 0.0) == 1
-    for second in (1, 2, 3):
-        assert groups(moving, before - 7, second) == 2
-    again = Separation(5)
-    again.load(memory.state())
-    assert again.state() == memory.state()
-    assert [groups(resting, one, second) for second in (4, 30)] == [2, 2]
-    assert [groups(moving, one, second) for second in (31, 32, 33, 34)] == [2, 2, 1, 1]

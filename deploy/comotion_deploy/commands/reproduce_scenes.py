@@ -144,10 +144,9 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 """
 
     data: Path = option(..., "Folder of the recordings.", env="COMOTION_DATA", metavar="DIR")
-    quick: bool = option(False, "As --no-baselines --no-cross-validate.")
+    quick: bool = option(False, "As --no-baselines.")
     out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR")
     baselines: bool = option(True, "Run the baselines too.")
-    cross_validate: bool = option(True, "Cross-validate over scenes too.")
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -158,7 +157,6 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
             scores = run_benchmark(
                 find_data_sets(self.data),
                 baselines=self.baselines and not self.quick,
-                cross_validate=self.cross_validate and not self.quick,
                 progress=note,
             )
         shown = report.table(scores), *report.lines(scores)

@@ -1,6 +1,6 @@
 """Runs the pixel benchmark: data sets -> scores of the method and of baselines."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -29,19 +29,6 @@ BASELINES = {
     "divisive k-means, Brox and Malik": divisive_brox_malik,
 }
 OURS = "comotion, K unknown"
-# What cross-validation chooses from: the defaults, and what matters most one step down and up.
-_STEPS: dict[str, tuple[Any, ...]] = {
-    "noise_factor": (22.0, 45.0),
-    "supercluster_similarity": (0.06, 0.11),
-    "merge_similarity": (0.0055, 0.01),
-    "boundary_least": (0.35, 0.75),
-    "epipolar_weight": (0.8, 1.4),
-}
-SETTINGS = (
-    PixelsConfig(),
-    *(PixelsConfig(**{name: value}) for name, values in _STEPS.items() for value in values),
-)
-_FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -64,7 +51,7 @@ class Benchmark:
     """Results of the benchmark."""
 
     rows: list[Row] = field(default_factory=list)
-    cross_validated: dict[str, float] = field(default_factory=dict)
+    halves: dict[str, tuple[float, float]] = field(default_factory=dict)
     singles: tuple[int, int] = (0, 0)
 
     def as_json(self) -> dict[str, Any]:
@@ -72,7 +59,7 @@ class Benchmark:
         good, count = self.singles
         return {
             "rows": [asdict(row) for row in self.rows],
-            "cross_validated_error": self.cross_validated,
+            "error_of_halves": self.halves,
             "single_objects": {"one_hypothesis": good, "of": count},
         }
 
@@ -89,7 +76,6 @@ def run_benchmark(
     data_sets: Mapping[str, list[Sequence]],
     *,
     baselines: bool = True,
-    cross_validate: bool = True,
     progress: Progress = quiet,
 ) -> Benchmark:
     """Score the engine and the baselines on whole sequences and on their first frames.
@@ -98,8 +84,8 @@ def run_benchmark(
     ----------
     data_sets
         By name, see :func:`~comotion_experiments.pixels.sequences.find_data_sets`.
-    baselines, cross_validate
-        Whether to do these too.
+    baselines
+        Whether to score these too.
     progress
         Receives what comes next.
     """
@@ -108,21 +94,17 @@ def run_benchmark(
         for frames in LENGTHS:
             progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
             parts = [s if frames is None else s.first(frames) for s in sequences]
-            found.rows.append(_row(name, OURS, frames, _ours(parts, PixelsConfig())))
+            ours = [_score(part, *engine(part, PixelsConfig())) for part in parts]
+            found.rows.append(_row(name, OURS, frames, ours))
+            if frames is None and len({s.scene for s in sequences}) > 1:
+                found.halves[name] = _halves(sequences, ours)
             for title, method in BASELINES.items() if baselines else ():
                 scored = [_score(part, method(part), 0.0) for part in parts]
                 found.rows.append(_row(name, title, frames, scored))
-        if cross_validate and len({s.scene for s in sequences}) >= _FOLDS:
-            progress(f"{name}, cross-validation")
-            found.cross_validated[name] = _cross_validate(sequences)
     if "Hopkins155" in data_sets:
         progress("single objects")
         found.singles = _singles(data_sets["Hopkins155"])
     return found
-
-
-def _ours(sequences: Iterable[Sequence], parameters: PixelsConfig) -> list[_Scored]:
-    return [_score(sequence, *engine(sequence, parameters)) for sequence in sequences]
 
 
 def _score(sequence: Sequence, labels: np.ndarray[Any, np.dtype[np.int64]], seconds: float) -> _Scored:
@@ -147,16 +129,15 @@ def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> R
     )
 
 
-def _cross_validate(sequences: list[Sequence]) -> float:
-    """Cross-validated mean error: the setting is chosen on other scenes.
+def _halves(sequences: list[Sequence], scored: list[_Scored]) -> tuple[float, float]:
+    """Mean errors on every other scene and on the rest.
 
-    Sequences of one scene share footage and go into the same fold.
+    Sequences of one scene share footage and go into the same half.
     """
     scenes = sorted({s.scene for s in sequences})
-    fold = np.array([scenes.index(s.scene) % _FOLDS for s in sequences])
-    errors = np.array([[s.error for s in _ours(sequences, setting)] for setting in SETTINGS])
-    held_out = [errors[errors[:, fold != k].mean(axis=1).argmin(), fold == k] for k in range(_FOLDS)]
-    return float(np.concatenate(held_out).mean())
+    second = np.array([scenes.index(s.scene) % 2 == 1 for s in sequences])
+    errors = np.array([s.error for s in scored])
+    return float(errors[~second].mean()), float(errors[second].mean())
 
 
 def _singles(sequences: list[Sequence]) -> tuple[int, int]:

@@ -8,6 +8,12 @@ from ..arrays import Floats, Floats32, Ints
 from .kernels.affine import fit_local_motions, pair_activity, total_residuals
 from .key_frames import FramePairs
 
+RIDGE = 25.0
+"""px²; regularisation of the affine motion of a group, per member."""
+
+# px²; squared residual from which on it costs no more.
+_CAP = 400.0
+
 
 @dataclass(frozen=True)
 class Residuals:
@@ -28,7 +34,7 @@ class Residuals:
     activity: Floats
 
 
-def explain(pairs: FramePairs, groups: list[Ints], ridge: float, cap: float) -> Residuals:
+def explain(pairs: FramePairs, groups: list[Ints]) -> Residuals:
     """Fit every group's motion in every frame pair and apply it to all trajectories.
 
     Parameters
@@ -37,13 +43,11 @@ def explain(pairs: FramePairs, groups: list[Ints], ridge: float, cap: float) -> 
         Frame pairs of N trajectories.
     groups
         Members of local motions, each intp [H_r, M_r].
-    ridge, cap
-        px²; see :class:`~comotion.PixelsConfig`.
     """
     observed = pairs.start, pairs.displacement, pairs.seen
-    parts = [fit_local_motions(*observed, group.T, ridge) for group in groups]
+    parts = [fit_local_motions(*observed, group.T, RIDGE) for group in groups]
     motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    caps = used * np.float32(cap)
+    caps = used * np.float32(_CAP)
     return Residuals(
         total_residuals(*observed, motions, caps),
         np.ascontiguousarray(used.T),

@@ -9,8 +9,6 @@ local motions that explain both, and by the subspace that they span together. Th
 5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
    objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
-7. Reassign single trajectories that another group's motion explains better (:mod:`.reassignment`).
-8. Keep the labels of trajectories with little evidence (:mod:`.reassignment`).
 """
 
 from dataclasses import dataclass
@@ -23,9 +21,8 @@ from .affine import explain
 from .epipolar import EpipolarTest
 from .key_frames import KeyFrames, frame_pairs
 from .linkage import link, pool
-from .merging import BoundaryContrast, merge
+from .merging import SIMILARITY, BoundaryContrast, merge
 from .neighbour_sampling import sample_members
-from .reassignment import label_hysteresis, reassign, vote_of_neighbours
 from .similarity import Similarity, combine, preference, subspace
 from .wide_baseline import WideBaselineTest
 
@@ -52,7 +49,7 @@ class Grouping:
 def group(
     frames: KeyFrames, parameters: PixelsConfig, *, seed: int = 0, previous: Labels | None = None
 ) -> Grouping:
-    """Group trajectories by motion and find the number of groups: steps 2 to 8.
+    """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     Parameters
     ----------
@@ -65,32 +62,25 @@ def group(
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
-    p, pairs = parameters, frame_pairs(frames, parameters.steps)
-    members = sample_members(frames, p, np.random.default_rng(seed))  # 2
-    residuals = explain(pairs, members, p.ridge, p.cap)
-    kernel = preference(residuals, pairs.seen, p)  # 3
-    vectors = subspace(frames, max(p.ranks), p.completion_rank, p.completion_rounds)  # 4
-    similarity = combine(kernel, vectors, p)
-    superclusters = link(similarity, p.supercluster_similarity)  # 5
+    pairs = frame_pairs(frames)
+    members = sample_members(frames, parameters.local_motions, np.random.default_rng(seed))  # 2
+    residuals = explain(pairs, members)
+    kernel = preference(residuals, pairs.seen)  # 3
+    similarity = combine(kernel, subspace(frames))  # 4
+    superclusters = link(similarity)  # 5
     boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)
-    wide_baseline = WideBaselineTest(frames, superclusters.members(), p)
-    merged = merge(superclusters, boundary, epipolar, wide_baseline, p, previous)  # 6
+    wide_baseline = WideBaselineTest(frames, superclusters.members(), parameters.drift)
+    merged = merge(superclusters, boundary, epipolar, wide_baseline, parameters.smallest, previous)  # 6
     _, labels = np.unique(merged[superclusters.of], return_inverse=True)
-    labels, explained = reassign(frames, labels, p.ridge)  # 7
     weighted, evidence = pool(similarity, labels)
-    mean = (weighted / evidence).T
-    own_evidence = np.diagonal(similarity.evidence)
-    labels = vote_of_neighbours(frames, own_evidence, mean, labels)  # 8
-    if previous is not None:
-        labels = label_hysteresis(own_evidence, explained, labels, previous)
-    return Grouping(labels, _confidence(mean, labels, p.merge_similarity), similarity)
+    return Grouping(labels, _confidence((weighted / evidence).T, labels), similarity)
 
 
-def _confidence(mean: Floats, labels: Ints, least: float) -> Floats:
+def _confidence(mean: Floats, labels: Ints) -> Floats:
     rows = np.arange(len(labels))
     own = mean[rows, labels]
     others = mean.copy()
     others[rows, labels] = 0
-    rival = np.maximum(others.max(axis=1), least)
+    rival = np.maximum(others.max(axis=1), SIMILARITY)
     share: Floats = np.clip(own / (own + rival), 0.0, 1.0)
     return share

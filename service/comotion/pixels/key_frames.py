@@ -11,6 +11,15 @@ from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .kernels.affine import pair_displacements
 
+LEAST_SEEN = 4
+"""Key frames that a trajectory must be seen in to be compared."""
+
+# Most ended trajectories that are compared, as a share of the current ones; and the number of compared ones
+# up to which that sets no limit.
+_ENDED_SHARE, _FEW_TRACKS = 0.5, 400
+# Key frames; lengths of the frame pairs in which motion is measured.
+_STEPS = (1, 4, 12)
+
 
 @dataclass(frozen=True)
 class KeyFrames:
@@ -81,11 +90,11 @@ def compared_trajectories(
     instants = np.array(stamps, np.int64)
     slots = window.slots()
     frames = key_frames(window, slots, instants[evenly_spaced(len(instants), p.key_frames)])
-    chosen = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), p)
+    chosen = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), p.most_tracks)
     return slots[chosen], frames.of(chosen)
 
 
-def choose(seen: Ints, ended: Bools, p: PixelsConfig) -> Ints:
+def choose(seen: Ints, ended: Bools, limit: int, few: int = _FEW_TRACKS) -> Ints:
     """Indices of the trajectories that are compared, intp, ascending.
 
     Current ones go first, then those seen longest. The number of ended ones is limited by that of the
@@ -97,10 +106,12 @@ def choose(seen: Ints, ended: Bools, p: PixelsConfig) -> Ints:
         intp [N]; on how many key frames.
     ended
         bool [N]; not among the current ones.
+    limit, few
+        Most that are compared; up to `few` of them, however many have ended.
     """
-    ready = np.flatnonzero(seen >= p.least_seen)
+    ready = np.flatnonzero(seen >= LEAST_SEEN)
     current = len(ready) - int(ended[ready].sum())
-    most = min(p.most_tracks, max(p.few_tracks, round((1 + p.ended_share) * current)))
+    most = min(limit, max(few, round((1 + _ENDED_SHARE) * current)))
     rank = np.lexsort((-seen[ready], ended[ready]))
     return np.sort(ready[rank[:most]])
 
@@ -117,7 +128,7 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps) -> KeyFrames:
     return KeyFrames(np.where(visible[..., None], states.position, 0.0).astype(np.float32), visible)
 
 
-def frame_pairs(frames: KeyFrames, steps: tuple[int, ...]) -> FramePairs:
+def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePairs:
     """All pairs (t, t + s) of key frames, s in `steps`."""
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])

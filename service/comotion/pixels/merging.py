@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, Labels
-from ..config import PixelsConfig
 from .epipolar import EpipolarTest
 from .kernels.neighbours import similarity_to_nearest
 from .key_frames import KeyFrames
@@ -17,8 +16,20 @@ _NEAREST = 5
 # Members of the smaller group that are compared, and key frames that their distances are taken over.
 _COMPARED = 40
 _DISTANCE_FRAMES = 12
-# Where the similarity ratio saturates in the merge rule, as a logarithm.
-_LARGEST_LOG_RATIO = 2.0
+# Mean similarity at which superclusters merge if the smaller has so many members; the threshold grows with
+# the root of its size over that.
+SIMILARITY, _SIZE = 0.0075, 40
+# The logistic rule: weight of log(1 + distance in px) of two groups, and of the log multiple of the
+# threshold, which saturates; what must be reached, in nat; and the evidence needed per log ratio of their
+# joint epipolar residual to their own. docs/research/pixels.md says how it was fitted.
+_DISTANCE_WEIGHT, _RATIO_WEIGHT, _LARGEST_LOG_RATIO = 0.86, 0.3, 2.0
+_LEAST_EVIDENCE, _EPIPOLAR_WEIGHT = 0.55, 1.08
+# nat; limits of that log ratio, and what it is where the epipolar geometry cannot be estimated.
+_LEAST_EPIPOLAR, _MOST_EPIPOLAR, _UNKNOWN_EPIPOLAR = -0.2, 2.5, 0.3
+# Share of the trajectories below which a group dissolves.
+_SMALLEST_SHARE = 0.02
+# nat; evidence from what two groups were before: one hypothesis, or two.
+_HELD_TOGETHER, _HELD_APART = 0.5, 0.25
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,7 @@ def merge(
     boundary: BoundaryContrast,
     epipolar: EpipolarTest,
     wide_baseline: WideBaselineTest,
-    parameters: PixelsConfig,
+    smallest: int,
     previous: Labels | None = None,
 ) -> Ints:
     """Group of every supercluster, intp [P], as the index of a supercluster in it.
@@ -91,7 +102,7 @@ def merge(
     the previous update (`previous` int64 [N], negative for none) count too: groups of one hypothesis are
     merged more easily, groups of different ones less. In the end groups that are too small dissolve.
     """
-    state = _Merging(superclusters, boundary, epipolar, wide_baseline, parameters, previous)
+    state = _Merging(superclusters, boundary, epipolar, wide_baseline, smallest, previous)
     while (pair := state.best_pair()) is not None:
         state.join(*pair)
     state.dissolve()
@@ -105,10 +116,9 @@ class _Merging:
         boundary: BoundaryContrast,
         epipolar: EpipolarTest,
         wide_baseline: WideBaselineTest,
-        parameters: PixelsConfig,
+        smallest: int,
         previous: Labels | None,
     ) -> None:
-        self._p = parameters
         self._boundary = boundary
         self._epipolar = epipolar
         self._wide_baseline = wide_baseline
@@ -120,7 +130,7 @@ class _Merging:
         self._previous = previous
         self._decided: dict[tuple[int, int], bool] = {}
         self.group = np.arange(len(self._size))
-        self._smallest = max(parameters.smallest, parameters.smallest_share * self._size.sum())
+        self._smallest = max(smallest, _SMALLEST_SHARE * self._size.sum())
 
     def join(self, first: int, second: int) -> None:
         """The smaller goes into the larger."""
@@ -136,10 +146,9 @@ class _Merging:
 
     def best_pair(self) -> tuple[int, int] | None:
         """The pair that merges and has the largest similarity over the threshold for its size, if any."""
-        p = self._p
-        smaller = np.minimum(np.minimum(self._size[:, None], self._size[None]), p.merge_cap)
-        ratio = np.triu(self._similarity(), 1) / (p.merge_similarity * np.sqrt(smaller / p.merge_size))
-        pairs = np.flatnonzero(ratio >= p.merge_range[0])
+        smaller = np.minimum(self._size[:, None], self._size[None])
+        ratio = np.triu(self._similarity(), 1) / (SIMILARITY * np.sqrt(smaller / _SIZE))
+        pairs = np.flatnonzero(ratio > 0)
         for flat in pairs[np.argsort(-ratio.flat[pairs], kind="stable")].tolist():
             a, b = divmod(flat, len(ratio))
             if self._merges(a, b, float(ratio[a, b])):
@@ -163,8 +172,6 @@ class _Merging:
         return mean
 
     def _merges(self, a: int, b: int, ratio: float) -> bool:
-        if ratio >= self._p.merge_range[1]:
-            return True
         if min(self._size[a], self._size[b]) < self._smallest:
             return ratio >= 1
         if (a, b) not in self._decided:
@@ -177,30 +184,29 @@ class _Merging:
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
         """The logistic rule that was fitted to merge decisions, see docs/pixels.md."""
-        p = self._p
         hysteresis = self._hysteresis(a, b)
         contrast = self._boundary.between(self._members[a], self._members[b])
         if contrast is None:
             return bool(np.log(ratio) + hysteresis >= 0)
-        evidence = contrast.drop + p.boundary_distance * np.log1p(contrast.distance) - p.boundary_least
-        evidence += p.ratio_weight * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
+        evidence = contrast.drop + _DISTANCE_WEIGHT * np.log1p(contrast.distance) - _LEAST_EVIDENCE
+        evidence += _RATIO_WEIGHT * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
         evidence += hysteresis
-        least, most = p.epipolar_limits
-        if evidence < p.epipolar_weight * least:
+        if evidence < _EPIPOLAR_WEIGHT * _LEAST_EPIPOLAR:
             return False
         compared = self._epipolar.compare(self._members[a], self._members[b])
         if compared is None:
-            return bool(evidence >= p.epipolar_weight * p.epipolar_unknown)
+            return bool(evidence >= _EPIPOLAR_WEIGHT * _UNKNOWN_EPIPOLAR)
         if compared.one_rests:
             return False
-        return bool(evidence >= p.epipolar_weight * np.clip(compared.log_ratio, least, most))
+        ratio = min(max(compared.log_ratio, _LEAST_EPIPOLAR), _MOST_EPIPOLAR)
+        return bool(evidence >= _EPIPOLAR_WEIGHT * ratio)
 
     def _hysteresis(self, a: int, b: int) -> float:
         """Positive for groups of one previous hypothesis, negative for groups of two."""
         first, second = (self._previous_hypothesis(self._members[group]) for group in (a, b))
         if first is None or second is None:
             return 0.0
-        return self._p.held_together if first == second else -self._p.held_apart
+        return _HELD_TOGETHER if first == second else -_HELD_APART
 
     def _previous_hypothesis(self, members: Ints) -> int | None:
         """The most frequent one of the members, None if most had none."""

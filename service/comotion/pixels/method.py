@@ -4,8 +4,8 @@ Before a camera that rests, what is known of each trajectory is carried on (:mod
 Before a camera that moves:
 
 1. Choose key frames and the trajectories that are compared on them (:mod:`.key_frames`).
-2. Group them, in the steps 2 to 8 of :mod:`.grouping`.
-9. Keep hypotheses that have moved on their own apart while they rest (:mod:`.memory`).
+2. Group them, in the steps 2 to 6 of :mod:`.grouping`.
+7. Give those that are too short to be compared to their neighbours (:mod:`.newborns`).
 """
 
 from bisect import bisect_left, insort
@@ -23,8 +23,7 @@ from .belief import Belief
 from .describe import describe
 from .grouping import group
 from .key_frames import compared_trajectories
-from .memory import Separation
-from .reassignment import assign_newborns
+from .newborns import assign_newborns
 from .resting import RestingCamera
 
 # Affinity of a pair that has not been compared: nothing is known for or against it.
@@ -48,7 +47,6 @@ class PixelMethod(Method):
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels
         self._stamps: list[int] = []
-        self._separation = Separation(self._p.smallest)
         self._camera = RestingCamera(self._p)
         nobody: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
@@ -67,8 +65,8 @@ class PixelMethod(Method):
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         before = previous.labels[compared]
         if len(compared) > 1:
-            found = group(frames, self._p, previous=before)  # 2 to 8
-            groups[compared] = self._separation.keep(frames, found.labels, before, stamp_ns)  # 9
+            found = group(frames, self._p, previous=before)  # 2 to 6
+            groups[compared] = found.labels
             confidence[compared] = found.confidence
             residual[compared] = found.similarity.residual
             self._last = current, compared, found.similarity.value
@@ -109,14 +107,14 @@ class PixelMethod(Method):
     def _newborn(
         self, window: Window, newborn: Slots, compared: Slots, groups: Ints, previous: Previous
     ) -> tuple[Ints, Floats]:
-        """Groups of newborn trajectories and the confidence in them, at most 1/2, [n] each; step 8.
+        """Groups of newborn trajectories and the confidence in them, at most 1/2, [n] each; step 7.
 
         `groups` intp [capacity] are those of the compared trajectories.
         """
         names = _provisional_names(previous.labels[compared], groups[compared])
         labelled = compared[groups[compared] != NO_HYPOTHESIS]
         known = labelled, names[groups[labelled]], previous.labels[newborn]
-        labels, share = assign_newborns(window, newborn, *known, self._p.motion_weight)
+        labels, share = assign_newborns(window, newborn, *known)
         group_of = {int(name): k for k, name in enumerate(names)}
         return np.array([group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]), share / 2
 
@@ -143,12 +141,11 @@ class PixelMethod(Method):
         return affinity
 
     def state(self) -> dict[str, Any]:
-        """Which hypotheses are separate; all else that is kept follows from the window."""
-        return {"separate": self._separation.state()}
+        """Nothing: all that is kept follows from the window."""
+        return {}
 
-    def load(self, state: dict[str, Any], window: Window) -> None:
+    def load(self, state: dict[str, Any], window: Window) -> None:  # noqa: ARG002
         """Read the instants from the window."""
-        self._separation.load(state.get("separate", []))
         series = [window.series(slot).times for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
 

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ..arrays import Floats32, Ints
-from ..config import PixelsConfig
 from .kernels.neighbours import centred_terms, combine_distances, pick_members, within_limits
 from .key_frames import KeyFrames
 
@@ -11,36 +10,41 @@ from .key_frames import KeyFrames
 # every body, and one affine motion fits two bodies. On the first 10 frames of Hopkins155 that lowered the
 # error from 4.8 to 3.9 %.
 _NEIGHBOURHOOD_DIVISOR = 4
+# Trajectories that each local motion is fitted to, and numbers of nearest ones that they are drawn from.
+# Each of these serves an even share of the local motions.
+_MEMBERS, _REACHES = 8, (16, 32)
+# px of distance in the image that a px of difference in displacement counts for.
+MOTION_WEIGHT = 10.0
 # Seeds whose distances fit the cache, and memory that has just been freed.
 _SEEDS_PER_BLOCK = 64
 
 
-def sample_members(frames: KeyFrames, p: PixelsConfig, rng: np.random.Generator) -> list[Ints]:
+def sample_members(frames: KeyFrames, local_motions: int, rng: np.random.Generator) -> list[Ints]:
     """Members of local motions: seeds with random picks of their nearest.
 
     Parameters
     ----------
     frames
         N trajectories.
-    p
-        `local_motions`, `members`, `reaches` and `motion_weight` matter here.
+    local_motions
+        How many groups are drawn.
     rng
         Source of the picks.
 
     Returns
     -------
-    list of intp [H_r, members]
+    list of intp [H_r, 8]
         One per reach; fewer columns where there are fewer trajectories.
     """
     total = frames.visible.shape[1]
-    share = -(-p.local_motions // len(p.reaches))
+    share = -(-local_motions // len(_REACHES))
     rounds = -(-share // total)
     # Every reach has the same seeds: the distances are what takes the time.
     seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])[:share]
-    furthest = [min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, p.members), total - 1) for reach in p.reaches]
+    furthest = [min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, _MEMBERS), total - 1) for reach in _REACHES]
     lots = [rng.random((share, last + 1)) for last in furthest]
-    neighbours = NeighbourDistance(frames, p.motion_weight)
-    picks = [np.empty((share, min(p.members, last + 1)), np.intp) for last in furthest]
+    neighbours = NeighbourDistance(frames, MOTION_WEIGHT)
+    picks = [np.empty((share, min(_MEMBERS, last + 1)), np.intp) for last in furthest]
     for start in range(0, share, _SEEDS_PER_BLOCK):
         block = slice(start, start + _SEEDS_PER_BLOCK)
         distance = neighbours.to_all(seeds[block])

@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from ..arrays import Bools, Floats, Ints
 from .gains import group_gain
@@ -77,8 +78,7 @@ def as_one(recent: Recent, first: Bools, second: Bools) -> float:
     """
     if not first.any() or not second.any():
         return -1.0
-    apart, _ = cKDTree(recent.position[first]).query(recent.position[second])
-    if apart.min() > recent.reach:
+    if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
     both = np.flatnonzero(first | second)
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))

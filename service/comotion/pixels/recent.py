@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,12 +48,12 @@ class Recent:
         return Recent(
             self.slots[some],
             self.position[some],
-            self.displacement[:, some],
-            self.seen[:, some],
+            np.ascontiguousarray(self.displacement[:, some]),
+            np.ascontiguousarray(self.seen[:, some]),
             self.variance[some],
         )
 
-    @property
+    @cached_property
     def reach(self) -> float:
         """Distance in px up to which trajectories are neighbours: an eighth of the extent of all."""
         return float(np.hypot(*np.ptp(self.position, axis=0))) / 8 if len(self.position) else 0.0
@@ -74,12 +75,13 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
     instants = np.array([stamp_ns - scale for scale in SCALES_NS[::-1]] + [stamp_ns], np.int64)
     states = states_at(window, slots, instants)
     here = np.flatnonzero(states.held[-1])
-    position = states.position[:, here][::-1]
+    # Contiguous, so that kernels are compiled for one layout.
+    position = np.ascontiguousarray(states.position[::-1][:, here])
     return Recent(
         slots[here],
         position[0],
         position[0] - position[1:],
-        states.held[:, here][::-1][1:],
+        np.ascontiguousarray(states.held[-2::-1][:, here]),
         _noise(window, slots[here], np.array(stamps[-_NOISE_INSTANTS:], np.int64)),
     )
 
@@ -93,7 +95,9 @@ def _noise(window: Window, slots: Slots, stamps: Stamps) -> Floats:
     count = np.isfinite(square).sum(axis=0)
     known, own = count > 0, np.zeros(len(slots))
     if known.any():
-        own[known] = np.nanmedian(square[:, known], axis=0) / _CHI2_MEDIAN
+        # NaN come last: the median is in the middle of those before.
+        ranked, middle = np.sort(square[:, known], axis=0), np.stack([count[known] - 1, count[known]]) // 2
+        own[known] = np.take_along_axis(ranked, middle, axis=0).mean(axis=0) / _CHI2_MEDIAN
     variance = np.zeros(len(slots))
     for source in np.unique(window.source[slots]).tolist():
         mine = window.source[slots] == source

@@ -10,7 +10,7 @@ from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
 from .grouping import group
-from .key_frames import evenly_spaced, key_frames
+from .key_frames import LEAST_SEEN, evenly_spaced, key_frames
 from .recent import Recent, recent_motion
 
 # ns between two instants at which motion is taken in, however often updates are made.
@@ -91,7 +91,7 @@ class RestingCamera:
         )
         frames = key_frames(window, slots, chosen)
         seen = frames.visible.sum(axis=0)
-        ready = np.flatnonzero(seen >= self._config.least_seen)
+        ready = np.flatnonzero(seen >= LEAST_SEEN)
         ready = np.sort(ready[np.argsort(-seen[ready], kind="stable")][:_MOST_COMPARED])
         if len(ready) < _LEAST_COMPARED:
             return slots[:0], np.zeros(0, np.intp)

@@ -8,11 +8,21 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import ssyrk
 
 from ..arrays import Bools, Floats, Floats32, Ints
-from ..config import PixelsConfig
 from .affine import Residuals
 from .kernels.similarity import combine_kernels, mean_residuals, tanimoto, weigh_preferences
 from .key_frames import KeyFrames
 
+# Width of the preference kernel as a multiple of the typical best residual, and px² added to it.
+_NOISE_FACTOR, _NOISE_FLOOR = 32.0, 0.05
+# Power of the share of motion that a trajectory was seen in, in the evidence of a pair; and evidence of a
+# pair that no local motion covers.
+_COVERAGE_POWER, _EVIDENCE_FLOOR = 3, 0.0005
+# Numbers of singular vectors that the shape interaction is averaged over: it depends on the rank, and no one
+# rank is right for all scenes. Rank and iterations of the completion of unseen positions.
+_RANKS, _COMPLETION_RANK, _COMPLETION_ROUNDS = (5, 6, 8, 10), 6, 40
+# Added to the preference kernel of a pair, to its mean shape interaction, and to that at each rank, so that
+# neither can veto a pair alone.
+_FLOORS = 0.001, 0.01, 0.001
 # Local motions per draw: the width of the preference kernel follows from the least residual in a draw.
 _MOTIONS_PER_DRAW = 300
 # Coverage is formed over every fourth motion: they differ little in where they can be fitted.
@@ -51,7 +61,7 @@ class VisibilityPatterns(NamedTuple):
     of: Ints
 
 
-def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> Similarity:
+def preference(residuals: Residuals, seen: Floats32) -> Similarity:
     """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
 
     A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
@@ -65,19 +75,17 @@ def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> Similar
         Of H local motions and N trajectories; the total residuals are used up.
     seen
         float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
-    p
-        Of the method.
     """
     share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
     motion, track = visibility_patterns(residuals.used), visibility_patterns(seen.T)
     used = residuals.used[motion.first]
-    coverage = (((used * share) @ seen) ** p.coverage_power).astype(np.float32)
+    coverage = (((used * share) @ seen) ** _COVERAGE_POWER).astype(np.float32)
     square = residuals.total
     mean_residuals(square, used @ seen, motion.of)
     best = _best_residuals(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
-    square *= np.float32(-1 / (2 * (p.noise_factor * typical + p.noise_floor)))
+    square *= np.float32(-1 / (2 * (_NOISE_FACTOR * typical + _NOISE_FLOOR)))
     preferred = np.exp(square, out=square)
     own = weigh_preferences(preferred, coverage, motion.of)
     # Fortran's lower triangle is C's upper one, the only valid one; `tanimoto` reads no other.
@@ -87,11 +95,11 @@ def preference(residuals: Residuals, seen: Floats32, p: PixelsConfig) -> Similar
     some = counts > 0
     covered = (narrow[some].T * (counts[some] / counts.sum())) @ narrow[some]
     evidence = np.empty_like(both)
-    tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(p.evidence_floor))
+    tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(_EVIDENCE_FLOOR))
     return Similarity(both, evidence, np.where(known, best, np.float32(np.nan)))
 
 
-def combine(kernel: Similarity, vectors: Floats32, p: PixelsConfig) -> Similarity:
+def combine(kernel: Similarity, vectors: Floats32) -> Similarity:
     """Geometric mean of the preference kernel and shape interaction, in place of the kernel's value.
 
     Parameters
@@ -99,12 +107,10 @@ def combine(kernel: Similarity, vectors: Floats32, p: PixelsConfig) -> Similarit
     kernel
         Preference kernel of N trajectories; its value is used up.
     vectors
-        float32 [D, N]; singular vectors of the trajectories, D the largest of the ranks.
-    p
-        `ranks` and the floors matter here.
+        float32 [D, N]; singular vectors of the trajectories, see :func:`subspace`.
     """
-    floors = (np.float32(f) for f in (p.preference_floor, p.interaction_floor, p.rank_floor))
-    combine_kernels(kernel.value, vectors, np.array(p.ranks), *floors)
+    floors = (np.float32(floor) for floor in _FLOORS)
+    combine_kernels(kernel.value, vectors, np.array(_RANKS), *floors)
     return kernel
 
 
@@ -131,7 +137,12 @@ def visibility_patterns(rows: NDArray[Any]) -> VisibilityPatterns:
     return VisibilityPatterns(first, of)
 
 
-def subspace(frames: KeyFrames, dimensions: int, rank: int, rounds: int) -> Floats32:
+def subspace(
+    frames: KeyFrames,
+    dimensions: int = max(_RANKS),
+    rank: int = _COMPLETION_RANK,
+    rounds: int = _COMPLETION_ROUNDS,
+) -> Floats32:
     """Right singular vectors of the completed trajectory matrix, float32 [dimensions, N].
 
     The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998). Unseen entries are

@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Floats, Ints
-from ..config import PixelsConfig
 from .epipolar import RESTING_PX, one_rests, thinned
 from .kernels.epipolar import residual_alone, residuals_joint
 from .kernels.robust_affine import affine_residual_alone, affine_residuals_joint
@@ -39,6 +38,12 @@ _CHI2_MEDIAN_1D = 0.455
 # px; added to residuals so that the ratio of two tiny ones does not decide: of fundamental matrices, and of
 # affine motions.
 _EPIPOLAR_FLOOR_PX, _AFFINE_FLOOR_PX = 0.05, 0.3
+# nat; log ratio of two groups' joint residual to noise and drift, above which they are two bodies.
+_CONTRADICTION = 0.8
+# nat; largest log ratios of two groups' joint affine residual to the larger own one, at which parallax within
+# them explains that between them, and of their joint epipolar residual to their own, at which they are parts
+# of one body.
+_PARALLAX_EXCESS, _PARALLAX_EPIPOLAR = 1.2, 0.2
 # Times the limit from which on one frame pair is enough to contradict.
 _ONE_PAIR_LIMIT = 4.0
 
@@ -76,15 +81,15 @@ class WideBaselineTest:
         Key frames of all trajectories.
     pieces
         Groups (intp, indices of trajectories) of one body each; the noise is learnt from them.
-    parameters
-        `drift`, `epipolar_contradiction`, `parallax_excess` and `parallax_epipolar` matter here.
+    drift
+        Share of a motion by which features drift or a lens distorts it.
     """
 
-    def __init__(self, frames: KeyFrames, pieces: list[Ints], parameters: PixelsConfig) -> None:
+    def __init__(self, frames: KeyFrames, pieces: list[Ints], drift: float) -> None:
         self._positions = frames.positions.astype(np.float64)
         self._visible = frames.visible
         self._pieces = pieces
-        self._p = parameters
+        self._drift = drift
         self._pairs = wide_pairs(len(self._positions))
         self._views: dict[bytes, list[_View]] = {}
 
@@ -95,7 +100,7 @@ class WideBaselineTest:
             for a, b, typical in zip(self._of(first), self._of(second), self._typical, strict=True)
             if min(len(a.x), len(b.x)) >= _LEAST_OF_ONE and len(a.x) + len(b.x) >= _LEAST_OF_BOTH and typical
         ]
-        return bool(found) and float(np.mean(found)) > self._p.epipolar_contradiction
+        return bool(found) and float(np.mean(found)) > _CONTRADICTION
 
     def one_body(self, first: Ints, second: Ints) -> bool:
         """Whether two groups are clearly parts of one body with depth."""
@@ -109,7 +114,7 @@ class WideBaselineTest:
         # Where both rest, any two bodies look like one.
         if not views or any(one_rests(a.motion, b.motion) for a, b in views):
             return False
-        if np.mean([_affine_excess(a, b) for a, b in views]) > self._p.parallax_excess:
+        if np.mean([_affine_excess(a, b) for a, b in views]) > _PARALLAX_EXCESS:
             return False
         return self._share_geometry(views)
 
@@ -117,9 +122,9 @@ class WideBaselineTest:
         found = []
         for a, b in views:
             found.append(_epipolar_excess(a, b))
-            if found[-1] > _ONE_PAIR_LIMIT * self._p.parallax_epipolar:
+            if found[-1] > _ONE_PAIR_LIMIT * _PARALLAX_EPIPOLAR:
                 return False
-        return bool(np.mean(found) < self._p.parallax_epipolar)
+        return bool(np.mean(found) < _PARALLAX_EPIPOLAR)
 
     def _excess_over_noise(self, a: _View, b: _View, typical: float) -> float:
         """Log of the joint residual over what noise and drift explain, of the group where it is larger."""
@@ -131,7 +136,7 @@ class WideBaselineTest:
 
     def _expected(self, view: _View, typical: float) -> float:
         """Variance of the Sampson distances of a group that a joint fundamental matrix explains, px²."""
-        drift = (self._p.drift * view.motion) ** 2
+        drift = (self._drift * view.motion) ** 2
         if len(view.x) < _LEAST_MEMBERS:
             return typical + drift
         free = len(view.x) - _PARAMETERS

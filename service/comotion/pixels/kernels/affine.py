@@ -12,14 +12,6 @@ Reals = Floats | Floats32
 
 # A local motion has six parameters; three members would be fitted exactly, whatever bodies they are on.
 _LEAST_MEMBERS = 4
-# Fewer members of a group do not tell how far members deviate.
-_LEAST_GROUP_MEMBERS = 8
-# Rounds of reweighting in the robust fit of a group's motion.
-_ROUNDS = 3
-# px; smallest standard deviation that the members of a group are credited with.
-_NOISE_PX = 0.3
-# Median of the sum of two squared standard normal deviates, 2 ln 2.
-_CHI2_MEDIAN_2D = 1.386
 # The activity of a frame pair is a mean over every eighth local motion: they differ little in it, and
 # one trajectory of one development sequence changed its group.
 _ACTIVITY_STEP = 8
@@ -182,75 +174,3 @@ def pair_activity(
             total += active[i]
         activity[q] = total / max(fitted * w.sum(), 1)
     return activity
-
-
-@compiled()
-def group_deviations(
-    start: Floats32, displacement: Floats32, seen: Floats32, labels: Ints, groups: int, ridge: float
-) -> tuple[Floats, Floats]:
-    """Squared deviations from the own group's motion [Q, N] and from every group's [K, Q, N], in variances.
-
-    Infinite where a pair does not show the trajectory, or too few of the group. Away from the members
-    a prediction is uncertain. The own deviation is divided by that, the others are not.
-    """
-    pairs, _, count = start.shape
-    own = np.full((pairs, count), np.inf)
-    every = np.full((groups, pairs, count), np.inf)
-    for g in range(groups):
-        members = np.flatnonzero(labels == g)
-        means, moments, fields, variance = _robust_fit(start, displacement, seen, members, ridge)
-        for q in range(pairs):
-            if variance[q] > 0:
-                x, y = start[q]
-                u, v = displacement[q]
-                deviation = _square(fields[:, q], x, y, u, v) / variance[q]
-                leverage = _leverage(means[:, q], moments[:, q], x, y)
-                every[g, q] = np.where(seen[q] > 0, deviation, np.inf)
-                own[q] = np.where((seen[q] > 0) & (labels == g), deviation / (1 + leverage), own[q])
-    return own, every
-
-
-@compiled()
-def _robust_fit(
-    start: Floats32, displacement: Floats32, seen: Floats32, members: Ints, ridge: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Reweighted fit of a group's members in each frame pair, and the variance per axis in px², [Q].
-
-    The variance is 0 where too few members are seen.
-    """
-    pairs, size = len(seen), len(members)
-    x, y, u, v, w = np.empty((5, size, pairs))
-    for m in range(size):
-        for q in range(pairs):
-            i = members[m]
-            x[m, q], y[m, q], w[m, q] = start[q, 0, i], start[q, 1, i], seen[q, i]
-            u[m, q], v[m, q] = displacement[q, 0, i], displacement[q, 1, i]
-    variance = np.zeros(pairs)
-    for _ in range(_ROUNDS):
-        means, moments, fields = fit_affine(x, y, u, v, w, ridge)
-        for q in range(pairs):
-            if np.count_nonzero(w[:, q]) >= _LEAST_GROUP_MEMBERS:
-                square = _square(fields[:, q], x[:, q], y[:, q], u[:, q], v[:, q])
-                typical = np.median(square[w[:, q] > 0])
-                variance[q] = max(typical / _CHI2_MEDIAN_2D, _NOISE_PX**2)
-                w[:, q] = np.where(w[:, q] > 0, 1 / (1 + square / (4 * variance[q])), 0.0)
-    return means, moments, fields, variance
-
-
-@compiled()
-def _square(field: Floats, x: Reals, y: Reals, u: Reals, v: Reals) -> Floats:
-    """Squared residuals [n], px²."""
-    ru = u - field[0] * x - field[1] * y - field[4]
-    rv = v - field[2] * x - field[3] * y - field[5]
-    square: Floats = ru * ru + rv * rv
-    return square
-
-
-@compiled()
-def _leverage(means: Floats, moments: Floats, x: Reals, y: Reals) -> Floats:
-    """How uncertain predictions are, [n], in units of the variance."""
-    n, cx, cy = means[0], means[1], means[2]
-    xx, yy, xy = moments
-    dx, dy = x - cx, y - cy
-    leverage: Floats = 1 / n + (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
-    return leverage
