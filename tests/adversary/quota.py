@@ -1,4 +1,4 @@
-"""Give a process a share of one core, until it ends: ``PYTHONPATH=tests python -m adversary.quota PID SHARE``.
+"""Give a process a share of one core until it ends: ``PYTHONPATH=tests python -m adversary.quota PID SHARE``.
 
 As a quota of a control group does, but without rights: in each period the process runs until all its threads
 together have used their share of it, and is stopped for the rest. What it has used too much, because this
