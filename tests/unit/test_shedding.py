@@ -16,6 +16,9 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
+from .. import builders
+from ..builders import labels_of
+
 SECOND = 10**9
 PERIOD = SECOND // 10
 
@@ -26,17 +29,8 @@ def body(count: int, seed: int) -> np.ndarray:
 
 def batch(k: int, positions: np.ndarray, *, first: int = 0, source: str = "a") -> ObservationBatch:
     noise = np.random.default_rng([k, first]).normal(0, 0.001, positions.shape)
-    return ObservationBatch(
-        source=source,
-        session="1" * 16,
-        seq=k,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=10**18 + k * PERIOD // 2,
-        ids=np.arange(first, first + len(positions), dtype=np.uint64),
-        positions=(positions + noise).astype(np.float32),
-    )
+    ids = np.arange(first, first + len(positions), dtype=np.uint64)
+    return builders.batch(source, k, 10**18 + k * PERIOD // 2, positions + noise, ids=ids)
 
 
 def scene(k: int) -> np.ndarray:
@@ -130,7 +124,7 @@ class TestObservations:
                 sizes.append(len(fusion.affinity("world").tracks))
         assert sizes[28] == 500
         assert max(sizes[30:]) == 200
-        labels = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+        labels = labels_of(update)
         rests, swings = ({labels[one] for one in ids} for ids in (range(250), range(250, 500)))
         assert (len(rests), len(swings)) == (1, 1)
         assert rests != swings

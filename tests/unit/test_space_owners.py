@@ -5,27 +5,11 @@ import numpy as np
 from comotion import Fusion, FusionConfig
 from comotion.config import SpaceConfig
 from comotion.runtime.problems import of_fusion
-from comotion_schemas import ObservationBatch
 
-MS = 1_000_000
-S = 1_000 * MS
-T0 = 1_700_000_000 * S
+from ..builders import MS, T0, batch
+
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 FAR = np.random.default_rng(1).uniform(-1, 1, (40, 3))
-
-
-def batch(source, seq, stamp_ns, positions=POINTS, **fields):
-    positions = np.asarray(positions, np.float32)
-    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
-    return ObservationBatch(
-        source=source,
-        session="a" * 16,
-        seq=seq,
-        stamp_ns=stamp_ns,
-        ids=np.arange(len(positions), dtype=np.uint64),
-        positions=positions,
-        **fields,
-    )
 
 
 def pixels(source, seq, stamp_ns, count):
@@ -41,7 +25,7 @@ def test_a_batch_without_rows_claims_no_space():
     for k in range(30):
         now = T0 + k * 33 * MS
         fusion.ingest(pixels("claims", k, now - MS, 0))
-        fusion.ingest(batch("honest", k, now))
+        fusion.ingest(batch("honest", k, now, POINTS))
         update = fusion.update(now)
     assert len(update.track_id) == 12
     assert rejected(fusion)["honest"] == {}
@@ -56,7 +40,7 @@ def test_the_first_that_observes_something_keeps_the_space_while_it_lives():
     for k in range(300):
         now = T0 + k * 33 * MS
         if k < 90:
-            fusion.ingest(batch("first", k, now))
+            fusion.ingest(batch("first", k, now, POINTS))
         fusion.ingest(pixels("other", k, now, 5))
         fusion.update(now)
         if k == 100:
@@ -69,13 +53,13 @@ def test_the_first_that_observes_something_keeps_the_space_while_it_lives():
 def test_a_space_of_a_snapshot_is_not_free_for_the_next_best():
     before = Fusion()
     for k in range(30):
-        before.ingest(batch("first", k, T0 + k * 33 * MS))
+        before.ingest(batch("first", k, T0 + k * 33 * MS, POINTS))
         before.update(T0 + k * 33 * MS)
     fusion = Fusion.restore(before.config, before.snapshot())
     now = T0 + 30 * 33 * MS
     fusion.advance(now)
     fusion.ingest(pixels("other", 0, now, 5))
-    fusion.ingest(batch("first", 30, now))
+    fusion.ingest(batch("first", 30, now, POINTS))
     assert len(fusion.update(now).track_id) == 12
     assert rejected(fusion)["other"] == {"space-mismatch": 1}
 
@@ -83,7 +67,7 @@ def test_a_space_of_a_snapshot_is_not_free_for_the_next_best():
 def test_the_configuration_decides_before_anybody_observes():
     fusion = Fusion(FusionConfig(spaces={"world": SpaceConfig(unit="m", dim=3)}))
     fusion.ingest(pixels("first", 0, T0, 5))
-    fusion.ingest(batch("second", 0, T0 + MS))
+    fusion.ingest(batch("second", 0, T0 + MS, POINTS))
     assert len(fusion.update(T0 + MS).track_id) == 12
     assert rejected(fusion)["first"] == {"space-mismatch": 1}
     fusion.ingest(pixels("first", 1, T0 + 2 * MS, 5))
@@ -108,13 +92,13 @@ def test_a_frame_moves_where_all_sources_say_so_and_until_they_do_not():
     alone = Fusion()
     for k in range(60):
         now = T0 + k * 33 * MS
-        alone.ingest(batch("hand", k, now, moving=True))
+        alone.ingest(batch("hand", k, now, POINTS, moving=True))
         update = alone.update(now)
     assert "world" in update.frames
     alone = Fusion.restore(alone.config, alone.snapshot())
     for k in range(60, 80):
         now = T0 + k * 33 * MS
-        alone.ingest(batch("hand", k, now, moving=False))
+        alone.ingest(batch("hand", k, now, POINTS, moving=False))
         update = alone.update(now)
     assert update.frames == {}
 
