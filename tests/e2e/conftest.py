@@ -30,6 +30,8 @@ from comotion_schemas.component import Component
 from comotion_schemas.qos import Kind
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session, stream_publisher
 
+from ..builders import batch
+
 DEADLINE = 120.0
 """s after which what is awaited counts as missing; long, for a loaded machine takes its time."""
 
@@ -180,17 +182,7 @@ def two_bodies(stamp_ns: int) -> np.ndarray:
 
 def observe(name: str, session: str, seq: int, stamp_ns: int) -> ObservationBatch:
     """What a tracker of :func:`two_bodies` publishes."""
-    return ObservationBatch(
-        source=name,
-        session=session,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=stamp_ns,
-        ids=np.arange(12, dtype=np.uint64),
-        positions=two_bodies(stamp_ns),
-    )
+    return batch(name, seq, stamp_ns, two_bodies(stamp_ns), session=session)
 
 
 class Tracker:

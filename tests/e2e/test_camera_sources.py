@@ -82,16 +82,6 @@ def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session,
     assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
 
 
-def test_original_stamps_as_fast_as_it_goes(start, endpoint, session, listen, video) -> None:
-    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
-    source = start("source", "klt", video, "--stamps", "original", "--no-realtime", "--connect", endpoint)
-    assert source.wait() == 0
-    batches.until(lambda batch: batch.ended is not None and batch.seq == 20)
-    # All 20 frames: the last one has been seen, at the time the file says.
-    statuses = source.lines[-1]
-    assert "frames 20" in statuses
-
-
 def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
     start, endpoint, session, listen, recording
 ) -> None:

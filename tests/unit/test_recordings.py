@@ -234,16 +234,6 @@ def test_an_npz_that_is_no_recording_is_one_clear_line(tmp_path, changes, words)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.99])
-def test_a_truncated_npz_is_one_clear_line(tmp_path, share):
-    path = write_npz(tmp_path / "take.npz")
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(RecordingError, match=r"truncated|empty") as caught:
-        read_recording(path)
-    assert str(caught.value).startswith(f"{path}: ")
-
-
 def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
     text = tmp_path / "notes.npz"
     text.write_text("positions, times and labels\n")

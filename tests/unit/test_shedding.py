@@ -11,7 +11,7 @@ from comotion.rigid import candidates
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.health import Arrivals, Health
 from comotion.runtime.overload import Overload
-from comotion.shedding import FULL, MOST, Effort, Load
+from comotion.shedding import MOST, Load
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
@@ -53,15 +53,6 @@ def groups(update: HypothesisUpdate) -> int:
 
 
 class TestOrder:
-    def test_each_level_leaves_out_what_the_ones_below_do(self) -> None:
-        efforts = [Effort.at(level) for level in range(MOST + 1)]
-        assert efforts[0] == FULL
-        assert [e.joints for e in efforts] == [True] + 8 * [False]
-        assert [e.boxes for e in efforts] == 2 * [True] + 7 * [False]
-        assert [e.links for e in efforts] == 3 * [True] + 6 * [False]
-        assert [e.search_every for e in efforts] == 4 * [1] + 5 * [5]
-        assert [e.share for e in efforts] == 5 * [1] + [1 / 2, 1 / 4, 1 / 8, 1 / 16]
-
     @pytest.mark.parametrize(("level", "left_out"), [(0, 0), (1, 1), (2, 2), (4, 3), (8, 3)], ids=str)
     def test_less_is_done_level_by_level(self, level, left_out, monkeypatch) -> None:
         done = dict.fromkeys(("joints", "boxes", "searches", "groupings"), 0)

@@ -177,7 +177,9 @@ def test_a_restart_tells_no_events_and_keeps_the_birth():
 
 
 def test_another_clustering_can_be_chosen():
-    scene = Scene(CONFIG.model_copy(update={"clustering": "eigengap"}))
+    scene = Scene(
+        CONFIG.model_copy(update={"thesis": ThesisConfig(sigma_switch=0.02, clustering="eigengap")})
+    )
     scene.run(60, both)
     assert {scene.labels[i] for i in REST} == {scene.labels[0]}
     assert {scene.labels[i] for i in (10, 11, 12)} == {scene.labels[10]} != {scene.labels[0]}

@@ -26,13 +26,6 @@ def send(index, ids, session=0):
     return slots.tolist()
 
 
-def test_sessions_share_no_ids():
-    _, index = make_index()
-    mine, theirs = send(index, [1, 2], session=0), send(index, [1, 2], session=1)
-    assert len({*mine, *theirs}) == 4
-    assert send(index, [2, 1], session=0) == mine[::-1]
-
-
 def test_a_closed_trajectory_is_not_found_in_the_slot_that_another_has_got():
     _, index = make_index()
     (slot,) = send(index, [1])
