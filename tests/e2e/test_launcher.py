@@ -17,7 +17,7 @@ from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
 
 from .conftest import DEADLINE
-from .test_service import labels
+from .services.test_service import labels
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()

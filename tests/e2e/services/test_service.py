@@ -17,8 +17,8 @@ from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, d
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
-from .. import builders
-from .conftest import DEADLINE
+from ... import builders
+from ..conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()

@@ -20,7 +20,7 @@ import zenoh
 from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, ObservationBatch, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
 
-from .conftest import DEADLINE
+from ..conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
 SESSION = "0123456789abcdef"

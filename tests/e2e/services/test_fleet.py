@@ -18,8 +18,8 @@ from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
-from .conftest import DEADLINE, observe
-from .etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..conftest import DEADLINE, observe
+from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
 from .test_service import is_sorted_out, labels
 
 pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
