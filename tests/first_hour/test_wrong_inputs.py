@@ -73,6 +73,9 @@ WRONG = {
         "parameter window: Input should be greater",
     ),
     "shape": (lambda: comotion.group(P[0], TIMES), "positions have the shape (30, 3), not [T, N, 3]"),
+    "too few times": (lambda: comotion.group(P, TIMES[:3]), "there are (3,) times for 60 instants"),
+    "a position at infinity": (lambda: comotion.group(P + np.inf, TIMES), "a position is infinite"),
+    "nothing seen": (lambda: comotion.group(P + np.nan, TIMES), "there is no observation"),
     "shape of a batch": (lambda: publisher().observe(ids=IDS, positions=P[0, :, :2]), "positions"),
     "shape of quaternions": (
         lambda: publisher().observe(ids=IDS, positions=P[0], quaternions=np.zeros((30, 3))),
@@ -91,21 +94,6 @@ def test_a_wrong_call_is_one_sentence_at_once(name):
     assert time.perf_counter() - begun < 1
     assert "\n" not in str(raised.value)
     assert isinstance(raised.value, ValueError)
-
-
-@pytest.mark.parametrize(
-    "times",
-    [
-        (TIMES * 1e9).astype(np.int64),
-        np.round(TIMES * 1e3).astype(int),
-        np.datetime64("2024-01-01") + (TIMES * 1e9).astype("timedelta64[ns]"),
-        1.7e18 + TIMES * 1e9,
-    ],
-)
-def test_times_of_a_certain_unit_give_what_seconds_give(times):
-    # Instants that coincide with an update may be in it or in the next one.
-    expected = comotion.group(P, TIMES).labels[-1]
-    np.testing.assert_array_equal(comotion.group(P, times).labels[-1], expected)
 
 
 def test_parameters_are_keywords_dicts_or_a_configuration():

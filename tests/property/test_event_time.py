@@ -12,10 +12,10 @@ from comotion.config import FusionConfig
 from comotion.event_time.instants import Instants
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
-from comotion_schemas import ObservationBatch
 
-MS = 1_000_000
-T0 = 1_700_000_000_000 * MS
+from .. import builders
+from ..builders import MS, T0
+
 CONFIG = FusionConfig(window=2.0)
 LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
 
@@ -31,18 +31,10 @@ def batches(draw, most_rows=5):
 
 def batch_of(source, session, seq, offsets, stamp=None):
     """A batch with a row at each of `offsets`, ms; without any, at `stamp`."""
-    return ObservationBatch(
-        source=source,
-        session=session,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=2,
-        stamp_ns=T0 + (max(offsets) if offsets else stamp) * MS,
-        ids=np.arange(len(offsets), dtype=np.uint64),
-        positions=np.zeros((len(offsets), 2)),
-        stamps_ns=np.array([T0 + offset * MS for offset in offsets], np.int64) if offsets else None,
-    )
+    stamp = T0 + (max(offsets) if offsets else stamp) * MS
+    stamps = np.array([T0 + offset * MS for offset in offsets], np.int64) if offsets else None
+    positions = np.zeros((len(offsets), 2))
+    return builders.batch(source, seq, stamp, positions, session=session, stamps_ns=stamps)
 
 
 def steps(batches):
@@ -83,18 +75,7 @@ class Run:
         events = []
         for seq in range(3):
             self.now += 10_000 * MS
-            last = ObservationBatch(
-                source="z",
-                session="f" * 16,
-                seq=seq,
-                space="world",
-                unit="m",
-                dim=2,
-                stamp_ns=self.now,
-                ids=np.zeros(0, np.uint64),
-                positions=np.zeros((0, 2)),
-            )
-            self.timeline.receive(last)
+            self.timeline.receive(builders.batch("z", seq, self.now, np.zeros((0, 2)), session="f" * 16))
             events += self.advance()
         return events
 

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.errors import RecordingError
 from comotion_sources.recordings import read_recording, recording_batches, recording_streams
+from comotion_sources.recordings.c3d_parser import NotReadableError, read_header
 
 PROCESSORS = {"intel": 84, "dec": 85, "sgi": 86}
 SCALE = 0.25
@@ -163,6 +166,16 @@ def test_a_crash_of_the_c3d_library_is_one_clear_line(tmp_path, monkeypatch):
     monkeypatch.setattr(c3d.sys, "executable", str(crash))
     with pytest.raises(RecordingError, match="crashed"):
         read_recording(path)
+
+
+@given(st.binary(max_size=2000), st.booleans())
+def test_any_bytes_give_a_c3d_header_or_are_refused(content, magic):
+    raw = b"\x02\x50" + content.ljust(1200, b"U") if magic else content
+    try:
+        header = read_header(raw)
+    except NotReadableError:
+        return
+    assert header.processor in PROCESSORS.values()
 
 
 def write_npz(path, **changes):
