@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import comotion
-from comotion_deploy.cli import run
 from comotion_sources.runtime import SourcePublisher
+
+from ..command_line import refused
 
 TIMES = np.arange(60) / 30
 IDS = np.arange(30)
@@ -30,12 +31,6 @@ P = scene()
 def compiled():
     """What is compiled or read from disk once is not part of an answer's time."""
     comotion.group(P, TIMES)
-
-
-def archive(folder, **arrays):
-    path = folder / "mine.npz"
-    np.savez(path, **arrays)
-    return str(path)
 
 
 def publisher(unit="m", dim=3):
@@ -153,10 +148,8 @@ def test_a_scene_is_a_context_and_yields_each_update_once():
     ],
 )
 def test_a_wrong_file_is_one_line(tmp_path, capsys, arrays, words):
-    assert run(["evaluate", archive(tmp_path, **arrays)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    assert words in line
+    np.savez(tmp_path / "mine.npz", **arrays)
+    assert words in refused(capsys, "evaluate", tmp_path / "mine.npz")
 
 
 def test_a_table_has_a_row_for_each_observation(monkeypatch):

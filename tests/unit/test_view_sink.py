@@ -12,20 +12,14 @@ from comotion_deploy.cli import run
 from comotion_schemas import UNDETERMINED, Event, Pose, Preview, TruthBatch, Twist
 
 from ..builders import SESSION, S, batch, hypothesis, update
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    assert run(["view", *map(str, arguments)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    return error.removeprefix("error: ").rstrip()
+from ..command_line import refused
 
 
 def test_without_the_extra_the_command_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    assert refusal(capsys, "--web") == "rerun is not installed: pip install 'comotion[view]'"
+    assert refused(capsys, "view", "--web") == "error: rerun is not installed: pip install 'comotion[view]'"
 
 
 class TestWithRerun:
@@ -42,17 +36,17 @@ class TestWithRerun:
         monkeypatch.delenv("DISPLAY", raising=False)
         monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
         monkeypatch.setattr(sys, "platform", "linux")
-        assert "use --web (browser) or --save FILE.rrd" in refusal(capsys)
+        assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
 
     def test_a_file_that_exists_and_a_wrong_name_are_refused(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         (tmp_path / "a.rrd").touch()
-        assert refusal(capsys, "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
-        assert refusal(capsys, "--save", tmp_path / "a.png").endswith("ends in .rrd")
-        assert "a.mcap" in refusal(capsys, tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
-        assert "rerun a.rrd" in refusal(capsys, "a.rrd", "--web")
-        assert "2GB" in refusal(capsys, "--save", tmp_path / "b.rrd", "--memory", "much")
+        assert refused(capsys, "view", "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
+        assert refused(capsys, "view", "--save", tmp_path / "a.png").endswith("ends in .rrd")
+        assert "a.mcap" in refused(capsys, "view", tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
+        assert "rerun a.rrd" in refused(capsys, "view", "a.rrd", "--web")
+        assert "2GB" in refused(capsys, "view", "--save", tmp_path / "b.rrd", "--memory", "much")
         assert not (tmp_path / "b.rrd").exists()
 
     def test_a_window_that_fails_ends_the_command_with_one_line(
@@ -98,8 +92,8 @@ class TestWithRerun:
             taken.listen()
             ports[option] = str(taken.getsockname()[1])
             arguments = [word for pair in ports.items() for word in pair]
-            error = refusal(capsys, "--web", "--no-browser", *arguments)
-        assert error == f"port {ports[option]} cannot be used: Address already in use"
+            error = refused(capsys, "view", "--web", "--no-browser", *arguments)
+        assert error == f"error: port {ports[option]} cannot be used: Address already in use"
 
     def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
         from comotion_clients.viewing.picture import ScenePicture
