@@ -338,17 +338,18 @@ def serve(start: Start, free_port_endpoint: str, connect: Connect, listen: Liste
     return run
 
 
+def until_heard(publisher: zenoh.Publisher) -> zenoh.Publisher:
+    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
+    matched = threading.Event()
+    listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
+    if publisher.matching_status.matching:
+        matched.set()
+    assert matched.wait(DEADLINE)
+    listener.undeclare()
+    return publisher
+
+
 @pytest.fixture
 def heard() -> Callable[[zenoh.Publisher], zenoh.Publisher]:
-    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
-
-    def wait(publisher: zenoh.Publisher) -> zenoh.Publisher:
-        matched = threading.Event()
-        listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
-        if publisher.matching_status.matching:
-            matched.set()
-        assert matched.wait(DEADLINE)
-        listener.undeclare()
-        return publisher
-
-    return wait
+    """Wait until somebody subscribes to what a publisher publishes."""
+    return until_heard

@@ -69,7 +69,7 @@ RECOGNISED = {
 
 @pytest.mark.parametrize(("known", "new", "expected"), RECOGNISED.values(), ids=RECOGNISED)
 def test_a_body_is_recognised(known, new, expected):
-    assert memory(*known).recognised([one[0] for one in known], new, 2.0) == expected
+    assert memory(*known).recognised([one[0] for one in known], new, 1.0) == expected
 
 
 def test_a_body_is_expected_about_the_place_where_it_has_been():
