@@ -173,13 +173,6 @@ def test_a_newcomer_gets_its_share_of_the_trajectories(config):
     assert fusion.stats.refused_rows > 0
 
 
-def test_tracks_beyond_the_limit_are_refused_and_the_others_go_on(config):
-    fusion = Fusion(config.model_copy(update={"max_tracks": 5}))
-    update = run(fusion, 0, 1)[-1]
-    assert len(update.track_id) == 5
-    assert fusion.stats.refused_rows == 30
-
-
 def test_churn_does_not_starve_new_trajectories(config):
     fusion = Fusion(config.model_copy(update={"max_tracks": 40}))
     for k in range(60):

@@ -11,7 +11,6 @@ from comotion_clients.metrics import (
     Switches,
     Truth,
     bodies_of,
-    isolate,
     label_switches,
     misclassification,
     nmi,
@@ -88,19 +87,6 @@ def test_misclassification_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     labels, objects = rng.integers(0, 4, 15), rng.integers(0, 3, 15)
     assert misclassification(labels, objects) == pytest.approx(brute_force_errors(labels, objects))
-
-
-def test_members_of_an_extra_cluster_are_errors() -> None:
-    objects = np.array([1] * 6 + [2] * 4)
-    labels = np.array([7] * 4 + [8] * 2 + [9] * 4)
-    assert misclassification(labels, objects) == pytest.approx(0.2)
-
-
-def test_isolate_gives_each_undetermined_track_its_own_cluster() -> None:
-    clusters = isolate(np.array([NONE, 5, 9, NONE, 5]))
-    assert clusters[1] == clusters[4]
-    assert len(set(clusters.tolist())) == 4
-    assert clusters.max() == 3
 
 
 def test_a_perfect_update_scores_one() -> None:

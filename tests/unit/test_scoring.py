@@ -37,13 +37,10 @@ def test_the_newest_batch_of_every_source_counts() -> None:
     found = observed(
         batch("a", 0, [1, 2]), batch("a", 100, [2, 3]), batch("b", 50, [1]), batch("b", 150, [9])
     )
+    assert at(found, -1) == {}
     assert at(found, 60) == {("a", SESSION): [1, 2], ("b", SESSION): [1]}
     assert at(found, 120) == {("a", SESSION): [2, 3], ("b", SESSION): [1]}
     assert at(found, 150) == {("a", SESSION): [2, 3], ("b", SESSION): [9]}
-
-
-def test_nothing_is_observed_before_the_first_batch() -> None:
-    assert at(observed(batch("a", 100, [1])), 99) == {}
 
 
 def test_an_outdated_batch_no_longer_counts() -> None:

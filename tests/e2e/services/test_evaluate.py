@@ -115,10 +115,3 @@ def test_misuse_is_one_clear_line(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert complaint in refused(capsys, "evaluate", *arguments)
-
-
-def test_a_table_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["evaluate", "sim:fig4_1", "--duration", "1", "--seeds", "0-1"]) == 0
-    header, row = capsys.readouterr().out.splitlines()
-    assert header.split()[:3] == ["file", "mean", "NMI"]
-    assert row.startswith("sim:fig4_1")
