@@ -162,6 +162,18 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
+def test_a_recorder_begins_a_new_file_every_second(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, track: Callable, tmp_path: Path
+) -> None:
+    statuses = listen(session, KEYS.stream("status", "recorder"), "status")
+    track(endpoint, rate=50.0)
+    recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
+    statuses.until(lambda s: s.counters["files"] > 2)
+    recorder.interrupt()
+    assert recorder.wait() == 0
+    assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
+
+
 def scrape(line: str) -> str:
     with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
         return reply.read().decode()
