@@ -82,14 +82,8 @@ def settled(w, noise, b, dof, poses):
     return R, t, rests
 
 
-def row_cost(
-    y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0), soft=None
-):
-    """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D.
-
-    `soft`: the tolerance that says what is an outlier, if another than `v`.
-    """
-    soft = v if soft is None else soft
+def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0)):
+    """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses
     M = np.zeros((3, 3))
     M[np.triu_indices(3)] = metric
@@ -103,8 +97,8 @@ def row_cost(
     turned = np.einsum("fji,jk,fkl->fil", R[used], M, R[used])
     mean = weighted_mean(x, a[:, None, None] * turned)
     squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
-    b = weighted_mean(x, (a / (1 + a * squared / (SOFT * 3 * soft)))[:, None, None] * turned)
-    squared = squared_innovations(np.flatnonzero(used), x - b, w, soft, spectrum, turned)
+    b = weighted_mean(x, (a / (1 + a * squared / (SOFT * 3 * v)))[:, None, None] * turned)
+    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum, turned)
     return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
 
 
