@@ -188,15 +188,15 @@ def observe(name: str, session: str, seq: int, stamp_ns: int) -> ObservationBatc
 class Tracker:
     """A well-behaved source of :func:`two_bodies`, in a thread of the test."""
 
-    def __init__(self, endpoint: str, name: str, rate: float) -> None:
-        self._endpoint, self._name, self._rate = endpoint, name, rate
+    def __init__(self, endpoint: str, name: str, rate: float, scene: str) -> None:
+        self._endpoint, self._name, self._rate, self._scene = endpoint, name, rate, scene
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         settings = SessionSettings(connect=(self._endpoint,))
-        with Component(role="source", name=self._name, settings=settings) as component:
+        with Component(role="source", name=self._name, scene=self._scene, settings=settings) as component:
             publisher = stream_publisher(component.session, component.keys, "obs", self._name)
             seq = 0
             while not self._stop.wait(1 / self._rate):
@@ -316,11 +316,11 @@ def listen() -> Iterator[Listen]:
 
 @pytest.fixture
 def track() -> Iterator[Track]:
-    """Publish two bodies: ``track(endpoint, name, rate)``."""
+    """Publish two bodies: ``track(endpoint, name, rate, scene)``."""
     with ExitStack() as stack:
 
-        def run(endpoint: str, name: str = "tracker", rate: float = 20.0) -> Tracker:
-            tracker = Tracker(endpoint, name, rate)
+        def run(endpoint: str, name: str = "tracker", rate: float = 20.0, scene: str = "default") -> Tracker:
+            tracker = Tracker(endpoint, name, rate, scene)
             stack.callback(tracker.close)
             return tracker
 
