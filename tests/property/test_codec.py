@@ -208,7 +208,7 @@ messages = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(messages)
 def test_any_message_survives_the_wire(message):
     payload = encode(message)
@@ -224,7 +224,7 @@ def test_any_message_survives_the_wire(message):
             assert other == value
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(messages, st.data())
 def test_a_field_of_any_other_value_is_rejected_and_never_crashes(message, data):
     content = msgpack.unpackb(encode(message))

@@ -80,7 +80,7 @@ def test_every_shape_of_scene_gives_a_valid_update(method: str, unit: str, dim: 
     assert len(update.track_id) == 8
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     method=st.sampled_from(METHODS),
     space=st.sampled_from(SPACES),

@@ -5,7 +5,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.config import FusionConfig
@@ -81,7 +81,6 @@ class Run:
 
 
 @given(steps(batches()))
-@settings(deadline=None)
 def test_the_watermark_never_decreases_and_is_never_beyond_now(steps):
     run = Run(steps)
     for before, _ in run:
@@ -91,7 +90,6 @@ def test_the_watermark_never_decreases_and_is_never_beyond_now(steps):
 
 
 @given(steps(batches()))
-@settings(deadline=None)
 def test_instants_come_out_in_stamp_order_unless_they_are_marked_as_reordered(steps):
     run = Run(steps)
     for before, events in run:
@@ -111,7 +109,6 @@ def test_instants_come_out_in_stamp_order_unless_they_are_marked_as_reordered(st
 
 
 @given(steps(batches()))
-@settings(deadline=None)
 def test_every_batch_is_accounted_once(steps):
     run = Run(steps)
     events = [event for _, out in run for event in out] + run.flush()
@@ -126,7 +123,6 @@ def test_every_batch_is_accounted_once(steps):
 
 
 @given(steps(batches()))
-@settings(deadline=None)
 def test_every_row_comes_out_at_most_once_and_what_is_missing_is_counted(steps):
     run = Run(steps)
     events = [event for _, out in run for event in out] + run.flush()
@@ -140,7 +136,6 @@ def test_every_row_comes_out_at_most_once_and_what_is_missing_is_counted(steps):
 
 
 @given(steps(batches()))
-@settings(deadline=None)
 def test_nothing_of_a_session_comes_out_after_its_end(steps):
     ended = set()
     run = Run(steps)
@@ -169,7 +164,6 @@ _TWO_DECISIONS = [
 
 @given(steps(batches()))
 @example(_TWO_DECISIONS)
-@settings(deadline=None)
 def test_a_second_advance_at_the_same_time_changes_nothing(steps):
     run = Run(steps)
     for _ in run:

@@ -96,7 +96,7 @@ affinities = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(affinity=affinities)
 def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
     labels = cluster(DIVISIVE, affinity)
@@ -107,7 +107,7 @@ def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
         assert set(labels.tolist()) == {0}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(affinity=affinities)
 @pytest.mark.parametrize("name", ["eigengap", "eigengap-normalized"])
 def test_spectral_clustering_answers_for_any_affinity(name, affinity):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -55,7 +55,6 @@ def holds(box, points):
     return (np.abs((points - box.center) @ matrix(box)) <= np.array(box.half) + 1e-9).all()
 
 
-@settings(deadline=None)
 @given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5, 5)] * 3))
 def test_a_cuboid_has_its_own_box_however_it_is_turned(turn, shift):
     body = Body()

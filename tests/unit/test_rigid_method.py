@@ -142,7 +142,7 @@ def test_few_features_carry_a_body_over_the_loss_of_all_others(dim, left):
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_selection_is_no_worse_than_any_single_body(seed):
     rng = np.random.default_rng(seed)
     body = rng.exponential(5, (12, 5))

@@ -1,7 +1,7 @@
 """Which slot holds which feature, whatever ids the sources send and in whatever order."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion.trajectories.track_index import TrackIndex
@@ -45,7 +45,6 @@ def test_what_ends_is_marked_and_unknown_ids_are_ignored():
 
 
 @given(st.lists(st.tuples(st.sampled_from("sssc"), st.lists(st.integers(0, 40), unique=True, max_size=25))))
-@settings(deadline=None)
 def test_every_feature_keeps_its_slot_until_it_is_closed(steps):
     _, index = make_index()
     expected = {}
