@@ -1,4 +1,4 @@
-"""Components of a scene in; what a person should look at out. Pure."""
+"""Lists what a person should look at in a scene. Pure."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The state of a fusion as plain values and arrays in, checked bytes out; and back.
+"""Serialises the state of a fusion as checked bytes, and reads it back.
 
 Not pickle: a state file is data from outside, and reading it must not run code. The layout is
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from comotion_schemas.errors import KnownError
 
-FORMAT = 6
+FORMAT = 7
 """Version of the layout and of the state in it."""
 MAX_BYTES = 1 << 30
 _MAGIC = b"comotion"

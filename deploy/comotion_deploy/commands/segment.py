@@ -1,4 +1,4 @@
-"""``comotion segment``: a video in, a video out, offline."""
+"""``comotion segment``: draws the objects of a video, offline."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -181,10 +181,10 @@ def _print_summary(found: "Segmented") -> None:
 @contextmanager
 def _progress(what: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
-    from comotion.library.compiling import tell_of_compiling
+    from comotion.library.compiling import report_compiling
     from comotion_clients.progress import reporting
 
-    tell_of_compiling()
+    report_compiling()
     name = Path(what).name
     with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
         yield lambda done, total: report(

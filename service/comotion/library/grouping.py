@@ -1,4 +1,4 @@
-"""Offline: whole trajectories in; a label per feature and instant, hypotheses, poses and joints out."""
+"""Groups whole trajectories offline: labels, hypotheses, poses and joints."""
 
 from __future__ import annotations  # help() shows short types
 
@@ -17,7 +17,7 @@ from comotion_schemas.types import Unit
 from ..arrays import Floats, Labels
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .compiling import tell_of_compiling
+from .compiling import report_compiling
 from .given import (
     DEFAULT,
     Parameters,
@@ -93,7 +93,7 @@ def group(
     seconds = {name: clock for name, (_, clock) in arrays.items()}
     origin = one_clock(seconds)
     say_doubts(states, chosen)
-    tell_of_compiling()
+    report_compiling()
     updates = list(_updates(_batches(arrays, chosen, origin), used))
     labels = {name: _labels(name, *arrays[name], origin, updates) for name in arrays}
     return Grouping(labels, updates, states, seconds, chosen)

@@ -1,4 +1,4 @@
-"""Online: positions of features at one instant in, the newest update out."""
+"""Groups features online, one instant at a time."""
 
 from __future__ import annotations  # help() shows short types
 
@@ -19,7 +19,7 @@ from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .compiling import tell_of_compiling
+from .compiling import report_compiling
 from .given import Parameters, config_of, counted, longest_step_s
 
 _SESSION = "0" * 16
@@ -36,7 +36,7 @@ class Scene:
         update = scene.push(ids, positions, t)
         for hypothesis in update.hypotheses: ...
 
-    Iteration yields the updates since it was last asked, at most the newest 100. As a context manager, the
+    Iteration yields the updates since the last iteration, at most the newest 100. As a context manager, the
     scene yields the update of its end, and takes nothing in afterwards.
 
     Parameters
@@ -73,7 +73,7 @@ class Scene:
         **parameters: Unpack[Parameters],
     ) -> None:
         check_space(unit)
-        tell_of_compiling()
+        report_compiling()
         self.fusion = Fusion(config_of(config, parameters))
         self.dropped: dict[str, int] = {}
         self._unit: Unit = unit
