@@ -49,7 +49,7 @@ format: setup  ## apply lint fixes and formatting
 
 schemas: setup  ## export the JSON Schema of every message header, and the tables of parameters
 	$(BIN)/python -m comotion_schemas.export schemas
-	$(BIN)/python -m comotion_deploy.parameter_table docs/parameters.md
+	PYTHONPATH=tests $(BIN)/python -m comotion_tools.parameter_table docs/parameters.md
 
 docs: setup  ## the site in out/site, with the API; broken links and warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs

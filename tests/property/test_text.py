@@ -17,9 +17,9 @@ from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
-from comotion_deploy.soak.attacks import MARKUP
 from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, decode, encode
 from comotion_schemas.text import LogFormatter, shown
+from comotion_tools.soak.attacks import MARKUP
 
 from .. import builders
 from ..builders import SESSION

@@ -20,9 +20,9 @@ from comotion.rigid.slow_noise import slow_noise
 from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
-from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline
 from comotion_experiments.stress.experiment import run_family
+from comotion_experiments.trace import objects_of
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources import simulator
 
@@ -72,7 +72,7 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         key=np.arange(n),
-        life=(w > 0).sum(1),
+        life=(w > 0).sum(1) / 15,
         current=np.ones(n, bool),
     )
 

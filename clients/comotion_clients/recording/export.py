@@ -18,10 +18,10 @@ import json
 import math
 import os
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
-from mcap.writer import Writer
 
 from comotion_schemas import (
     HypothesisUpdate,
@@ -33,6 +33,7 @@ from comotion_schemas import (
 )
 from comotion_schemas.colours import Palette
 from comotion_schemas.errors import KnownError
+from comotion_schemas.message_log import MessageLog
 from comotion_schemas.recording import SCHEMA_ENCODING
 
 from ..carried import poses_in_space
@@ -41,7 +42,7 @@ from ..scoring import Observed, Tally, spaces_of
 from . import foxglove
 from .disk import create
 from .foxglove_schemas import SCHEMAS, Json
-from .reading import Reading
+from .topics import Definition, TopicWriter
 
 
 @dataclass
@@ -82,12 +83,12 @@ def export(source: Path, target: Path) -> Exported:
     OSError
         If a file cannot be read or written, or `target` exists.
     """
-    with Reading(source) as reading, os.fdopen(create(target), "wb") as output:
+    with MessageLog(source) as log, os.fdopen(create(target), "wb") as output:
         try:
-            exporter = _Exporter(Writer(output))
-            for log_ns, message in reading.messages():
+            exporter = _Exporter(TopicWriter(output))
+            for log_ns, message in log.decoded():
                 exporter.add(log_ns, message)
-            exporter.exported.invalid = reading.invalid
+            exporter.exported.invalid = log.invalid
             exporter.close()
             if not exporter.exported.messages.get("/numbers"):
                 raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
@@ -100,12 +101,9 @@ def export(source: Path, target: Path) -> Exported:
 class _Exporter:
     """Converts messages one by one."""
 
-    def __init__(self, writer: Writer) -> None:
+    def __init__(self, writer: TopicWriter) -> None:
         self.exported = Exported()
         self._writer = writer
-        self._writer.start()
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
         self._observed = Observed()
         self._palette = Palette()
         self._tally = Tally(Truth())
@@ -181,18 +179,11 @@ class _Exporter:
                 self._put("/events", "foxglove.Log", log_ns, foxglove.log_line(event))
 
     def _put(self, topic: str, schema: str, log_ns: int, content: Json) -> None:
-        self._writer.add_message(
-            channel_id=self._channel(topic, schema),
-            log_time=log_ns,
-            publish_time=log_ns,
-            data=json.dumps(content, allow_nan=False, separators=(",", ":")).encode(),
-        )
+        data = json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
+        self._writer.add(topic, _definition(schema), "json", data, log_ns)
         self.exported.messages[topic] = self.exported.messages.get(topic, 0) + 1
 
-    def _channel(self, topic: str, schema: str) -> int:
-        if topic not in self._channels:
-            if schema not in self._schemas:
-                data = json.dumps(SCHEMAS[schema]).encode()
-                self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, data)
-            self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
-        return self._channels[topic]
+
+@cache
+def _definition(schema: str) -> Definition:
+    return Definition(schema, SCHEMA_ENCODING, json.dumps(SCHEMAS[schema]).encode())

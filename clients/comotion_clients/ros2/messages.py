@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
+from comotion_schemas.rigid import transform
 
-from ..carried import poses_in_space, transform
+from ..carried import poses_in_space
 from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, make
