@@ -30,6 +30,8 @@ from comotion_schemas.component import Component
 from comotion_schemas.keys import Kind
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session, stream_publisher
 
+from ..builders import batch
+
 DEADLINE = 120.0
 """s after which what is awaited counts as missing; long, for a loaded machine takes its time."""
 
@@ -180,31 +182,21 @@ def two_bodies(stamp_ns: int) -> np.ndarray:
 
 def observe(name: str, session: str, seq: int, stamp_ns: int) -> ObservationBatch:
     """What a tracker of :func:`two_bodies` publishes."""
-    return ObservationBatch(
-        source=name,
-        session=session,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=stamp_ns,
-        ids=np.arange(12, dtype=np.uint64),
-        positions=two_bodies(stamp_ns),
-    )
+    return batch(name, seq, stamp_ns, two_bodies(stamp_ns), session=session)
 
 
 class Tracker:
     """A well-behaved source of :func:`two_bodies`, in a thread of the test."""
 
-    def __init__(self, endpoint: str, name: str, rate: float) -> None:
-        self._endpoint, self._name, self._rate = endpoint, name, rate
+    def __init__(self, endpoint: str, name: str, rate: float, scene: str) -> None:
+        self._endpoint, self._name, self._rate, self._scene = endpoint, name, rate, scene
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         settings = SessionSettings(connect=(self._endpoint,))
-        with Component(role="source", name=self._name, settings=settings) as component:
+        with Component(role="source", name=self._name, scene=self._scene, settings=settings) as component:
             publisher = stream_publisher(component.session, component.keys, "obs", self._name)
             seq = 0
             while not self._stop.wait(1 / self._rate):
@@ -324,11 +316,11 @@ def listen() -> Iterator[Listen]:
 
 @pytest.fixture
 def track() -> Iterator[Track]:
-    """Publish two bodies: ``track(endpoint, name, rate)``."""
+    """Publish two bodies: ``track(endpoint, name, rate, scene)``."""
     with ExitStack() as stack:
 
-        def run(endpoint: str, name: str = "tracker", rate: float = 20.0) -> Tracker:
-            tracker = Tracker(endpoint, name, rate)
+        def run(endpoint: str, name: str = "tracker", rate: float = 20.0, scene: str = "default") -> Tracker:
+            tracker = Tracker(endpoint, name, rate, scene)
             stack.callback(tracker.close)
             return tracker
 
@@ -346,17 +338,18 @@ def serve(start: Start, free_port_endpoint: str, connect: Connect, listen: Liste
     return run
 
 
+def until_heard(publisher: zenoh.Publisher) -> zenoh.Publisher:
+    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
+    matched = threading.Event()
+    listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
+    if publisher.matching_status.matching:
+        matched.set()
+    assert matched.wait(DEADLINE)
+    listener.undeclare()
+    return publisher
+
+
 @pytest.fixture
 def heard() -> Callable[[zenoh.Publisher], zenoh.Publisher]:
-    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
-
-    def wait(publisher: zenoh.Publisher) -> zenoh.Publisher:
-        matched = threading.Event()
-        listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
-        if publisher.matching_status.matching:
-            matched.set()
-        assert matched.wait(DEADLINE)
-        listener.undeclare()
-        return publisher
-
-    return wait
+    """Wait until somebody subscribes to what a publisher publishes."""
+    return until_heard

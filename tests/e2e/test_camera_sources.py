@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comotion_deploy.cli import run
 from comotion_schemas import Keys
 from comotion_schemas.colours import BACKGROUND, COLOURS
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
@@ -80,16 +79,6 @@ def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session,
     assert (first.sigma > 0).all()
     assert last.seq > 5
     assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
-
-
-def test_original_stamps_as_fast_as_it_goes(start, endpoint, session, listen, video) -> None:
-    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
-    source = start("source", "klt", video, "--stamps", "original", "--no-realtime", "--connect", endpoint)
-    assert source.wait() == 0
-    batches.until(lambda batch: batch.ended is not None and batch.seq == 20)
-    # All 20 frames: the last one has been seen, at the time the file says.
-    statuses = source.lines[-1]
-    assert "frames 20" in statuses
 
 
 def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
@@ -197,35 +186,6 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
     assert pixels.next().space == "b/pixels"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (("nope.mp4",), "no such file or folder"),
-        (("VIDEO", "--calibration", "wrong.yaml"), "wrong.yaml: no camera matrix"),
-        (("VIDEO", "--calibration", "missing.yaml"), "missing.yaml: No such file or directory"),
-        (("VIDEO", "--extrinsics", "inner.toml"), "has no [extrinsics]"),
-        (
-            ("VIDEO", "--tracker", "windw=3"),
-            "unknown tracker parameter 'windw'; one of anchor_reach, birth_sigma, cell, depth_edge",
-        ),
-        (("VIDEO", "--tracker", "window=1000"), "tracker parameter window: "),
-        (("VIDEO", "--name", "Not A Name"), "name 'Not A Name'"),
-    ],
-)
-def test_what_is_wrong_is_one_line(
-    video, tmp_path: Path, arguments: tuple[str, ...], told: str, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("wrong.yaml").write_text("image_width: 320\n")
-    Path("inner.toml").write_text(format_calibration(CAMERA, None))
-    named = [str(video) if a == "VIDEO" else a for a in arguments]
-    assert run(["source", "klt", *named]) == 2  # before any router is looked for
-    errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 1
-    assert errors[0].startswith("error: ")
-    assert told in errors[0]
-
-
 def test_a_calibration_that_does_not_fit_the_images_is_one_line(
     start, endpoint, recording, tmp_path: Path
 ) -> None:
@@ -235,30 +195,6 @@ def test_a_calibration_that_does_not_fit_the_images_is_one_line(
     assert source.wait() == 2
     told = f"error: {recording}: images of 320 x 240, but the calibration is for 100 x 100"
     assert source.lines == ["ready", told]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (("VIDEO", "--marker-size", "0.1"), "an external camera needs its extrinsics"),
-        (
-            ("VIDEO", "--marker-size", "0.1", "--extrinsics", "identity"),
-            "markers need the camera's intrinsics",
-        ),
-        (
-            ("VIDEO", "--marker-size", "0.1", "--dictionary", "9x9"),
-            "no marker dictionary '9x9'; one of 4x4_100",
-        ),
-    ],
-)
-def test_what_an_external_camera_lacks_is_one_line(
-    video, arguments: tuple[str, ...], told: str, capsys
-) -> None:
-    named = [str(video) if a == "VIDEO" else a for a in arguments]
-    assert run(["source", "external-camera", *named]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 1
-    assert told in errors[0]
 
 
 class NetworkCamera:

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from comotion_schemas import Keys
-from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields, new_session_id
+from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields
 from comotion_schemas.transport import SessionSettings, open_session
 
 from .conftest import DEADLINE
@@ -100,12 +100,6 @@ def test_a_session_that_is_not_open_is_an_error(endpoint) -> None:
         _ = one.session
 
 
-@pytest.mark.parametrize(("name", "scene"), [("Two Words", "default"), ("cam", "a/b"), ("", "default")])
-def test_an_invalid_name_is_refused_before_anything_is_opened(endpoint, name, scene) -> None:
-    with pytest.raises(ValueError, match="is not 1 to 64 characters"):
-        component(endpoint, name=name, scene=scene)
-
-
 def test_an_error_inside_closes_the_session(endpoint) -> None:
     with pytest.raises(RuntimeError, match="inside"), component(endpoint) as one:
         raise RuntimeError("inside")
@@ -150,9 +144,3 @@ def test_a_second_signal_ends_one_that_hangs(endpoint) -> None:
         assert process.stdout.readline() == "stopping\n"
         process.send_signal(signal.SIGTERM)
         assert process.wait(DEADLINE) == -signal.SIGTERM
-
-
-def test_session_ids_are_new_every_time() -> None:
-    ids = {new_session_id() for _ in range(100)}
-    assert len(ids) == 100
-    assert all(len(i) == 16 and set(i) <= set("0123456789abcdef") for i in ids)

@@ -17,6 +17,7 @@ from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
 
 from .conftest import DEADLINE
+from .services.test_service import labels
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
@@ -99,12 +100,6 @@ def await_end() -> Iterator[Callable[[int], None]]:
             os.close(handle)
 
     return wait
-
-
-def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
-    names = [source.name for source in update.sources]
-    rows = zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
-    return {(names[source], int(track)): int(hypothesis) for source, track, hypothesis in rows}
 
 
 def is_sorted_out(update: HypothesisUpdate) -> bool:

@@ -162,13 +162,8 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
-def test_rotation_and_a_full_disk(
-    start: Callable,
-    endpoint: str,
-    session: zenoh.Session,
-    listen: Callable,
-    track: Callable,
-    tmp_path: Path,
+def test_a_recorder_begins_a_new_file_every_second(
+    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, track: Callable, tmp_path: Path
 ) -> None:
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     track(endpoint, rate=50.0)
@@ -176,18 +171,7 @@ def test_rotation_and_a_full_disk(
     statuses.until(lambda s: s.counters["files"] > 2)
     recorder.interrupt()
     assert recorder.wait() == 0
-    files = sorted(tmp_path.glob("take-*.mcap"))
-    assert [path.name for path in files[:3]] == ["take-001.mcap", "take-002.mcap", "take-003.mcap"]
-    for path in files:
-        assert read(path)
-
-    free = os.statvfs(tmp_path).f_bavail * os.statvfs(tmp_path).f_frsize
-    full = start(
-        "record", tmp_path / "x.mcap", "--reserve", free / 2**20 + 1000, "--connect", endpoint, ready=False
-    )
-    assert full.wait() == 2
-    assert full.lines[-1].startswith("error: ")
-    assert "are to stay free" in full.lines[-1]
+    assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
 
 
 def scrape(line: str) -> str:

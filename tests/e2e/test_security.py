@@ -19,11 +19,10 @@ from comotion_schemas.component import Component
 from comotion_schemas.tls import TlsFiles, load_tls
 from comotion_schemas.transport import SessionSettings, connect, stream_publisher
 
-from .conftest import DEADLINE, free_endpoint, observe
+from .conftest import DEADLINE, free_endpoint, observe, until_heard
 
 pytestmark = pytest.mark.e2e
 KEYS, OTHER_SCENE = Keys(), Keys("elsewhere")
-SESSION = "0" * 16
 RATE = 30.0
 ROLES = [("source", "cam", "mocap"), ("service", "fusion"), ("viewer", "laptop"), ("recorder", "disk")]
 
@@ -86,18 +85,10 @@ def samples(channel) -> list[str]:
     return found
 
 
-def heard(publisher: zenoh.Publisher) -> None:
-    """Wait until the publisher knows of a subscriber."""
-    until = time.monotonic() + DEADLINE
-    while not publisher.matching_status.matching:
-        assert time.monotonic() < until
-        time.sleep(0.01)
-
-
 def say(session: zenoh.Session, name: str) -> None:
     """Publish something allowed that everyone with the right to can tell: a Status."""
     publisher = session.declare_publisher(KEYS.stream("status", name))
-    heard(publisher)
+    until_heard(publisher)
     publisher.put(b"allowed")
 
 
@@ -171,7 +162,7 @@ def test_a_source_reads_nothing_of_others(log_in, all_seeing) -> None:
     token = mocap.liveliness().declare_token(KEYS.live("source", "mocap"))
     for kind in ("obs", "joints", "preview", "status"):
         publisher = mocap.declare_publisher(KEYS.stream(kind, "mocap"))
-        heard(publisher)
+        until_heard(publisher)
         publisher.put(b"secret")
     seen: list[str] = []
     while len(seen) < 4:
@@ -275,7 +266,7 @@ def test_a_link_ends_with_its_certificate(site) -> None:
 def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in, all_seeing) -> None:
     arrived = all_seeing.declare_subscriber(KEYS.stream("obs", "cam"), RingChannel(10))
     publisher = log_in("cam").declare_publisher(KEYS.stream("obs", "cam"))
-    heard(publisher)
+    until_heard(publisher)
     publisher.put(bytes(5 * 1024 * 1024))
     until = time.monotonic() + DEADLINE
     while (sample := arrived.try_recv()) is None:
@@ -295,8 +286,8 @@ def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) 
     )
     flooded = all_seeing.declare_subscriber(KEYS.stream("obs", "cam"), RingChannel(10_000))
     arrived = all_seeing.declare_subscriber(KEYS.stream("obs", "mocap"), RingChannel(1000))
-    heard(flood)
-    heard(other)
+    until_heard(flood)
+    until_heard(other)
 
     def send(count: int) -> None:
         """100 times the rate of the other, which keeps below its own limit."""

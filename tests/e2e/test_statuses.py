@@ -9,28 +9,16 @@ from comotion.runtime.statuses import Sent, Statuses
 from comotion_schemas import Keys, Status, encode
 from comotion_schemas.transport import SessionSettings, open_session
 
+from .. import builders
+from ..builders import SESSION, S
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
-SESSION = "00000000000000aa"
-S = 10**9
 
 
-def status(component: str, sent: int = 0, **changes: object) -> Status:
-    fields = {
-        "component": component,
-        "role": "source",
-        "session": SESSION,
-        "stamp_ns": 0,
-        "state": "ok",
-        "rates": {},
-        "ages": {},
-        "counters": {"sent": sent},
-        "rejected": {},
-        "message": "",
-    }
-    return Status(**(fields | changes))
+def status(component: str, sent: int = 0, **fields: object) -> Status:
+    return builders.status(component, **({"role": "source", "counters": {"sent": sent}} | fields))
 
 
 class Reader:

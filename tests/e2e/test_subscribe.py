@@ -13,11 +13,11 @@ from comotion_clients.subscribe import Subscription, subscribe
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, encode
 from comotion_schemas.transport import SessionSettings, declare_publisher, open_session
 
-from .. import messages
+from .. import builders
+from ..builders import SESSION, batch, status
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
-SESSION = "0123456789abcdef"
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +42,7 @@ def scene() -> str:
 
 
 def update(scene: str, seq: int, *, session: str = SESSION) -> HypothesisUpdate:
-    return messages.update(scene=scene, session=session, seq=seq, stamp_ns=seq)
-
-
-def batch(source: str, seq: int) -> ObservationBatch:
-    return messages.batch(source=source, seq=seq, stamp_ns=seq, ids=[1])
+    return builders.update(scene=scene, seq=seq, stamp_ns=seq, session=session)
 
 
 def test_the_last_update_comes_at_once_and_then_the_next(
@@ -112,8 +108,8 @@ def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, sc
         observations.put(encode(batch("cam", 0)))
         assert next(batches).source == "cam"
         assert batches.counters.invalid == {"source-mismatch": 1}
-    status = declare_publisher(session, Keys(scene).stream("status", "cam"), "status")
-    status.put(encode(_status("cam")))
+    publisher = declare_publisher(session, Keys(scene).stream("status", "cam"), "status")
+    publisher.put(encode(status("cam", "source")))
     with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
         assert next(statuses).component == "cam"
 
@@ -123,21 +119,17 @@ def test_a_storm_of_statuses_of_one_component_displaces_no_other(
 ) -> None:
     keys = Keys(scene)
     with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
-        session.put(keys.stream("status", "quiet"), encode(_status("quiet")))
+        session.put(keys.stream("status", "quiet"), encode(status("quiet", "source")))
         assert next(statuses).component == "quiet"
         blocking = zenoh.CongestionControl.BLOCK
         for _ in range(500):
             key = keys.stream("status", "loud")
-            session.put(key, encode(_status("loud")), congestion_control=blocking)
-        session.put(keys.stream("status", "last"), encode(_status("last")))
+            session.put(key, encode(status("loud", "source")), congestion_control=blocking)
+        session.put(keys.stream("status", "last"), encode(status("last", "source")))
         while (found := next(statuses)).component != "last":
             assert found.component == "loud"
         assert statuses.counters.received < 100
         assert statuses.counters.received + statuses.counters.stale == 502
-
-
-def _status(name: str) -> Status:
-    return messages.status(component=name, role="source")
 
 
 def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:

@@ -15,31 +15,31 @@ import pytest
 import zenoh
 
 from comotion_experiments.browser import Browser
-from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, SourceRef, encode
+from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.colours import COLOURS
 from comotion_schemas.transport import declare_publisher
 
-from .. import messages
+from .. import builders
+from ..builders import SESSION
 
 pytest.importorskip("rerun", reason="needs the extra view")
 pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
-SESSION = "0123456789abcdef"
 CHROMIUM = os.environ.get("COMOTION_CHROMIUM", "")
 
 
 def update(seq: int) -> HypothesisUpdate:
     now = time.time_ns()
     x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
-    return messages.update(
+    return builders.update(
+        [1] * 144,
+        scene="default",
         seq=seq,
         stamp_ns=now,
         sources=[SourceRef(name="camera", session=SESSION)],
-        track_id=np.arange(144),
-        track_hypothesis=[1] * 144,
         track_position=np.stack([x.ravel(), y.ravel(), np.full(144, np.nan)], axis=1).astype(np.float32),
         hypotheses=[
-            Hypothesis(id=1, space="wall", size=144, born_ns=now, state="static", centroid=[0.5, 0.5])
+            builders.hypothesis(1, space="wall", size=144, born_ns=now, state="static", centroid=[0.5, 0.5])
         ],
     )
 

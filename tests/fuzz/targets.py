@@ -27,8 +27,10 @@ from comotion_sources.recordings import read_recording, recording_batches
 from comotion_sources.recordings.messages import MessageLog
 from comotion_sources.simulator.spec import load_scene
 
-SESSION = "a" * 16
-NOW_NS = 1_700_000_000_000_000_000
+from .. import builders
+from ..builders import MS, SESSION, T0
+
+NOW_NS = T0
 CORPUS = Path(__file__).with_name("corpus")
 
 
@@ -51,20 +53,11 @@ class Target:
                 raise AssertionError("more than one line") from error
 
 
-def batch(seq: int = 0, **changes: Any) -> ObservationBatch:
-    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.01 * seq], [1, 1, 0.01 * seq]], np.float32)
-    fields: dict[str, Any] = {
-        "source": "cam",
-        "session": SESSION,
-        "seq": seq,
-        "space": "world",
-        "unit": "m",
-        "dim": 3,
-        "stamp_ns": NOW_NS + seq * 50_000_000,
-        "ids": np.arange(4, dtype=np.uint64),
-        "positions": positions,
-    }
-    return ObservationBatch(**(fields | changes))
+def batch(seq: int = 0, **fields: Any) -> ObservationBatch:
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.01 * seq], [1, 1, 0.01 * seq]])
+    return builders.batch(
+        **({"seq": seq, "stamp_ns": NOW_NS + seq * 50 * MS, "positions": positions} | fields)
+    )
 
 
 def _decode(data: bytes) -> None:
@@ -102,7 +95,6 @@ def _core(data: bytes) -> None:
                 session=("b" if what & 8 else "a") * 16,
                 space="world" if what & 16 else "other",
                 unit="m" if what & 32 else "px",
-                dim=dim,
                 stamp_ns=stamp if what & 64 else relative,
                 ids=np.arange(count, count + rows, dtype=np.uint64),
                 positions=np.tile(row, (rows, 1)) + np.arange(rows, dtype=np.float32)[:, None],

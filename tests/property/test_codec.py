@@ -1,4 +1,4 @@
-"""The codec on random messages, mutated payloads and random bytes."""
+"""The codec on random messages; tests/fuzz has damaged ones."""
 
 import msgpack
 import numpy as np
@@ -208,21 +208,7 @@ messages = st.one_of(
 )
 
 
-def decodes_or_is_rejected(payload):
-    try:
-        message = decode(payload)
-    except DecodeError as error:
-        message = None
-        shown = error.detail
-        reason = error.reason
-    if message is None:
-        assert shown.isprintable()
-        assert reason
-    else:
-        assert decode(encode(message)) is not None
-
-
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(messages)
 def test_any_message_survives_the_wire(message):
     payload = encode(message)
@@ -238,18 +224,7 @@ def test_any_message_survives_the_wire(message):
             assert other == value
 
 
-@settings(max_examples=150, deadline=None)
-@given(messages, st.data())
-def test_a_damaged_payload_is_rejected_and_never_crashes(message, data):
-    payload = bytearray(encode(message))
-    for _ in range(data.draw(st.integers(1, 4))):
-        place = data.draw(st.integers(0, len(payload) - 1))
-        payload[place] = data.draw(st.integers(0, 255))
-    decodes_or_is_rejected(bytes(payload))
-    decodes_or_is_rejected(bytes(payload[: data.draw(st.integers(0, len(payload)))]))
-
-
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(messages, st.data())
 def test_a_field_of_any_other_value_is_rejected_and_never_crashes(message, data):
     content = msgpack.unpackb(encode(message))
@@ -259,10 +234,10 @@ def test_a_field_of_any_other_value_is_rejected_and_never_crashes(message, data)
         max_leaves=6,
     )
     content[data.draw(st.sampled_from(sorted(content)))] = data.draw(value)
-    decodes_or_is_rejected(msgpack.packb(content))
-
-
-@settings(max_examples=150)
-@given(st.binary(max_size=300))
-def test_random_bytes_are_rejected_and_never_crash(payload):
-    decodes_or_is_rejected(payload)
+    try:
+        again = decode(msgpack.packb(content))
+    except DecodeError as error:
+        assert error.reason  # noqa: PT017 - either outcome is right
+        assert error.detail.isprintable()  # noqa: PT017
+    else:
+        assert decode(encode(again)) is not None

@@ -6,9 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
+from comotion_schemas import HypothesisUpdate, decode, encode
 
-START_NS = 1_700_000_000_000_000_000
+from ..builders import T0 as START_NS
+from ..builders import batch
+
 FRAME_NS = 33_000_000
 
 METHODS = ("comotion", "thesis")
@@ -59,11 +61,8 @@ def play(
     rng = np.random.default_rng(1)
     for frame in range(12):
         now = START_NS + frame * FRAME_NS
-        batch = ObservationBatch(
-            source="hostile", session="a" * 16, seq=frame, space="s", unit=unit, dim=dim, stamp_ns=now,
-            ids=np.arange(count), positions=np.clip(shape(name, count, dim, rng), -1e9, 1e9), sigma=sigma,
-        )  # fmt: skip
-        fusion.ingest(batch)
+        positions = np.clip(shape(name, count, dim, rng), -1e9, 1e9)
+        fusion.ingest(batch("hostile", frame, now, positions, space="s", unit=unit, sigma=sigma))
         if frame % 4 == 3:
             update = fusion.update(now)
             assert encode(decode(encode(update))) == encode(update)
@@ -81,7 +80,7 @@ def test_every_shape_of_scene_gives_a_valid_update(method: str, unit: str, dim: 
     assert len(update.track_id) == 8
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     method=st.sampled_from(METHODS),
     space=st.sampled_from(SPACES),
@@ -100,11 +99,7 @@ def test_no_noise_and_no_window_break_an_update(
 def test_a_coordinate_beyond_all_measure_is_refused_as_out_of_range(method: str) -> None:
     fusion, update = play(FusionConfig(method=method), "m", 3, "scattered")
     now = update.published_ns + FRAME_NS
-    far = ObservationBatch(
-        source="hostile", session="a" * 16, seq=12, space="s", unit="m", dim=3, stamp_ns=now,
-        ids=np.arange(2), positions=np.array([[0, 0, 0], [3e38, 0, 0]]),
-    )  # fmt: skip
-    fusion.ingest(far)
+    fusion.ingest(batch("hostile", 12, now, [[0, 0, 0], [3e38, 0, 0]], space="s"))
     after = fusion.update(now)
     assert fusion.stats.rejected == {"range": 1}
     assert after.track_id.tolist() == update.track_id.tolist()

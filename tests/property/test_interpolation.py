@@ -14,7 +14,7 @@ times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)
 stamps = st.lists(st.integers(-5, 80), min_size=1, max_size=12).map(sorted)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     times=times,
     stamps=stamps,
@@ -35,7 +35,7 @@ def test_a_segment_is_the_one_that_holds_the_stamp(times, stamps, max_gap, max_a
         assert share == want[2]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(series=st.lists(times.filter(len), min_size=1, max_size=4), stamps=stamps, gap=st.integers(1, 20))
 def test_states_are_those_of_the_segments(series, stamps, gap):
     window = Window(2, 10**9, gap)
@@ -54,7 +54,7 @@ def test_states_are_those_of_the_segments(series, stamps, gap):
                 np.testing.assert_allclose(states.position[t, n], [*x, -stamp], rtol=1e-12, atol=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(series=st.lists(times.filter(len), min_size=1, max_size=4), span=st.integers(0, 70))
 def test_recent_steps_look_back_far_enough_or_to_the_first(series, span):
     window = Window(2, 10**9, 10**9)

@@ -55,7 +55,7 @@ def scripts(draw: st.DrawFn) -> tuple[int, list[tuple[int, int, dict[int, Point]
     return dim, sorted(instants, key=lambda instant: instant[:2])
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(script=scripts(), v_move=st.sampled_from([None, 0.1, 1.0]), every=st.integers(1, 400))
 def test_sums_equal_the_definitions(script, v_move, every):
     dim, instants = script
@@ -72,7 +72,7 @@ def test_sums_equal_the_definitions(script, v_move, every):
     both.check()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(script=scripts(), v_move=st.sampled_from([None, 0.1]))
 def test_sums_computed_anew_are_those_carried_along(script, v_move):
     dim, instants = script
@@ -84,7 +84,7 @@ def test_sums_computed_anew_are_those_carried_along(script, v_move):
     both.check()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(scene=st.sampled_from([2, 3]).flatmap(tracks), v_move=st.sampled_from([None, 0.1, 1.0]))
 def test_the_equations_equal_the_definitions(scene, v_move):
     gap = 500 * MS

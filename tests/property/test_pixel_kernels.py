@@ -10,7 +10,7 @@ from comotion.pixels.kernels import affine, epipolar, linkage, motion, neighbour
 from ..reference import pixels as twin
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
-few = settings(max_examples=15, deadline=None)
+few = settings(max_examples=15)
 CLOSE = {"rtol": 2e-3, "atol": 2e-3}
 
 

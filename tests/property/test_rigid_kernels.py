@@ -39,7 +39,7 @@ from comotion.rigid.procrustes import Body
 from ..reference import rigid as plain
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
-few = settings(max_examples=25, deadline=None)
+few = settings(max_examples=25)
 TOLERANCE = 1e-6
 WHITE = 1.0, 0.0, 0.0
 SLOW = 0.3, 5.0, 0.99
@@ -97,7 +97,7 @@ def test_rotations_are_converted_as_scipy_does(rng):
 
 
 @given(st.integers(0, 10_000), st.integers(3, 8), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_spatial_rotation_is_the_best_one_wherever_it_starts(seed, n, started):
     rng = np.random.default_rng(seed)
     b, y = rng.normal(size=(2, n, 3))

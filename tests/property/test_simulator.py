@@ -44,7 +44,7 @@ def specs(draw):
     return SceneSpec(title="random", dim=dim, duration=draw(st.floats(0.1, 5)), bodies=bodies, **options)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(specs(), st.integers(0, 2**32), st.lists(rates, min_size=1, max_size=4), st.booleans())
 def test_sources_of_any_rate_share_one_consistent_world(spec, seed, chosen, by_object):
     split = "objects" if by_object else "features"
@@ -65,7 +65,7 @@ def test_sources_of_any_rate_share_one_consistent_world(spec, seed, chosen, by_o
         assert frames == len(source)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(specs(), st.integers(0, 2**32))
 def test_members_of_a_body_keep_their_distances(spec, seed):
     first = {}

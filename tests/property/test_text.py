@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 
 import msgpack
-import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -22,7 +21,9 @@ from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, dec
 from comotion_schemas.text import LogFormatter, shown
 from comotion_tools.soak.attacks import MARKUP
 
-SESSION = "0123456789abcdef"
+from .. import builders
+from ..builders import SESSION
+
 # All planes but lone surrogates, which are no UTF-8; those that formats and terminals obey come often.
 texts = st.text(
     st.sampled_from("[]/\\<>!`*|\x1b\x9b\r\n\t\x00\u202e\u2066\u200b\u2028 ab")
@@ -46,17 +47,7 @@ def status(text: str, **changes: object) -> Status:
 
 
 def batch(space: str) -> ObservationBatch:
-    return ObservationBatch(
-        source="cam",
-        session=SESSION,
-        seq=0,
-        space=space,
-        unit="m",
-        dim=3,
-        stamp_ns=0,
-        ids=[1],
-        positions=np.zeros((1, 3), np.float32),
-    )
+    return builders.batch(space=space)
 
 
 def lines_of(*what: object) -> list[str]:

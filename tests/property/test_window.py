@@ -31,7 +31,7 @@ def literal_speeds(track):
     return {t: s for (t, _), s in zip(ordered, speeds, strict=True)}
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(operations, st.integers(0, 2**32 - 1))
 def test_window_holds_exactly_what_lies_inside_it(steps, seed):
     rng = np.random.default_rng(seed)

@@ -7,21 +7,10 @@ from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import of_fusion
-from comotion_schemas import ObservationBatch
 
-MS = 1_000_000
-S = 1_000 * MS
-T0 = 1_700_000_000 * S
+from ..builders import MS, T0, S, batch
+
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
-
-
-def batch(source, seq, stamp_ns, positions=POINTS, **fields):
-    positions = np.asarray(positions, np.float32)
-    fields = {"space": "world", "unit": "m", "dim": positions.shape[1]} | fields
-    fields.setdefault("ids", np.arange(len(positions), dtype=np.uint64))
-    return ObservationBatch(
-        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, positions=positions, **fields
-    )
 
 
 def instants(source, seq, now_ns, count=1000):
@@ -39,7 +28,7 @@ class TestInstants:
         """An honest source at 30 Hz beside one that packs 1000 instants into each batch."""
         for k in range(30 * seconds):
             now = T0 + k * 33 * MS
-            fusion.ingest(batch("honest", k, now))
+            fusion.ingest(batch("honest", k, now, POINTS))
             fusion.ingest(instants("many", k, now))
             fusion.advance(now)
             if k % 3 == 2:

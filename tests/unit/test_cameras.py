@@ -1,8 +1,6 @@
 """Adapters: whatever the user names yields frames with the right stamps, or one clear line."""
 
 import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -309,52 +307,6 @@ def test_stamps_are_the_devices_where_it_has_one(monkeypatch: pytest.MonkeyPatch
         frame = CaptureDevice(Capture(backend, position), clock=lambda: 1_700_000_000_000_000_000).read()
         assert frame is not None
         assert frame.stamp_ns == 1_700_000_000_000_000_000 + offset
-
-
-@pytest.fixture
-def mjpeg() -> Iterator[tuple[str, threading.Event]]:
-    """A network camera: MJPEG over HTTP, until it is unplugged."""
-    unplugged = threading.Event()
-    ok, encoded = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8))
-    assert ok
-    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(encoded)
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-            self.end_headers()
-            try:
-                while not unplugged.wait(0.02):
-                    self.wfile.write(part + encoded.tobytes() + b"\r\n")
-            except OSError:
-                return
-
-        def log_message(self, *arguments: object) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_address[1]}/stream.mjpg", unplugged
-    unplugged.set()
-    server.shutdown()
-    server.server_close()
-    thread.join()
-
-
-def test_a_network_camera_that_is_unplugged(mjpeg: tuple[str, threading.Event]) -> None:
-    url, unplugged = mjpeg
-    camera = open_frames(url)
-    assert camera.live
-    frames = iter(camera)
-    first, second = next(frames), next(frames)
-    assert first.image.shape == (48, 64, 3)
-    assert second.stamp_ns > first.stamp_ns
-    unplugged.set()
-    with pytest.raises(CameraError, match="stopped delivering"):
-        list(frames)
-    camera.close()
 
 
 class Clock:

@@ -53,12 +53,6 @@ def test_no_trajectory_and_one(name):
     assert cluster(name, [[1.0]]).tolist() == [0]
 
 
-@pytest.mark.parametrize("name", [DIVISIVE, "eigengap", "eigengap-normalized"])
-def test_two_trajectories(name):
-    assert cluster(name, [[1, 0.9], [0.9, 1]]).tolist() == [0, 0]
-    assert cluster(name, np.eye(2)).tolist() == [0, 1]
-
-
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("value", [0.0, 0.4, 0.5, 1.0])
 @pytest.mark.parametrize("n", [2, 3, 12])
@@ -69,12 +63,6 @@ def test_equal_affinities_give_an_answer(name, value, n):
     assert labels.shape == (n,)
     if name == DIVISIVE:
         assert len(set(labels.tolist())) == (n if value <= STOP else 1)
-
-
-def test_pairs_that_cannot_be_compared_do_not_divide():
-    a = np.full((6, 6), 0.5)
-    np.fill_diagonal(a, 1.0)
-    assert set(cluster(DIVISIVE, a).tolist()) == {0}
 
 
 def test_an_affinity_at_the_stop_divides_and_one_above_does_not():
@@ -108,7 +96,7 @@ affinities = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(affinity=affinities)
 def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
     labels = cluster(DIVISIVE, affinity)
@@ -119,7 +107,7 @@ def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
         assert set(labels.tolist()) == {0}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(affinity=affinities)
 @pytest.mark.parametrize("name", ["eigengap", "eigengap-normalized"])
 def test_spectral_clustering_answers_for_any_affinity(name, affinity):
@@ -136,7 +124,7 @@ def test_rows_and_columns_are_gathered(count):
 
 
 @pytest.mark.parametrize("sizes", [(14, 9, 6), (140, 90, 60)])
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_the_first_split_is_as_good_as_that_of_ten_random_starts(sizes, seed):
     rng = np.random.default_rng(seed)
     affinity, _ = blocks(sizes, inside=0.7, outside=0.3, noise=rng.uniform(0.05, 0.3), seed=seed)
@@ -147,24 +135,9 @@ def test_the_first_split_is_as_good_as_that_of_ten_random_starts(sizes, seed):
     assert ours <= 1.02 * theirs.inertia_
 
 
-@pytest.mark.parametrize("name", [DIVISIVE, "eigengap"])
-def test_cohesion_is_the_mean_affinity_to_the_other_members(name):
-    affinity, truth = blocks((9, 7, 12))
-    found = clusters(make_clustering(name, STOP), affinity)
-    for k, label in enumerate(truth):
-        mates = (truth == label) & (np.arange(len(truth)) != k)
-        assert found.cohesion[k] == pytest.approx(affinity[k, mates].mean(), abs=1e-6)
-    alone = clusters(make_clustering(name, STOP), np.eye(1))
-    assert alone.cohesion.tolist() == [0.5]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_first_guess_from_the_call_before_changes_nothing_about_the_answer(seed):
     cluster = make_clustering(DIVISIVE, STOP)
     for sizes in ((60, 30, 40), (60, 30, 40), (50, 50, 30), (130,), (20, 20, 20, 70)):
         affinity, truth = blocks(sizes, seed=seed)
         np.testing.assert_array_equal(clusters(cluster, affinity).labels, truth)
-
-
-def test_labels_are_numbered_by_appearance():
-    assert by_appearance(np.array([7, 3, 7, 0, 3])).tolist() == [0, 1, 0, 2, 1]

@@ -10,20 +10,26 @@ from pydantic import ValidationError
 
 from comotion_schemas import (
     MAX_BYTES,
+    UNDETERMINED,
+    Box,
     DecodeError,
+    Event,
     HypothesisUpdate,
     JointStates,
     ObservationBatch,
+    Pose,
     Preview,
     Status,
     TruthBatch,
+    Twist,
     decode,
     decode_as,
     decode_on,
     encode,
 )
 
-SESSION = "0123456789abcdef"
+from ..builders import SESSION, batch, hypothesis, status, update
+
 NAN, INF = float("nan"), float("inf")
 ABSENT = object()
 
@@ -40,93 +46,46 @@ def f4(*values):
     return np.array(values, "<f4").tobytes()
 
 
-OBS = {
-    "schema": "comotion.ObservationBatch/1",
-    "source": "cam",
-    "session": SESSION,
-    "seq": 0,
-    "space": "world",
-    "unit": "m",
-    "dim": 3,
-    "stamp_ns": 50,
-    "ids": u8(1, 2),
-    "positions": f4(*range(6)),
-}
-TRUTH = {
-    "schema": "comotion.TruthBatch/1",
-    "source": "sim",
-    "session": SESSION,
-    "ids": u8(1, 2),
-    "objects": np.array([0, 1], "<i4").tobytes(),
-    "names": {"0": "R"},
-}
-JOINTS = {
-    "schema": "comotion.JointStates/1",
-    "source": "arm",
-    "session": SESSION,
-    "seq": 0,
-    "stamp_ns": 0,
-    "names": ["a", "b"],
-    "positions": np.zeros(2, "<f8").tobytes(),
-}
-PREVIEW = {
-    "schema": "comotion.Preview/1",
-    "source": "cam",
-    "session": SESSION,
-    "stamp_ns": 0,
-    "encoding": "jpeg",
-    "image": b"",
-    "ids": u8(1, 2),
-    "pixels": f4(1, 2, 3, 4),
-}
-STATUS = {
-    "schema": "comotion.Status/1",
-    "component": "cam",
-    "role": "source",
-    "session": SESSION,
-    "stamp_ns": 0,
-    "state": "ok",
-    "rates": {"obs": 1.0},
-    "ages": {},
-    "counters": {"batches": 1},
-    "rejected": {"malformed": 1},
-    "message": "",
-}
-HYPOTHESIS = {
-    "id": 4,
-    "space": "world",
-    "size": 2,
-    "born_ns": 0,
-    "state": "moving",
-    "centroid": [0.0, 0.0, 0.0],
-    "pose": {"translation": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]},
-    "twist": {"linear": [0.0, 0.0, 0.0], "angular": [0.0, 0.0, 0.0]},
-    "noise": 0.0,
-    "linked": [5],
-    "confirmed": True,
-    "box": {"center": [0.0, 0.0, 0.0], "half": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]},
-}
-UPDATE = {
-    "schema": "comotion.HypothesisUpdate/1",
-    "scene": "default",
-    "session": SESSION,
-    "seq": 0,
-    "stamp_ns": 0,
-    "published_ns": 0,
-    "period_ns": 1,
-    "live": True,
-    "epoch": 0,
-    "sources": [{"name": "cam", "session": SESSION}],
-    "track_source": np.array([0, 0], "<u2").tobytes(),
-    "track_id": u8(1, 2),
-    "track_hypothesis": np.array([4, 2**32 - 1], "<u4").tobytes(),
-    "track_confidence": f4(0, 1),
-    "track_position": f4(1, 2, NAN, 4, 5, 6),
-    "hypotheses": [HYPOTHESIS],
-    "events": [{"stamp_ns": 0, "kind": "merged", "hypothesis": 4, "others": [1, 2]}],
-    "joints": [],
-    "frames": {"world": {"translation": [0.0, 0.0, 1.0], "rotation": [0.0, 0.0, 0.0, 1.0]}},
-}
+def content(message):
+    """The map of a message."""
+    return msgpack.unpackb(encode(message))
+
+
+HEADER = {"source": "cam", "session": SESSION}
+OBS = content(batch("cam", 0, 50, [[0, 1, 2], [3, 4, 5]], ids=[1, 2]))
+TRUTH = content(TruthBatch(**HEADER, ids=[1, 2], objects=[0, 1], names={"0": "R"}))
+JOINTS = content(JointStates(**HEADER, seq=0, stamp_ns=0, names=["a", "b"], positions=[0, 0]))
+PREVIEW = content(
+    Preview(**HEADER, stamp_ns=0, encoding="jpeg", image=b"", ids=[1, 2], pixels=[[1, 2], [3, 4]])
+)
+STATUS = content(
+    status("cam", "source", rates={"obs": 1.0}, counters={"batches": 1}, rejected={"malformed": 1})
+)
+ORIGIN, UNTURNED = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
+POSE = Pose(translation=ORIGIN, rotation=UNTURNED)
+UPDATE = content(
+    update(
+        [4, UNDETERMINED],
+        track_id=[1, 2],
+        track_confidence=[0, 1],
+        track_position=[[1, 2, NAN], [4, 5, 6]],
+        hypotheses=[
+            hypothesis(
+                4,
+                size=2,
+                pose=POSE,
+                twist=Twist(linear=ORIGIN, angular=ORIGIN),
+                noise=0.0,
+                linked=[5],
+                box=Box(center=ORIGIN, half=ORIGIN, rotation=UNTURNED),
+            )
+        ],
+        events=[Event(stamp_ns=0, kind="merged", hypothesis=4, others=[1, 2])],
+        joints=[],
+        frames={"world": POSE},
+    )
+)
+(HYPOTHESIS,) = UPDATE["hypotheses"]
 JOINT = {
     "parent": 4,
     "child": 5,
@@ -134,7 +93,7 @@ JOINT = {
     "kind": "revolute",
     "confidence": 1.0,
     "axis": [0.0, 0.0, 1.0],
-    "point": [0.0, 0.0, 0.0],
+    "point": ORIGIN,
     "lower": 0.0,
     "upper": 0.5,
 }

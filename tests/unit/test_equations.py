@@ -32,17 +32,6 @@ def test_affinity_is_one_half_at_the_switch():
     assert found == pytest.approx([1.0, 0.5, 0.0])
 
 
-def test_samples_are_taken_at_every_observation_inside_the_common_interval():
-    times_i, times_j = np.array([0, 1000]) * MS, np.array([-500, 0, 250, 1000, 1100]) * MS
-    x_i, x_j = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 2.0]] * 5)
-    i = equations.Observations(times_i, x_i, equations.backward_speed(times_i, x_i))
-    j = equations.Observations(times_j, x_j, equations.backward_speed(times_j, x_j))
-    distance, speed = equations.distance_samples(i, j, 2000 * MS)
-    assert distance.tolist() == pytest.approx([2.0, math.hypot(0.25, 2.0), math.hypot(1.0, 2.0)])
-    assert speed.tolist() == pytest.approx([1.0, 1.0, 1.0])
-    assert len(equations.distance_samples(i, j, 500 * MS)[0]) == 2
-
-
 def test_the_reference_interpolates_and_weighs_as_the_thesis_says():
     """The reference itself, against numbers worked out by hand."""
     i = literal.Trajectory({0: (0.0, 0.0), 1000 * MS: (1.0, 0.0)})

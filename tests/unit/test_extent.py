@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
 from comotion.hypotheses.extent import _MOST_POINTS, _SMALLER, Extents, Members
 from comotion.partition import PoseReference
-from comotion_schemas import ObservationBatch
 
-S = 1_000_000_000
+from ..builders import S, batch
+
 HALF = np.array([0.3, 0.2, 0.1])
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
 
@@ -55,7 +55,6 @@ def holds(box, points):
     return (np.abs((points - box.center) @ matrix(box)) <= np.array(box.half) + 1e-9).all()
 
 
-@settings(deadline=None)
 @given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5, 5)] * 3))
 def test_a_cuboid_has_its_own_box_however_it_is_turned(turn, shift):
     body = Body()
@@ -132,20 +131,11 @@ def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():
         now = np.vstack([body @ R.T + [0.01 * k, 0, 0.5], floor])
         seen = np.ones(len(now), bool)
         seen[4:8] = k < 70  # a face of the body turns out of sight
-        batch = ObservationBatch(
-            source="mine",
-            session="0" * 16,
-            seq=k,
-            space="world",
-            unit="m",
-            dim=3,
-            stamp_ns=k * S // 30,
-            ids=np.flatnonzero(seen).astype(np.uint64),
-            positions=(now + rng.normal(0, 0.001, now.shape))[seen].astype(np.float32),
-        )
-        fusion.ingest(batch)
+        noisy = now + rng.normal(0, 0.001, now.shape)
+        ids = np.flatnonzero(seen).astype(np.uint64)
+        fusion.ingest(batch("mine", k, k * S // 30, noisy[seen], ids=ids))
         if k % 3 == 0:
-            update = fusion.update(batch.stamp_ns)
+            update = fusion.update(k * S // 30)
     (moving,) = [h for h in update.hypotheses if h.state == "moving"]
     assert moving.size == 12
     hidden = CORNERS[4:8] @ Rotation.from_rotvec([0, 0, 0.02 * 87]).as_matrix().T + [0.87, 0, 0.5]

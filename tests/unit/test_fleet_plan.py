@@ -41,7 +41,7 @@ fleets = st.builds(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(fleets)
 def test_the_plan_comes_to_rest_within_all_capacities_and_with_replicas_apart(start):
     end = settled(start)

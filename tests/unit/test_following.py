@@ -4,26 +4,15 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import ObservationBatch
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+from .. import builders
+from ..builders import T0, S, labels_of
+
 RATE = 15
 
 
-def batch(seq, source, positions, first_id=0):
-    positions = np.asarray(positions, np.float32)
-    return ObservationBatch(
-        source=source,
-        session="a" * 16,
-        seq=seq,
-        stamp_ns=T0 + seq * S // RATE,
-        ids=np.arange(first_id, first_id + len(positions), dtype=np.uint64),
-        positions=positions,
-        space="world",
-        unit="m",
-        dim=2,
-    )
+def batch(seq, source, positions):
+    return builders.batch(source, seq, T0 + seq * S // RATE, positions)
 
 
 def positions(seq):
@@ -56,15 +45,11 @@ def pair():
     return leader, standby
 
 
-def by_track(update):
-    return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
-
-
 def test_a_standby_takes_over_with_ids_births_and_poses_of_the_active_service(pair):
     leader, standby = pair
     expected, got = feed(leader, 60), feed(standby, 60)
-    assert by_track(got) == by_track(expected)
-    assert len(set(by_track(got).values())) == 2
+    assert labels_of(got) == labels_of(expected)
+    assert len(set(labels_of(got).values())) == 2
     for mine, theirs in zip(got.hypotheses, expected.hypotheses, strict=True):
         assert (mine.id, mine.born_ns) == (theirs.id, theirs.born_ns)
         assert mine.pose.translation == pytest.approx(theirs.pose.translation, abs=2e-3)
@@ -89,7 +74,7 @@ def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
     before = feed(standby, 60)
     restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
     update = feed(restored, 61)
-    assert by_track(update) == by_track(before)
+    assert labels_of(update) == labels_of(before)
     one = before.hypotheses[0].id
     assert restored.forget(one) == [one]
     assert restored.forget(one) == []

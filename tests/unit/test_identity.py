@@ -3,6 +3,7 @@
 from itertools import count
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,42 +18,23 @@ def propagate(before, clusters, allocate):
     return name_groups(Votes(before, before, clusters), groups, largest_first, allocate)[clusters]
 
 
-def match(before, clusters, first=100):
-    return propagate(np.array(before), np.array(clusters, np.intp), count(first).__next__).tolist()
-
-
-def test_newborn_clusters_are_new_hypotheses():
-    assert match([-1, -1, -1], [0, 1, 0]) == [100, 101, 100]
-
-
-def test_the_same_clusters_keep_their_ids_whatever_their_numbers():
-    assert match([5, 5, 7, 7], [1, 1, 0, 0]) == [5, 5, 7, 7]
-
-
-def test_newborns_join_the_hypothesis_of_their_cluster():
-    assert match([5, 5, -1, 7], [0, 0, 0, 1]) == [5, 5, 5, 7]
-
-
-def test_the_larger_part_of_a_split_keeps_the_id():
-    assert match([5] * 5, [0, 0, 1, 1, 1]) == [100, 100, 5, 5, 5]
-
-
-def test_the_larger_part_of_a_merger_gives_the_id():
-    assert match([5, 5, 7, 7, 7], [0] * 5) == [7] * 5
-
-
-def test_the_largest_overlap_is_matched_first():
+MATCHES = {
+    "newborn clusters are new": ([-1, -1, -1], [0, 1, 0], [100, 101, 100]),
+    "the numbers of clusters do not matter": ([5, 5, 7, 7], [1, 1, 0, 0], [5, 5, 7, 7]),
+    "newborns join their cluster": ([5, 5, -1, 7], [0, 0, 0, 1], [5, 5, 5, 7]),
+    "the larger part of a split keeps the id": ([5] * 5, [0, 0, 1, 1, 1], [100, 100, 5, 5, 5]),
+    "the larger part of a merger gives the id": ([5, 5, 7, 7, 7], [0] * 5, [7] * 5),
     # 5 overlaps most with cluster 0 (3), which leaves 7 (2 there, 1 in cluster 1) with cluster 1.
-    assert match([5, 5, 5, 7, 7, 7], [0, 0, 0, 0, 0, 1]) == [5, 5, 5, 5, 5, 7]
+    "the largest overlap is matched first": ([5, 5, 5, 7, 7, 7], [0, 0, 0, 0, 0, 1], [5] * 5 + [7]),
+    "more clusters than hypotheses": ([5, 5, 5], [0, 1, 2], [5, 100, 101]),
+    "fewer clusters than hypotheses": ([5, 6, 7], [0, 0, 0], [5, 5, 5]),
+    "no match without a shared trajectory": ([5, 5, -1, -1], [0, 0, 1, 1], [5, 5, 100, 100]),
+}
 
 
-def test_more_clusters_than_hypotheses_and_fewer():
-    assert match([5, 5, 5], [0, 1, 2]) == [5, 100, 101]
-    assert match([5, 6, 7], [0, 0, 0]) == [5, 5, 5]
-
-
-def test_no_match_without_a_shared_trajectory():
-    assert match([5, 5, -1, -1], [0, 0, 1, 1]) == [5, 5, 100, 100]
+@pytest.mark.parametrize(("before", "clusters", "expected"), MATCHES.values(), ids=MATCHES)
+def test_clusters_take_the_ids_of_the_hypotheses_that_they_continue(before, clusters, expected):
+    assert propagate(np.array(before), np.array(clusters, np.intp), count(100).__next__).tolist() == expected
 
 
 def struck(shared: np.ndarray) -> list[tuple[int, int]]:
@@ -100,24 +82,19 @@ def test_propagation_is_stable(rows):
     np.testing.assert_array_equal(propagate(once, clusters, count(200).__next__), once)
 
 
-def test_outdated_trajectories_wait_for_their_return():
-    waiting = follow(np.array([5, 5]), np.array([5, 5]), np.array([7, 7, 5]))
-    assert waiting.tolist() == [7, 7, 5]
-
-
-def test_a_hypothesis_mostly_hidden_is_not_carried_away_by_the_few_in_sight():
+HIDDEN = {
+    "they wait for their return": ([5, 5], [5, 5], [7, 7, 5], [7, 7, 5]),
     # One member of 7 is still seen and falls to 5; three wait.
-    assert follow(np.array([5, 7]), np.array([5, 5]), np.array([7, 7, 7])).tolist() == [7, 7, 7]
-
-
-def test_the_hidden_few_follow_the_many_in_sight():
+    "the few in sight carry nobody away": ([5, 7], [5, 5], [7, 7, 7], [7, 7, 7]),
     # 9 was known before, has nobody in sight and nobody who left it: it waits.
-    before, now = np.array([5, 7, 7, 7]), np.array([5, 5, 5, 5])
-    assert follow(before, now, np.array([7, 7, 9])).tolist() == [5, 5, 9]
+    "the few follow the many in sight": ([5, 7, 7, 7], [5, 5, 5, 5], [7, 7, 9], [5, 5, 9]),
+    "nobody": ([5], [5], [], []),
+}
 
 
-def test_nobody_hidden():
-    assert follow(np.array([5]), np.array([5]), np.zeros(0, np.int64)).tolist() == []
+@pytest.mark.parametrize(("before", "now", "hidden", "expected"), HIDDEN.values(), ids=HIDDEN)
+def test_what_is_hidden_waits_or_follows(before, now, hidden, expected):
+    assert follow(np.array(before), np.array(now), np.array(hidden, np.int64)).tolist() == expected
 
 
 def test_renaming_is_simultaneous_and_one_id_stands_for_one_group():

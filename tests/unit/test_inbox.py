@@ -1,4 +1,4 @@
-"""The bounded queue between a receiving thread and its reader."""
+"""The bounded queue between a receiving thread and its reader; tests/e2e/test_subscribe.py reads from it."""
 
 import asyncio
 import threading
@@ -6,13 +6,6 @@ import threading
 import pytest
 
 from comotion_clients.inbox import Closed, Inbox
-
-
-def test_items_come_out_in_order() -> None:
-    inbox: Inbox[int] = Inbox(3)
-    for item in range(3):
-        inbox.put(item)
-    assert [inbox.get(0) for _ in range(3)] == [0, 1, 2]
 
 
 def test_the_oldest_makes_room_and_is_counted() -> None:
@@ -28,21 +21,6 @@ def test_an_inbox_without_room_is_refused() -> None:
         Inbox(0)
 
 
-def test_reading_waits_for_an_item() -> None:
-    inbox: Inbox[str] = Inbox(1)
-    got: list[str] = []
-    reader = threading.Thread(target=lambda: got.append(inbox.get(30)))
-    reader.start()
-    inbox.put("late")
-    reader.join(30)
-    assert got == ["late"]
-
-
-def test_reading_gives_up_after_the_timeout() -> None:
-    with pytest.raises(TimeoutError):
-        Inbox(1).get(0.01)
-
-
 def test_a_closed_inbox_is_drained_and_then_ends() -> None:
     inbox: Inbox[int] = Inbox(1)
     inbox.put(1)
@@ -50,35 +28,6 @@ def test_a_closed_inbox_is_drained_and_then_ends() -> None:
     assert inbox.get() == 1
     with pytest.raises(Closed):
         inbox.get()
-
-
-def test_closing_ends_a_reader_that_waits() -> None:
-    inbox: Inbox[int] = Inbox(1)
-    ended = threading.Event()
-
-    def read() -> None:
-        with pytest.raises(Closed):
-            inbox.get()
-        ended.set()
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    inbox.close()
-    assert ended.wait(30)
-    reader.join()
-
-
-def test_asyncio_reads_what_another_thread_puts() -> None:
-    inbox: Inbox[int] = Inbox(8)
-
-    async def read() -> list[int]:
-        writer = threading.Thread(target=lambda: [inbox.put(i) for i in range(5)])
-        writer.start()
-        items = [await inbox.aget(30) for _ in range(5)]
-        writer.join()
-        return items
-
-    assert asyncio.run(read()) == [0, 1, 2, 3, 4]
 
 
 def test_asyncio_ends_with_the_inbox_and_with_the_timeout() -> None:

@@ -11,26 +11,19 @@ from comotion_clients.scene_model import SceneModel
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
 from comotion_clients.watch_view import render
-from comotion_schemas import Box, Hypothesis, Joint, Pose
+from comotion_schemas import Box, Joint, Pose
 from comotion_schemas.colours import Palette
 from comotion_schemas.naming import joint_words, read_names
 
-from .. import messages
+from .. import builders
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 
 def body(one, centre, state="moving"):
-    return Hypothesis(
-        id=one,
-        space="world",
-        size=5,
-        born_ns=0,
-        state=state,
-        centroid=centre,
-        pose=Pose(translation=[0.0, 0.0, 0.0], rotation=IDENTITY),
-        box=Box(center=centre, half=[0.2, 0.01, 0.3], rotation=IDENTITY),
-    )
+    pose = Pose(translation=[0.0, 0.0, 0.0], rotation=IDENTITY)
+    box = Box(center=centre, half=[0.2, 0.01, 0.3], rotation=IDENTITY)
+    return builders.hypothesis(one, size=5, state=state, centroid=centre, pose=pose, box=box)
 
 
 DOOR = Joint(
@@ -64,20 +57,14 @@ DRAWER = Joint(
 FREE = Joint(parent=1, child=4, space="world", kind="free", confidence=1.0)
 
 
-def update(joints, **changes):
-    return messages.update(
-        session="0" * 16,
-        stamp_ns=10**9,
-        track_position=[],
-        hypotheses=[
-            body(1, [0.5, 0.0, 0.0], "static"),
-            body(2, [1.2, 0.5, 0.3]),
-            body(3, [1.3, 0.6, 0.3]),
-            body(4, [0.0, 2.0, 0.0]),
-        ],
-        joints=joints,
-        **changes,
-    )
+def update(joints):
+    bodies = [
+        body(1, [0.5, 0.0, 0.0], "static"),
+        body(2, [1.2, 0.5, 0.3]),
+        body(3, [1.3, 0.6, 0.3]),
+        body(4, [0.0, 2.0, 0.0]),
+    ]
+    return builders.update(hypotheses=bodies, joints=joints)
 
 
 def test_mujoco_reads_the_urdf_and_moves_the_joints():
@@ -106,12 +93,7 @@ def test_a_circle_of_joints_becomes_a_tree():
 
 def test_no_urdf_without_a_pose():
     with pytest.raises(ValueError, match="no hypothesis"):
-        to_urdf(
-            update(
-                [],
-            ),
-            "elsewhere",
-        )
+        to_urdf(update([]), "elsewhere")
 
 
 def test_the_lines_of_a_hinge_keep_their_distance_from_it():

@@ -12,7 +12,9 @@ from comotion.joints.memory import KeyStates
 from comotion.joints.pair import Pair
 from comotion.joints.states import relative_states
 from comotion.partition import BodyMotion
-from comotion_schemas import ObservationBatch, decode, encode
+from comotion_schemas import decode, encode
+
+from ..builders import batch
 
 TURN_NOISE, SHIFT_NOISE = np.radians(0.64), 0.0015
 SECOND_NS = 1_000_000_000
@@ -196,27 +198,17 @@ def door_batches(seconds):
     for k in range(round(seconds * 15)):
         angle = 1.2 * np.clip(k / 15 - 1, 0, 3) / 3
         turned = door @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
-        yield ObservationBatch(
-            source="cam",
-            session="0" * 16,
-            seq=k,
-            space="world",
-            unit="m",
-            dim=3,
-            stamp_ns=k * FRAME_NS,
-            ids=np.arange(39),
-            positions=np.vstack([wall, turned]) + rng.normal(0, 0.002, (39, 3)),
-        )
+        yield batch("cam", k, k * FRAME_NS, np.vstack([wall, turned]) + rng.normal(0, 0.002, (39, 3)))
 
 
 @pytest.fixture(scope="module")
 def door():
     """Updates of a door that opens by 69 degrees in 3 s, and the fusion after them."""
     fusion, updates = Fusion(FusionConfig(window=5.0)), []
-    for batch in door_batches(5):
-        fusion.ingest(batch)
-        if batch.seq % 3 == 2:
-            updates.append(fusion.update(batch.stamp_ns))
+    for seen in door_batches(5):
+        fusion.ingest(seen)
+        if seen.seq % 3 == 2:
+            updates.append(fusion.update(seen.stamp_ns))
     return fusion, updates
 
 
@@ -243,6 +235,6 @@ def test_a_restart_keeps_the_joint(door):
 
 def test_no_pairs_no_joints():
     fusion = Fusion(FusionConfig(joints=JointsConfig(pairs=0)))
-    for batch in door_batches(1):
-        fusion.ingest(batch)
-    assert fusion.update(batch.stamp_ns).joints == []
+    for seen in door_batches(1):
+        fusion.ingest(seen)
+    assert fusion.update(seen.stamp_ns).joints == []

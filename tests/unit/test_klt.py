@@ -365,16 +365,6 @@ def test_colour_and_grey_images_give_the_same_features() -> None:
     np.testing.assert_array_equal(a.pixels, b.pixels)
 
 
-def test_the_same_frames_give_the_same_tracks() -> None:
-    def run() -> np.ndarray:
-        tracker = Tracker(TrackerConfig(max_features=60), CAMERA)
-        return np.concatenate(
-            [tracker.step(frame).points for frame in depth_frames(lambda k: plane(0.2), 20)]
-        )
-
-    np.testing.assert_array_equal(run(), run())
-
-
 def test_a_large_image_is_shared_smaller_with_its_features_in_place() -> None:
     image = np.zeros((1080, 1920, 3), np.uint8)
     image[400:420, 1000:1020] = 255

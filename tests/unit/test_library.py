@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -126,21 +125,6 @@ def test_several_sources_are_one_scene(scene):
     assert len(shared - {-1}) >= 2
     with pytest.raises(ValueError, match="2 sources: use by_source"):
         _ = found.labels
-
-
-@pytest.mark.parametrize(
-    ("positions", "times", "words"),
-    [
-        (np.zeros((4, 3)), np.arange(4), "positions have the shape (4, 3), not [T, N, 3]"),
-        (np.zeros((4, 2, 3)), np.arange(3), "there are (3,) times for 4 instants"),
-        (np.zeros((4, 2, 3)), [0, 1, 1, 2], "times do not increase"),
-        (np.full((4, 2, 3), np.inf), np.arange(4), "a position is infinite"),
-        (np.full((4, 2, 3), np.nan), np.arange(4), "there is no observation"),
-    ],
-)
-def test_what_cannot_be_grouped_is_one_clear_error(positions, times, words):
-    with pytest.raises(ValueError, match=re.escape(words)):
-        comotion.group(positions, times)
 
 
 def test_bad_rows_are_errors_or_on_request_left_out_and_counted():

@@ -16,7 +16,9 @@ from comotion.rigid.anchored import pose_covariances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 
-RATE, SESSION = 15, "0" * 16
+from ..builders import batch
+
+RATE = 15
 LINKING = FusionConfig().linking
 BODIES = ("room", "lid", "cart")
 Motion = Callable[[float], tuple[Rotation, np.ndarray]]
@@ -85,25 +87,17 @@ def messages(
             x = pixels_of(view, x) if plain else x
             x = x + rng.normal(0, 0.2 if plain else 0.003, x.shape)
             here = rng.uniform(size=len(x)) >= missing
-            yield ObservationBatch(
-                source="plain" if plain else "deep",
-                session=SESSION,
-                seq=frame,
-                space="plain/pixels" if plain else "world",
-                unit="px" if plain else "m",
-                dim=2 if plain else 3,
-                stamp_ns=round((1000 + t) * 1e9),
-                ids=ids[here].astype(np.uint64),
-                positions=x[here].astype(np.float32),
-            )
+            source, space, unit = ("plain", "plain/pixels", "px") if plain else ("deep", "world", "m")
+            stamp, seen_ids = round((1000 + t) * 1e9), ids[here].astype(np.uint64)
+            yield batch(source, frame, stamp, x[here], ids=seen_ids, space=space, unit=unit)
 
 
 def run(fusion: Fusion, batches: Iterator[ObservationBatch], every: int = 30) -> HypothesisUpdate:
-    for count, batch in enumerate(batches, 1):
-        fusion.ingest(batch)
+    for count, heard in enumerate(batches, 1):
+        fusion.ingest(heard)
         if count % every == 0:
-            update = fusion.update(batch.stamp_ns)
-    return fusion.update(batch.stamp_ns) if count % every else update
+            update = fusion.update(heard.stamp_ns)
+    return fusion.update(heard.stamp_ns) if count % every else update
 
 
 def main_body(update: HypothesisUpdate) -> dict[int, str]:

@@ -35,32 +35,41 @@ def memory(*seen):
     return found
 
 
-def test_a_group_at_the_place_is_the_one_that_was_there():
-    found = memory((1, (0, 0, 0), (0, 0, 0), False), (2, (1, 0, 0), (0, 0, 0), False))
-    new = {7: seen(1, (1.02, 0, 0)), 8: seen(1, (0, 0.03, 0))}
-    assert found.recognised([1, 2], new, 2.0) == {7: 2, 8: 1}
+STILL = (0.0, 0.0, 0.0)
+HERE = (1, (0, 0, 0), STILL, False)
+SLOW = (1, (0, 0, 0), (0.3, 0, 0), False)
+MEETING = [(1, (0, 0, 0), (1.0, 0, 0), False), (2, (0.8, 0, 0), (-1.0, 0, 0), False)]
+RECOGNISED = {
+    "at its place": (
+        [HERE, (2, (1, 0, 0), STILL, False)],
+        {7: seen(1, (1.02, 0, 0)), 8: seen(1, (0, 0.03, 0))},
+        {7: 2, 8: 1},
+    ),
+    "not elsewhere": ([HERE], {7: seen(1, (1, 0, 0))}, {}),
+    "not with another extent": ([HERE], {7: seen(1, (0, 0, 0), scale=10)}, {}),
+    "where its motion leads": (
+        MEETING,
+        {7: seen(0.5, (0.3, 0, 0), (-1.0, 0, 0)), 8: seen(0.5, (0.5, 0, 0), (1.0, 0, 0))},
+        {7: 2, 8: 1},
+    ),
+    "not far off soon after": ([SLOW], {7: seen(0.1, (-0.8, 0, 0))}, {}),
+    "farther off after a while": ([SLOW], {7: seen(3, (-0.8, 0, 0))}, {7: 1}),
+    "not between two equal places": (
+        [(1, (0, 0, 0.1), STILL, False), (2, (0, 0, -0.1), STILL, False)],
+        {7: seen(1, (0, 0, 0))},
+        {},
+    ),
+    "the static body wherever it is": (
+        [(1, (0, 0, 0), STILL, True), (2, (5, 0, 0), STILL, False)],
+        {7: None},
+        {7: 1},
+    ),
+}
 
 
-def test_a_group_elsewhere_is_new():
-    found = memory((1, (0, 0, 0), (0, 0, 0), False))
-    assert found.recognised([1], {7: seen(1, (1, 0, 0))}, 2.0) == {}
-
-
-def test_a_group_of_another_extent_is_new():
-    found = memory((1, (0, 0, 0), (0, 0, 0), False))
-    assert found.recognised([1], {7: seen(1, (0, 0, 0), scale=10)}, 2.0) == {}
-
-
-def test_a_body_is_expected_where_its_motion_leads():
-    found = memory((1, (0, 0, 0), (1.0, 0, 0), False), (2, (0.8, 0, 0), (-1.0, 0, 0), False))
-    new = {7: seen(0.5, (0.3, 0, 0), (-1.0, 0, 0)), 8: seen(0.5, (0.5, 0, 0), (1.0, 0, 0))}
-    assert found.recognised([1, 2], new, 1.0) == {7: 2, 8: 1}
-
-
-def test_the_tolerance_grows_with_the_time_of_absence():
-    found = memory((1, (0, 0, 0), (0.3, 0, 0), False))
-    assert found.recognised([1], {7: seen(0.1, (-0.8, 0, 0))}, 2.0) == {}
-    assert found.recognised([1], {7: seen(3, (-0.8, 0, 0))}, 2.0) == {7: 1}
+@pytest.mark.parametrize(("known", "new", "expected"), RECOGNISED.values(), ids=RECOGNISED)
+def test_a_body_is_recognised(known, new, expected):
+    assert memory(*known).recognised([one[0] for one in known], new, 1.0) == expected
 
 
 def test_a_body_is_expected_about_the_place_where_it_has_been():
@@ -76,25 +85,15 @@ def test_a_body_is_expected_about_the_place_where_it_has_been():
     assert passed_by((0.5, 0.0, 0.0)).recognised([1, 2], new, 1.0) == {7: 2, 8: 1}
 
 
-def test_one_of_two_equal_places_is_ambiguous():
-    found = memory((1, (0, 0, 0.1), (0, 0, 0), False), (2, (0, 0, -0.1), (0, 0, 0), False))
-    assert found.recognised([1, 2], {7: seen(1, (0, 0, 0))}, 2.0) == {}
-
-
-def test_the_static_body_is_one_wherever_it_is_seen():
-    found = memory((1, (0, 0, 0), (0, 0, 0), True), (2, (5, 0, 0), (0, 0, 0), False))
-    assert found.recognised([1, 2], {7: None}, 2.0) == {7: 1}
-
-
 def test_the_heir_has_most_of_the_last_members():
-    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    found = memory(HERE)
     keys = np.arange(100, 108)
     assert found.heir(1, keys, np.array([5, 5, 5, 5, 5, 6, 6, -1])) == 5
     assert found.heir(1, keys[:4], np.array([5, 5, 5, 5])) is None
 
 
 def test_lost_features_are_remembered_for_a_while():
-    found = memory((1, (0, 0, 0), (0, 0, 0), False))
+    found = memory(HERE)
     few = Newcomer(np.arange(100, 103), CORNERS[:3], static=False)
     found.see(S, few, few.keys, described(1), PoseReference.new(0))
     assert len(found.traces[1].keys) == 8

@@ -13,7 +13,7 @@ from comotion_sources.message_tape import MessageSchedule, MessageTape, Restamp
 from comotion_sources.player import Player
 from comotion_sources.recordings.messages import Logged, MessageLog, logged_batches
 
-from .. import messages
+from .. import builders
 from ..simulated_clock import NOW, SimulatedClock
 
 SECOND = 1_000_000_000
@@ -22,9 +22,7 @@ LATENCY_NS = 20_000_000
 
 
 def batch(source, seq, stamp_ns, **fields):
-    return messages.batch(
-        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, ids=np.array([1, 2], np.uint64), **fields
-    )
+    return builders.batch(source, seq, stamp_ns, np.zeros((2, 3)), ids=[1, 2], **fields)
 
 
 def logged(kind, name, log_ns, message):

@@ -6,22 +6,21 @@ from itertools import permutations
 import numpy as np
 import pytest
 from sklearn.metrics import normalized_mutual_info_score
-from sklearn.metrics.cluster import contingency_matrix
 
 from comotion_clients.metrics import (
     Switches,
     Truth,
     bodies_of,
-    contingency,
-    isolate,
     label_switches,
     misclassification,
     nmi,
     score_update,
 )
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, SourceRef, TruthBatch
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, SourceRef, TruthBatch
 
-SESSION = "0123456789abcdef"
+from .. import builders
+from ..builders import SESSION
+
 NONE = UNDETERMINED
 
 
@@ -34,32 +33,12 @@ def partitions(seed: int) -> tuple[np.ndarray, np.ndarray]:
 def update(rows: dict[tuple[str, int], int], seq: int = 0) -> HypothesisUpdate:
     """An update that lists {(source, feature id): hypothesis}."""
     names = sorted({name for name, _ in rows})
-    ids = sorted(set(rows.values()) - {NONE})
-    return HypothesisUpdate(
-        scene="default",
-        session=SESSION,
+    return builders.update(
+        list(rows.values()),
         seq=seq,
-        stamp_ns=10**9 + seq,
-        published_ns=10**9 + seq,
-        period_ns=10**8,
         sources=[SourceRef(name=name, session=SESSION) for name in names],
         track_source=[names.index(name) for name, _ in rows],
         track_id=[feature for _, feature in rows],
-        track_hypothesis=list(rows.values()),
-        track_confidence=[1.0] * len(rows),
-        track_position=np.zeros((len(rows), 3), np.float32),
-        hypotheses=[
-            Hypothesis(
-                id=i,
-                space="world",
-                size=list(rows.values()).count(i),
-                born_ns=0,
-                state="moving",
-                centroid=[0.0, 0.0, 0.0],
-            )
-            for i in ids
-        ],
-        events=[],
     )
 
 
@@ -70,17 +49,11 @@ def truth(objects: dict[tuple[str, int], int]) -> Truth:
     )
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_nmi_equals_scikit_learn(seed: int) -> None:
     labels, objects = partitions(seed)
     expected = normalized_mutual_info_score(objects, labels, average_method="arithmetic")
     assert nmi(labels, objects) == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_contingency_equals_scikit_learn(seed: int) -> None:
-    labels, objects = partitions(seed)
-    np.testing.assert_array_equal(contingency(labels, objects), contingency_matrix(labels, objects))
 
 
 def test_nmi_at_its_corners() -> None:
@@ -114,19 +87,6 @@ def test_misclassification_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     labels, objects = rng.integers(0, 4, 15), rng.integers(0, 3, 15)
     assert misclassification(labels, objects) == pytest.approx(brute_force_errors(labels, objects))
-
-
-def test_members_of_an_extra_cluster_are_errors() -> None:
-    objects = np.array([1] * 6 + [2] * 4)
-    labels = np.array([7] * 4 + [8] * 2 + [9] * 4)
-    assert misclassification(labels, objects) == pytest.approx(0.2)
-
-
-def test_isolate_gives_each_undetermined_track_its_own_cluster() -> None:
-    clusters = isolate(np.array([NONE, 5, 9, NONE, 5]))
-    assert clusters[1] == clusters[4]
-    assert len(set(clusters.tolist())) == 4
-    assert clusters.max() == 3
 
 
 def test_a_perfect_update_scores_one() -> None:

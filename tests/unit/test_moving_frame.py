@@ -6,8 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import SpaceConfig
-from comotion_schemas import ObservationBatch
 from comotion_sources.klt.common_motion import common_motion
+
+from ..builders import batch
 
 RATE = 15
 SECONDS = 6
@@ -31,26 +32,16 @@ def batches(*, moving=None, pixels=False, still=False):
         seen = turn.inv().apply(points - place) + rng.normal(0, 0.003, points.shape)
         if pixels:
             seen = 500 * seen[:, :2] / seen[:, 2:]
-        yield ObservationBatch(
-            source="hand",
-            session="0" * 16,
-            seq=k,
-            space="hand/pixels" if pixels else "hand/optical",
-            unit="px" if pixels else "m",
-            dim=2 if pixels else 3,
-            stamp_ns=round(k * 1e9 / RATE),
-            ids=np.arange(len(points)),
-            positions=seen,
-            moving=moving,
-        )
+        space, unit = ("hand/pixels", "px") if pixels else ("hand/optical", "m")
+        yield batch("hand", k, round(k * 1e9 / RATE), seen, space=space, unit=unit, moving=moving)
 
 
 def run(config=None, **how):
     fusion, updates = Fusion(config or FusionConfig()), []
-    for batch in batches(**how):
-        fusion.ingest(batch)
-        if batch.seq % 5 == 4:
-            updates.append(fusion.update(batch.stamp_ns))
+    for seen in batches(**how):
+        fusion.ingest(seen)
+        if seen.seq % 5 == 4:
+            updates.append(fusion.update(seen.stamp_ns))
     return fusion, updates
 
 

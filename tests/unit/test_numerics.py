@@ -11,9 +11,10 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion_schemas import HypothesisUpdate, ObservationBatch
 
+from ..builders import T0, S, batch
+
 SECONDS = float(os.environ.get("COMOTION_NUMERICS_S", "120"))
 RATE = 30
-T0 = 1_700_000_000_000_000_000
 
 
 def observe(k: int, offset: float = 0.0, count: int = 6) -> ObservationBatch:
@@ -23,17 +24,7 @@ def observe(k: int, offset: float = 0.0, count: int = 6) -> ObservationBatch:
     turn = np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])
     shape[1, :, :2] = shape[1, :, :2] @ turn.T + [1.0 + 0.3 * np.sin(1.7 * t), 0.4]
     positions = shape.reshape(-1, 3) + np.random.default_rng(k).normal(0, 0.001, (2 * count, 3)) + offset
-    return ObservationBatch(
-        source="cam",
-        session="a" * 16,
-        seq=k,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=T0 + k * 1_000_000_000 // RATE,
-        ids=np.arange(2 * count, dtype=np.uint64),
-        positions=positions.astype(np.float32),
-    )
+    return batch("cam", k, T0 + k * S // RATE, positions)
 
 
 @pytest.mark.timeout(0 if SECONDS > 600 else 120)
@@ -41,23 +32,23 @@ def test_sums_that_are_kept_up_to_date_are_those_computed_anew() -> None:
     config = FusionConfig(method="thesis", window=2.0)
     fusion = Fusion(config)
     for k in range(round(SECONDS * RATE)):
-        batch = observe(k, count=2)
-        fusion.ingest(batch)
+        seen = observe(k, count=2)
+        fusion.ingest(seen)
         if k % 10 == 9:
-            fusion.update(batch.stamp_ns)
+            fusion.update(seen.stamp_ns)
     anew = Fusion.restore(config, fusion.snapshot())
     for one in (fusion, anew):
-        one.update(batch.stamp_ns)
+        one.update(seen.stamp_ns)
     np.testing.assert_allclose(fusion.affinity("world").matrix, anew.affinity("world").matrix, atol=1e-4)
 
 
 def run(method: str, offset: float) -> HypothesisUpdate:
     fusion = Fusion(FusionConfig(method=method, window=4.0))
     for k in range(150):
-        batch = observe(k, offset)
-        fusion.ingest(batch)
+        seen = observe(k, offset)
+        fusion.ingest(seen)
         if k % 3 == 2:
-            update = fusion.update(batch.stamp_ns)
+            update = fusion.update(seen.stamp_ns)
     return update
 
 

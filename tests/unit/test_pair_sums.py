@@ -21,29 +21,6 @@ def test_the_variance_of_a_steady_departure_is_that_of_its_distances():
     assert variance[0, 1] == pytest.approx(np.var([1.0, 1.1, 1.2, 1.3, 1.4]))
 
 
-def test_an_instant_at_which_both_are_observed_is_one_sample():
-    both = SideBySide(2, None)
-    for k in range(4):
-        both.observe(at(100 * k), {0: (0.0, 0.0), 1: (1.0, 0.0)})
-    assert both.samples(0, 1) == 4
-    # The same instants, told one trajectory at a time.
-    apart = SideBySide(2, None)
-    for k in range(4):
-        apart.observe(at(100 * k), {0: (0.0, 0.0)})
-        apart.observe(at(100 * k), {1: (1.0, 0.0)})
-    assert apart.samples(0, 1) == 4
-
-
-def test_a_late_second_observation_changes_the_speed_of_the_first():
-    both = SideBySide(2, 0.1)
-    for k in range(6):
-        both.observe(at(100 * k), {0: (0.0, 0.0)})
-    for ms in (100, 300, 400, 500):
-        both.observe(at(ms), {1: (1.0 + 2e-5 * ms, 0.0)})
-    both.observe(at(200), {1: (1.03, 0.0)})
-    both.check()
-
-
 def test_a_late_observation_before_all_others_becomes_the_first():
     both = SideBySide(2, 0.1)
     for ms in (0, 100, 200, 300):
@@ -53,19 +30,6 @@ def test_a_late_observation_before_all_others_becomes_the_first():
     both.observe(at(50), {1: (1.4, 0.0)})
     both.check()
     assert both.samples(0, 1) == 5
-
-
-def test_eviction_takes_the_samples_before_the_new_common_interval():
-    both = SideBySide(2, None)
-    for ms in range(0, 500, 10):
-        both.observe(at(ms), {0: (0.0, math.sin(ms))})
-    for ms in (0, 100, 200, 300, 400):
-        both.observe(at(ms), {1: (1.0, 0.0)})
-    assert both.samples(0, 1) == 41
-    # The slow one now starts at 100 ms: what the fast one saw at 10 to 90 ms is common no more.
-    both.evict(at(10))
-    assert both.samples(0, 1) == 31
-    both.check()
 
 
 def test_what_is_left_with_one_observation_cannot_be_compared_until_the_next():
@@ -80,17 +44,6 @@ def test_what_is_left_with_one_observation_cannot_be_compared_until_the_next():
         if ms == 1000:
             assert len(both.lists[1].times()) == 1
     assert both.samples(0, 1) == 2
-
-
-def test_nothing_is_interpolated_across_a_gap():
-    both = SideBySide(2, None, span=10_000 * MS)
-    for ms in range(0, 3000, 100):
-        points = {0: (0.0, 0.0)}
-        if not 500 < ms < 2000:
-            points[1] = (1.0, 0.001 * ms)
-        both.observe(at(ms), points)
-    both.check()
-    assert both.samples(0, 1) == 6 + 10
 
 
 @pytest.mark.parametrize("wild", [(0, 1000), (1000,)])

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
@@ -23,10 +21,10 @@ from comotion.pixels.neighbour_sampling import NeighbourDistance
 from comotion.pixels.similarity import Similarity, subspace
 from comotion.pixels.wide_baseline import WideBaselineTest, wide_pairs
 from comotion_clients.metrics import misclassification
-from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_schemas import UNDETERMINED
 
-MS = 1_000_000
-T0 = 1_700_000_000_000 * MS
+from .. import builders
+from ..builders import MS, T0, labels_of
 
 
 def frames_of(positions, visible=None):
@@ -59,42 +57,6 @@ def perspective_body(rng, size, velocity, turn, frames=24):
         y = x @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + np.asarray(velocity) * t
         seen.append(500 * y[:, :2] / y[:, 2:] + [320, 240])
     return np.array(seen)
-
-
-@given(seed=st.integers(0, 10_000), count=st.integers(2, 14), least=st.floats(0.05, 0.9))
-@settings(deadline=None, max_examples=40)
-def test_chain_linkage_equals_greedy_linkage(seed, count, least):
-    rng = np.random.default_rng(seed)
-    evidence, value = (np.triu(rng.uniform(0.1, 1, (count, count)), 1) for _ in range(2))
-    evidence, value = evidence + evidence.T + np.eye(count), value + value.T + np.eye(count)
-    clusters = [[i] for i in range(count)]
-    while len(clusters) > 1:
-        mean = {
-            (a, b): (value * evidence)[np.ix_(clusters[a], clusters[b])].sum()
-            / evidence[np.ix_(clusters[a], clusters[b])].sum()
-            for a in range(len(clusters))
-            for b in range(a)
-        }
-        (a, b), best = max(mean.items(), key=lambda item: item[1])
-        if best < least:
-            break
-        clusters[b] += clusters.pop(a)
-    found = link(
-        Similarity(value.astype(np.float32), evidence.astype(np.float32), np.zeros(count, np.float32)), least
-    )
-    assert sorted(sorted(c) for c in clusters) == sorted(m.tolist() for m in found.members())
-
-
-def test_pooled_sums_are_sums_over_blocks():
-    rng = np.random.default_rng(0)
-    value = rng.uniform(0, 1, (9, 9)).astype(np.float32)
-    value = np.maximum(value, value.T)
-    evidence = np.ones((9, 9), np.float32)
-    found = link(Similarity(value, evidence, np.zeros(9, np.float32)), 0.6)
-    for a, rows in enumerate(found.members()):
-        for b, columns in enumerate(found.members()):
-            assert found.weighted[a, b] == pytest.approx(value[np.ix_(rows, columns)].sum(), rel=1e-6)
-            assert found.evidence[a, b] == len(rows) * len(columns)
 
 
 def test_linkage_ends_on_a_matrix_that_is_not_symmetric():
@@ -313,19 +275,9 @@ def test_a_handful_of_trajectories_is_grouped_too(count):
     assert len(group(frames_of(positions), PixelsConfig()).labels) == count
 
 
-def batch(seq, stamp_ns, ids, positions, ended=None):
-    return ObservationBatch(
-        source="cam",
-        session="a" * 16,
-        seq=seq,
-        space="cam/pixels",
-        unit="px",
-        dim=2,
-        stamp_ns=stamp_ns,
-        ids=np.asarray(ids, np.uint64),
-        positions=np.asarray(positions, np.float32),
-        ended=None if ended is None else np.asarray(ended, np.uint64),
-    )
+def batch(seq, stamp_ns, ids, positions):
+    ids = np.asarray(ids, np.uint64)
+    return builders.batch("cam", seq, stamp_ns, positions, space="cam/pixels", unit="px", ids=ids)
 
 
 class Camera:
@@ -372,7 +324,7 @@ def test_newborns_start_from_their_neighbours():
     born[[3, 50]] = 38
     camera = Camera(born, None)
     final = camera.play(pixel_fusion(), 0, 40)[-1]
-    of = dict(zip(final.track_id.tolist(), final.track_hypothesis.tolist(), strict=True))
+    of = labels_of(final)
     hypotheses = {h.id for h in final.hypotheses}
     assert {of[3], of[50]} <= hypotheses
     # In the scene the bodies overlap in the image, so only being near something is promised.

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import ObservationBatch
 from comotion_sources.calibration.model import Extrinsics, Intrinsics
 from comotion_sources.cameras.types import Frame
 from comotion_sources.frames import MessageBuilder
@@ -13,7 +12,7 @@ from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.poses import PoseBuffer, read_trajectory
 
-MS = 1_000_000
+from ..builders import MS, batch
 
 
 def pose(angle, x):
@@ -71,21 +70,9 @@ def test_the_carrier_takes_its_own_poses_only():
     buffer = PoseBuffer()
     carrier = Carrier.__new__(Carrier)
     carrier._name, carrier._poses = CarrierName.parse("robot:3"), buffer
-    carrier.add(
-        ObservationBatch(
-            source="robot",
-            session="0" * 16,
-            seq=0,
-            space="world",
-            unit="m",
-            dim=3,
-            stamp_ns=20,
-            ids=[2, 3, 3],
-            positions=[[9, 9, 9], [1, 0, 0], [2, 0, 0]],
-            quaternions=[[0, 0, 0, 1]] * 3,
-            stamps_ns=[20, 10, 20],
-        )
-    )
+    positions, turns = [[9, 9, 9], [1, 0, 0], [2, 0, 0]], [[0, 0, 0, 1]] * 3
+    stamps = {"stamp_ns": 20, "stamps_ns": [20, 10, 20]}
+    carrier.add(batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps))
     assert buffer.at(10).translation == pytest.approx([1, 0, 0])
     assert buffer.newest_ns == 20
     with pytest.raises(ValueError, match="SOURCE:ID"):

@@ -5,8 +5,9 @@ import sys
 
 import pytest
 
-from comotion_deploy.cli import run
 from comotion_schemas import metrics
+
+from ..command_line import refused
 
 
 def test_nothing_is_counted_or_imported_unless_asked_for() -> None:
@@ -30,6 +31,5 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
 
 @pytest.mark.parametrize("text", ["", "x", ":1", "1:", "a:b", "70000", "-1"])
 def test_what_is_no_address_is_one_clear_line(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["serve", f"--metrics-port={text}"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    line = refused(capsys, "serve", f"--metrics-port={text}")
     assert line == f"error: metrics port {text!r} is neither PORT nor HOST:PORT"

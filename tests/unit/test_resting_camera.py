@@ -10,9 +10,11 @@ from comotion.pixels.proposals import find_groups
 from comotion.pixels.recent import recent_motion
 from comotion.pixels.resting import RestingCamera
 from comotion.trajectories.window import Window
-from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_schemas import UNDETERMINED
 
-T0 = 1_700_000_000_000_000_000
+from .. import builders
+from ..builders import T0, labels_of
+
 RATE = 30
 WALL, HAND = 60, 12
 
@@ -31,18 +33,9 @@ class Scene:
         return seen + self.rng.normal(0, self.noise, seen.shape)
 
 
-def batch(number, ids, positions, sigma=None):
-    return ObservationBatch(
-        source="cam",
-        session="a" * 16,
-        seq=number,
-        space="cam/pixels",
-        unit="px",
-        dim=2,
-        stamp_ns=stamp(number),
-        ids=np.asarray(ids, np.uint64),
-        positions=np.asarray(positions, np.float32),
-        sigma=sigma,
+def batch(number, ids, positions):
+    return builders.batch(
+        "cam", number, stamp(number), positions, space="cam/pixels", unit="px", ids=np.asarray(ids, np.uint64)
     )
 
 
@@ -57,7 +50,7 @@ def play(fusion, scene, path, first=0, ids=lambda number: np.arange(WALL + HAND)
         fusion.ingest(batch(number, ids(number), scene.at(shift)))
         if number % 3 == 2:
             update = fusion.update(stamp(number))
-            found[number] = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+            found[number] = labels_of(update)
     return found
 
 

@@ -15,8 +15,10 @@ from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import SUBSET_ROWS, Scene, choose_subset
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
-from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_schemas import UNDETERMINED
 from comotion_sources import simulator
+
+from ..builders import batch
 
 RATE = 15
 START = 10**12
@@ -51,17 +53,7 @@ class Crowd:
             mine, t = self.truth == k, max(frame / RATE - self.late[k], 0.0)
             x[mine] = Rotation.from_rotvec(self.spin[k] * t).apply(x[mine]) + self.home[k] + self.way[k] * t
         x += self.rng.normal(size=x.shape) * self.sigma
-        return ObservationBatch(
-            source="crowd",
-            session="0" * 16,
-            seq=frame,
-            space="world",
-            unit="m",
-            dim=3,
-            stamp_ns=START + frame * 10**9 // RATE,
-            ids=self.ids.copy(),
-            positions=x.astype(np.float32),
-        )
+        return batch("crowd", frame, START + frame * 10**9 // RATE, x, ids=self.ids.copy())
 
     def truth_of(self, update):
         of = dict(zip(self.ids.tolist(), self.truth.tolist(), strict=True))
@@ -72,10 +64,10 @@ def updates_of(crowd, seconds, every=5):
     """(frame, update, truth) of a crowd, three times a second."""
     fusion = Fusion(FusionConfig())
     for frame in range(int(seconds * RATE)):
-        batch = crowd.batch(frame)
-        fusion.ingest(batch)
+        seen = crowd.batch(frame)
+        fusion.ingest(seen)
         if frame % every == every - 1:
-            update = fusion.update(batch.stamp_ns)
+            update = fusion.update(seen.stamp_ns)
             yield frame, update, crowd.truth_of(update)
 
 

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import UNDETERMINED, Box, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
+from comotion_schemas import UNDETERMINED, Box, HypothesisUpdate, Joint, Pose, SourceRef, Twist
+
+from .. import builders
+from ..builders import SESSION, S, hypothesis
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
@@ -17,7 +20,6 @@ from comotion_clients.ros2.messages import Converter
 from comotion_clients.ros2.names import Node, attachment, topic_chunk, topic_key
 from comotion_clients.ros2.types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, to_cdr, type_hash
 
-S = 10**9
 # As ROS 2 Jazzy and vision_msgs 4.1.1 publish them.
 PUBLISHED = {
     TF: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
@@ -47,50 +49,31 @@ def reader():
 def update(count: int = 6, stamp_ns: int = 5 * S + 250) -> HypothesisUpdate:
     """A body that turns about z above a background at rest, a feature of neither, and one of an image."""
     half = float(np.sqrt(0.5))
-    body = Hypothesis(
-        id=7,
-        space="world",
+    body = hypothesis(
+        7,
         size=2,
-        born_ns=0,
-        state="moving",
         centroid=[1.0, 2.0, 0.5],
         pose=Pose(translation=[0.1, 0.2, 0.3], rotation=[0.0, 0.0, half, half]),
         twist=Twist(linear=[0.0, 1.0, 0.0], angular=[0.0, 0.0, 2.0]),
         box=Box(center=[1.5, 2.0, 0.5], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half]),
     )
-    rest = Hypothesis(id=1, space="world", size=2, born_ns=0, state="static", centroid=[0.0] * 3)
-    image = Hypothesis(id=9, space="cam/pixels", size=1, born_ns=0, state="moving", centroid=[5.0, 5.0])
+    rest, image = (
+        hypothesis(1, size=2, state="static"),
+        hypothesis(9, space="cam/pixels", centroid=[5.0, 5.0]),
+    )
     positions = np.zeros((count + 1, 3), np.float32)
     positions[:, 0] = np.arange(count + 1)
     positions[-1, 2] = np.nan
-    return HypothesisUpdate(
-        scene="my-lab",
-        session="0" * 16,
-        seq=0,
+    hinge = {"axis": [0.0, 0.0, 1.0], "point": [0.0, 0.0, 0.0], "position": 0.5, "rate": 2.0}
+    return builders.update(
+        [7, 7, 1, 1, *[UNDETERMINED] * (count - 4), 9],
         stamp_ns=stamp_ns,
-        published_ns=stamp_ns + 1,
-        period_ns=S // 10,
-        sources=[SourceRef(name="a", session="0" * 16), SourceRef(name="b", session="0" * 16)],
+        sources=[SourceRef(name=name, session=SESSION) for name in "ab"],
         track_source=[0] * count + [1],
-        track_id=np.arange(count + 1),
-        track_hypothesis=[7, 7, 1, 1, *[UNDETERMINED] * (count - 4), 9],
         track_confidence=[0.9] * (count + 1),
         track_position=positions,
         hypotheses=[rest, body, image],
-        events=[],
-        joints=[
-            Joint(
-                parent=1,
-                child=7,
-                space="world",
-                kind="revolute",
-                confidence=0.9,
-                axis=[0.0, 0.0, 1.0],
-                point=[0.0, 0.0, 0.0],
-                position=0.5,
-                rate=2.0,
-            )
-        ],
+        joints=[Joint(parent=1, child=7, space="world", kind="revolute", confidence=0.9, **hinge)],
     )
 
 

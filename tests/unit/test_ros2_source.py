@@ -125,7 +125,7 @@ def test_the_type_is_in_the_key():
 
 
 @given(st.sampled_from(KINDS), st.binary(max_size=300))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_any_bytes_are_refused_or_read(kind, rest):
     for payload in (rest, b"\0\1\0\0" + rest, cloud()[: len(rest)]):
         try:

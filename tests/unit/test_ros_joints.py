@@ -31,7 +31,7 @@ def sample(stamp_ns: int = 1_795_227_314_415_000_123, names: tuple[str, ...] = (
 
 
 @given(NAMES, st.integers(1, 2**31 * 10**9 - 1), st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_joint_states_round_trip_through_cdr(names: list[str], stamp_ns: int, data: st.DataObject) -> None:
     numbers = st.floats(allow_nan=False, allow_infinity=False)
     positions = np.array(data.draw(st.lists(numbers, min_size=len(names), max_size=len(names))), np.float64)
@@ -54,7 +54,7 @@ def test_a_message_without_a_stamp_has_the_time_of_arrival() -> None:
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_other_bytes_are_refused_or_read_whole(raw: bytes) -> None:
     for payload in (raw, encode_sample(sample())[: len(raw)], b"\0\1\0\0" + raw):
         try:

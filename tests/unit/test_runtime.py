@@ -28,6 +28,8 @@ from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
 
+from .. import builders
+
 SECOND = 10**9
 SESSION = "00000000000000aa"
 
@@ -110,17 +112,7 @@ class TestEventClock:
 
 
 def batch(stamp_ns: int) -> ObservationBatch:
-    return ObservationBatch(
-        source="cam",
-        session=SESSION,
-        seq=0,
-        space="world",
-        unit="m",
-        dim=2,
-        stamp_ns=stamp_ns,
-        ids=np.array([1, 2], np.uint64),
-        positions=np.zeros((2, 2)),
-    )
+    return builders.batch("cam", 0, stamp_ns, np.zeros((2, 2)), session=SESSION, ids=[1, 2])
 
 
 def source(name: str, age_s: float, *, live: bool) -> SourceHealth:

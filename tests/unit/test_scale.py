@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from comotion import Fusion
-from comotion_schemas import ObservationBatch
 
-S = 10**9
-T0 = 1_700_000_000 * S
+from ..builders import T0, S, batch
+
 FAR = np.random.default_rng(2).uniform(-1, 1, (50, 3))
 INTRUDERS = {
     "outliers": lambda k, seen: FAR + (0.9e9 if k > 20 else 0.0),
@@ -26,19 +25,7 @@ def test_bodies_of_a_source_stay_apart_whatever_another_source_says(kind):
         places = np.array([[0.3 * np.sin(t), 0.2, 0.5], [-0.4, 0.3 * np.sin(1.3 * t), 0.4]])
         seen = np.concatenate([floor, first + places[0], second + places[1]]) + rng.normal(0, 0.001, (40, 3))
         for source, points in (("good", seen), ("odd", INTRUDERS[kind](k, seen))):
-            fusion.ingest(
-                ObservationBatch(
-                    source=source,
-                    session="a" * 16,
-                    seq=k,
-                    space="world",
-                    unit="m",
-                    dim=3,
-                    stamp_ns=now,
-                    ids=np.arange(len(points)),
-                    positions=points,
-                )
-            )
+            fusion.ingest(batch(source, k, now, points))
         if k % 6 == 5:
             update = fusion.update(now)
     good = [s.name for s in update.sources].index("good")

@@ -8,15 +8,15 @@ from comotion_clients.scene_status import SILENT_S, StatusModel
 from comotion_clients.status import missing
 from comotion_schemas import Status
 
+from .. import builders
+
 NOW = 1_000_000.0
 
 
 def status(name: str, role: str = "source", at: float = NOW, **changes) -> Status:
-    fields = {
-        "component": name, "role": role, "session": "0" * 16, "stamp_ns": round(at * 1e9), "state": "ok",
-        "rates": {}, "ages": {}, "counters": {}, "rejected": {}, "message": "", "version": "1", "host": "h",
-    }  # fmt: skip
-    return Status(**(fields | changes))
+    return builders.status(
+        name, role, **({"stamp_ns": round(at * 1e9), "version": "1", "host": "h"} | changes)
+    )
 
 
 @pytest.fixture

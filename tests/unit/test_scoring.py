@@ -2,31 +2,24 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from comotion_clients.metrics import Truth
 from comotion_clients.scoring import Observed, SpaceRef, Tally, finite_or_none
-from comotion_schemas import Hypothesis, HypothesisUpdate, ObservationBatch, SourceRef, TruthBatch
+from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 
-from .. import messages
+from .. import builders
+from ..builders import MS, SESSION
 
-SESSION, OTHER = "0123456789abcdef", "f" * 16
-MS = 1_000_000
+OTHER = "f" * 16
 
 
-def batch(
-    source: str, at_ms: int, ids: list[int], *, session: str = SESSION, stamps_ms: list[int] | None = None
-) -> ObservationBatch:
-    return messages.batch(
-        source=source,
-        session=session,
-        space="image" if source == "cam" else "world",
-        unit="px" if source == "cam" else "m",
-        dim=2 if source == "cam" else 3,
-        stamp_ns=at_ms * MS,
-        ids=ids,
-        stamps_ns=None if stamps_ms is None else [stamp * MS for stamp in stamps_ms],
-    )
+def batch(source: str, at_ms: int, ids: list[int], *, stamps_ms: list[int] | None = None, **fields):
+    space, unit, dim = ("image", "px", 2) if source == "cam" else ("world", "m", 3)
+    stamps = None if stamps_ms is None else [stamp * MS for stamp in stamps_ms]
+    kind = {"space": space, "unit": unit, "ids": ids, "stamps_ns": stamps}
+    return builders.batch(source, 0, at_ms * MS, np.zeros((len(ids), dim)), **(kind | fields))
 
 
 def observed(*batches: ObservationBatch) -> Observed:
@@ -44,13 +37,10 @@ def test_the_newest_batch_of_every_source_counts() -> None:
     found = observed(
         batch("a", 0, [1, 2]), batch("a", 100, [2, 3]), batch("b", 50, [1]), batch("b", 150, [9])
     )
+    assert at(found, -1) == {}
     assert at(found, 60) == {("a", SESSION): [1, 2], ("b", SESSION): [1]}
     assert at(found, 120) == {("a", SESSION): [2, 3], ("b", SESSION): [1]}
     assert at(found, 150) == {("a", SESSION): [2, 3], ("b", SESSION): [9]}
-
-
-def test_nothing_is_observed_before_the_first_batch() -> None:
-    assert at(observed(batch("a", 100, [1])), 99) == {}
 
 
 def test_an_outdated_batch_no_longer_counts() -> None:
@@ -96,19 +86,7 @@ def test_spaces_are_those_of_the_sources() -> None:
 
 
 def update(at_ms: int, labels: dict[int, int]) -> HypothesisUpdate:
-    ids = sorted(set(labels.values()))
-    return messages.update(
-        seq=at_ms,
-        stamp_ns=at_ms * MS,
-        period_ns=100 * MS,
-        sources=[SourceRef(name="a", session=SESSION)],
-        track_id=list(labels),
-        track_hypothesis=list(labels.values()),
-        hypotheses=[
-            Hypothesis(id=i, space="world", size=1, born_ns=0, state="static", centroid=[0.0, 0.0, 0.0])
-            for i in ids
-        ],
-    )
+    return builders.update(list(labels.values()), seq=at_ms, stamp_ns=at_ms * MS, track_id=list(labels))
 
 
 def test_a_run_adds_up() -> None:

@@ -11,10 +11,13 @@ from comotion.rigid import candidates
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.health import Arrivals, Health
 from comotion.runtime.overload import Overload
-from comotion.shedding import FULL, MOST, Effort, Load
+from comotion.shedding import MOST, Load
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+
+from .. import builders
+from ..builders import labels_of
 
 SECOND = 10**9
 PERIOD = SECOND // 10
@@ -26,17 +29,8 @@ def body(count: int, seed: int) -> np.ndarray:
 
 def batch(k: int, positions: np.ndarray, *, first: int = 0, source: str = "a") -> ObservationBatch:
     noise = np.random.default_rng([k, first]).normal(0, 0.001, positions.shape)
-    return ObservationBatch(
-        source=source,
-        session="1" * 16,
-        seq=k,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=10**18 + k * PERIOD // 2,
-        ids=np.arange(first, first + len(positions), dtype=np.uint64),
-        positions=(positions + noise).astype(np.float32),
-    )
+    ids = np.arange(first, first + len(positions), dtype=np.uint64)
+    return builders.batch(source, k, 10**18 + k * PERIOD // 2, positions + noise, ids=ids)
 
 
 def scene(k: int) -> np.ndarray:
@@ -59,15 +53,6 @@ def groups(update: HypothesisUpdate) -> int:
 
 
 class TestOrder:
-    def test_each_level_leaves_out_what_the_ones_below_do(self) -> None:
-        efforts = [Effort.at(level) for level in range(MOST + 1)]
-        assert efforts[0] == FULL
-        assert [e.joints for e in efforts] == [True] + 8 * [False]
-        assert [e.boxes for e in efforts] == 2 * [True] + 7 * [False]
-        assert [e.links for e in efforts] == 3 * [True] + 6 * [False]
-        assert [e.search_every for e in efforts] == 4 * [1] + 5 * [5]
-        assert [e.share for e in efforts] == 5 * [1] + [1 / 2, 1 / 4, 1 / 8, 1 / 16]
-
     @pytest.mark.parametrize(("level", "left_out"), [(0, 0), (1, 1), (2, 2), (4, 3), (8, 3)], ids=str)
     def test_less_is_done_level_by_level(self, level, left_out, monkeypatch) -> None:
         done = dict.fromkeys(("joints", "boxes", "searches", "groupings"), 0)
@@ -130,7 +115,7 @@ class TestObservations:
                 sizes.append(len(fusion.affinity("world").tracks))
         assert sizes[28] == 500
         assert max(sizes[30:]) == 200
-        labels = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+        labels = labels_of(update)
         rests, swings = ({labels[one] for one in ids} for ids in (range(250), range(250, 500)))
         assert (len(rests), len(swings)) == (1, 1)
         assert rests != swings

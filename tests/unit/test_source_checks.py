@@ -10,17 +10,15 @@ from comotion.runtime import problems
 from comotion.runtime.problems import Problems
 from comotion_schemas import ObservationBatch
 
-S = 10**9
-T0 = 1_700_000_000 * S
+from .. import builders
+from ..builders import SESSION, T0, S
+
 RATE = 15
 BODY = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
 
 
-def batch(k: int, ids: np.ndarray, points: np.ndarray, **fields) -> ObservationBatch:
-    names = {"source": "odd", "session": "a" * 16, "space": "world", "unit": "m", "dim": 3}
-    return ObservationBatch(
-        **(names | fields), seq=k, stamp_ns=T0 + k * S // RATE, ids=ids.astype(np.uint64), positions=points
-    )
+def batch(k: int, ids: np.ndarray, points: np.ndarray, *, source: str = "odd", **fields) -> ObservationBatch:
+    return builders.batch(source, k, T0 + k * S // RATE, points, ids=ids.astype(np.uint64), **fields)
 
 
 def good(k: int) -> np.ndarray:
@@ -108,7 +106,7 @@ def test_the_one_that_came_first_is_believed_and_the_other_is_refused_and_counte
     run(fusion, MISTAKES["scale"], range(60))
     accounts = fusion.timeline.ledger.accounts()
     assert accounts["good", "b" * 16].rejected == {}
-    refused = accounts["odd", "a" * 16].rejected.get("range", 0)
+    refused = accounts["odd", SESSION].rejected.get("range", 0)
     assert refused >= 55
     assert fusion.stats.batches == fusion.stats.settled()
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from comotion.runtime.source_clocks import SourceClocks
-from comotion_schemas import Keys, ObservationBatch, Status
+from comotion_schemas import Keys
 from comotion_schemas.clock_bounds import ClockBounds
+
+from ..builders import batch, status
 
 NOW = 1_700_000_000.0
 DELAY, TRIP = 0.002, 0.005
@@ -21,19 +23,8 @@ def hear(found: SourceClocks, ahead: float, times: int, delays=None) -> None:
     """Statuses of a source whose clock is ahead, and the round trips between them."""
     for k in range(times):
         delay = DELAY if delays is None else delays[k]
-        status = Status(
-            component="cam", role="source", session="0" * 16, stamp_ns=round((NOW + k + ahead) * 1e9),
-            state="ok", rates={}, ages={}, counters={}, rejected={}, message="",
-        )  # fmt: skip
-        found.on_status(status, NOW + k + delay)
+        found.on_status(status("cam", "source", stamp_ns=round((NOW + k + ahead) * 1e9)), NOW + k + delay)
         found.on_trip("cam", 2.5 * delay)
-
-
-def batch(stamp_ns: int, stamps_ns=None) -> ObservationBatch:
-    return ObservationBatch(
-        source="cam", session="0" * 16, seq=0, space="w", unit="m", dim=3, stamp_ns=stamp_ns,
-        ids=np.arange(2, dtype="u8"), positions=np.zeros((2, 3), "f4"), stamps_ns=stamps_ns,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.08, -3.0])
@@ -71,7 +62,7 @@ def test_delays_that_vary_and_a_link_that_becomes_slow_are_no_steps() -> None:
 def test_stamps_are_corrected_if_that_is_wanted() -> None:
     found, kept = clocks(), clocks(correct=False)
     stamp = round(NOW * 1e9)
-    original = batch(stamp, np.array([stamp - 10, stamp]))
+    original = batch(stamp_ns=stamp, positions=np.zeros((2, 3)), stamps_ns=np.array([stamp - 10, stamp]))
     assert found.correct(original) is original
     for one in (found, kept):
         hear(one, 0.08, 3)
@@ -85,6 +76,6 @@ def test_a_correction_does_not_follow_what_is_within_the_error() -> None:
     found = clocks()
     hear(found, 0.08, 3)
     stamp = round(NOW * 1e9)
-    first = found.correct(batch(stamp)).stamp_ns
+    first = found.correct(batch(stamp_ns=stamp)).stamp_ns
     hear(found, 0.0805, 12)
-    assert found.correct(batch(stamp)).stamp_ns == first
+    assert found.correct(batch(stamp_ns=stamp)).stamp_ns == first

@@ -1,78 +1,86 @@
-"""``comotion source simulator`` and ``replay``: a known error is one line and exit 2."""
+"""``comotion source``: a known error is one line and exit 2, before any router is looked for."""
 
+import shlex
+
+import cv2
 import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
 from comotion_sources import playback
+from comotion_sources.calibration import Intrinsics, format_calibration
 from comotion_sources.simulator import scene_names
 
-
-@pytest.fixture
-def take(tmp_path):
-    path = tmp_path / "take.npz"
-    np.savez(path, positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
-    return path
+from ..command_line import refused
 
 
-def fails(capsys, *arguments):
-    """The one line on standard error of a command that exits with 2."""
-    assert run(["source", *map(str, arguments)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("error: ")
-    assert captured.err.count("\n") == 1
-    return captured.err
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with the files that the commands name."""
+    folder = tmp_path_factory.mktemp("files")
+    np.savez(folder / "take.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
+    (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
+    (folder / "empty.npz").touch()
+    (folder / "text.c3d").write_text("x" * 2000)
+    video = cv2.VideoWriter(str(folder / "video.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
+    video.write(np.zeros((240, 320, 3), np.uint8))
+    video.release()
+    (folder / "wrong.yaml").write_text("image_width: 320\n")
+    inner = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
+    (folder / "inner.toml").write_text(format_calibration(inner, None))
+    return folder
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((), "which scene"),
-        (("fig9",), "no scene 'fig9'"),
-        (("fig4_4", "--part", "4/3"), "part '4/3'"),
-        (("fig4_4", "--rate", "0"), "rate '0'"),
-        (("fig4_4", "--rate", "1,2", "--part", "1/3"), "2 rates for 3 sources"),
-        (("fig4_4", "--start-at", "soon"), "start 'soon'"),
-        (("fig4_4", "--time-scale", "0"), "time scale 0"),
-        (("fig4_4", "--noise", "-1"), "--noise"),
-        (("fig4_4", "--split", "markers"), "--split"),
-        (("fig4_4", "--name", "A/B"), "name 'A/B'"),
-        (("fig4_4", "--scene", "A"), "scene 'A'"),
-    ],
-    ids=str,
-)
-def test_a_wrong_simulator_option_is_one_line(capsys, arguments, words):
-    assert words in fails(capsys, "simulator", *arguments)
+WRONG = [
+    ("simulator", "which scene"),
+    ("simulator fig9", "no scene 'fig9'"),
+    ("simulator fig4_4 --part 4/3", "part '4/3'"),
+    ("simulator fig4_4 --rate 0", "rate '0'"),
+    ("simulator fig4_4 --rate 1,2 --part 1/3", "2 rates for 3 sources"),
+    ("simulator fig4_4 --start-at soon", "start 'soon'"),
+    ("simulator fig4_4 --time-scale 0", "time scale 0"),
+    ("simulator fig4_4 --noise -1", "--noise"),
+    ("simulator fig4_4 --split markers", "--split"),
+    ("simulator fig4_4 --name A/B", "name 'A/B'"),
+    ("simulator fig4_4 --scene A", "scene 'A'"),
+    ("replay take.npz --rate 60", "60 Hz exceeds the 50 Hz"),
+    ("replay take.npz --rate 10,20 --split 3", "2 rates for 3 sources"),
+    ("replay take.npz --speed 0", "speed 0"),
+    ("replay take.npz --split 0", "--split"),
+    ("replay take.npz --split 2 --part 1/3", "do not agree"),
+    ("replay take.npz --stamps none", "--stamps"),
+    ("replay take.npz --start-at -1", "start '-1'"),
+    (f"replay take.npz --name {'x' * 65}", "1 to 64 characters"),
+    ("replay none.c3d", "No such file"),
+    ("replay cut.npz", "truncated"),
+    ("replay empty.npz", "empty"),
+    ("replay text.c3d", "not a C3D file"),
+    ("klt nope.mp4", "no such file or folder"),
+    ("klt video.avi --calibration wrong.yaml", "wrong.yaml: no camera matrix"),
+    ("klt video.avi --calibration missing.yaml", "missing.yaml: No such file or directory"),
+    ("klt video.avi --extrinsics inner.toml", "has no [extrinsics]"),
+    (
+        "klt video.avi --tracker windw=3",
+        "unknown tracker parameter 'windw'; one of anchor_reach, birth_sigma",
+    ),
+    ("klt video.avi --tracker window=1000", "tracker parameter window: "),
+    ("klt video.avi --name 'Not A Name'", "name 'Not A Name'"),
+    ("external-camera video.avi --marker-size 0.1", "an external camera needs its extrinsics"),
+    (
+        "external-camera video.avi --marker-size 0.1 --extrinsics identity",
+        "markers need the camera's intrinsics",
+    ),
+    (
+        "external-camera video.avi --marker-size 0.1 --dictionary 9x9",
+        "no marker dictionary '9x9'; one of 4x4_100",
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--rate", "60"), "60 Hz exceeds the 50 Hz"),
-        (("--rate", "10,20", "--split", "3"), "2 rates for 3 sources"),
-        (("--speed", "0"), "speed 0"),
-        (("--split", "0"), "--split"),
-        (("--split", "2", "--part", "1/3"), "do not agree"),
-        (("--stamps", "none"), "--stamps"),
-        (("--start-at", "-1"), "start '-1'"),
-        (("--name", "x" * 65), "1 to 64 characters"),
-    ],
-    ids=str,
-)
-def test_a_wrong_replay_option_is_one_line(capsys, take, arguments, words):
-    assert words in fails(capsys, "replay", take, *arguments)
-
-
-def test_a_wrong_recording_is_one_line(capsys, take, tmp_path):
-    assert "No such file" in fails(capsys, "replay", tmp_path / "none.c3d")
-    take.write_bytes(take.read_bytes()[:500])
-    assert "truncated" in fails(capsys, "replay", take)
-    take.write_bytes(b"")
-    assert "empty" in fails(capsys, "replay", take)
-    text = tmp_path / "take.c3d"
-    text.write_text("x" * 2000)
-    assert "not a C3D file" in fails(capsys, "replay", text)
+@pytest.mark.parametrize(("command", "words"), WRONG)
+def test_what_a_source_cannot_do_is_one_line(capsys, monkeypatch, files, command, words):
+    monkeypatch.chdir(files)
+    assert words in refused(capsys, "source", *shlex.split(command))
 
 
 def test_the_scenes_are_listed(capsys):

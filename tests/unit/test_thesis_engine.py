@@ -5,13 +5,11 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.config import HypothesesConfig, ThesisConfig
-from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_schemas import UNDETERMINED
 
+from ..builders import MS, T0, S, batch, labels_of
 from ..reference import thesis as literal
 
-MS = 1_000_000
-S = 1_000 * MS
-T0 = 1_700_000_000 * S
 CONFIG = FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=0.02))
 REST = {i: (0.2 * i, 0.0) for i in range(5)}
 
@@ -26,22 +24,9 @@ class Scene:
         self.events = []
 
     def step(self, points, ended=()):
-        ids = sorted(points)
-        now = T0 + self.frame * 50 * MS
-        self.fusion.ingest(
-            ObservationBatch(
-                source="cam",
-                session="a" * 16,
-                seq=self.frame,
-                space="world",
-                unit="m",
-                dim=2,
-                stamp_ns=now,
-                ids=np.array(ids, np.uint64),
-                positions=np.array([points[i] for i in ids], np.float32).reshape(-1, 2),
-                ended=np.array(ended, np.uint64) if len(ended) else None,
-            )
-        )
+        ids, now = sorted(points), T0 + self.frame * 50 * MS
+        positions = [points[i] for i in ids]
+        self.fusion.ingest(batch("cam", self.frame, now, positions, ids=ids, ended=list(ended) or None))
         self.frame += 1
         self.update = self.fusion.update(now)
         self.events += [e for e in self.update.events if e.stamp_ns == self.update.stamp_ns]
@@ -52,7 +37,7 @@ class Scene:
 
     @property
     def labels(self):
-        return dict(zip(self.update.track_id.tolist(), self.update.track_hypothesis.tolist(), strict=True))
+        return labels_of(self.update)
 
     def told(self):
         return [(e.kind, e.hypothesis, e.others) for e in self.events]
@@ -192,7 +177,9 @@ def test_a_restart_tells_no_events_and_keeps_the_birth():
 
 
 def test_another_clustering_can_be_chosen():
-    scene = Scene(CONFIG.model_copy(update={"clustering": "eigengap"}))
+    scene = Scene(
+        CONFIG.model_copy(update={"thesis": ThesisConfig(sigma_switch=0.02, clustering="eigengap")})
+    )
     scene.run(60, both)
     assert {scene.labels[i] for i in REST} == {scene.labels[0]}
     assert {scene.labels[i] for i in (10, 11, 12)} == {scene.labels[10]} != {scene.labels[0]}
@@ -223,8 +210,7 @@ def test_sources_of_different_rates_give_the_affinities_of_the_definitions():
         for track, x in zip(ids.tolist(), positions, strict=True):
             trajectory = known.setdefault((source, track), literal.Trajectory())
             trajectory.history[T0 + stamp] = tuple(x.tolist())
-        message = {"source": source, "session": "a" * 16, "seq": k, "space": "world", "unit": "m", "dim": 2}
-        fusion.ingest(ObservationBatch(**message, stamp_ns=T0 + stamp, ids=ids, positions=positions))
+        fusion.ingest(batch(source, k, T0 + stamp, positions, ids=ids))
         if k % 4 == 0:
             fusion.update(T0 + stamp + 10 * MS)
     update = fusion.update(T0 + 4 * S)

@@ -9,23 +9,17 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
+from comotion_schemas import UNDETERMINED, Event, Pose, Preview, TruthBatch, Twist
 
-SESSION = "0123456789abcdef"
-S = 10**9
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    assert run(["view", *map(str, arguments)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    return error.removeprefix("error: ").rstrip()
+from ..builders import SESSION, S, batch, hypothesis, update
+from ..command_line import refused
 
 
 def test_without_the_extra_the_command_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    assert refusal(capsys, "--web") == "rerun is not installed: pip install 'comotion[view]'"
+    assert refused(capsys, "view", "--web") == "error: rerun is not installed: pip install 'comotion[view]'"
 
 
 class TestWithRerun:
@@ -42,17 +36,17 @@ class TestWithRerun:
         monkeypatch.delenv("DISPLAY", raising=False)
         monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
         monkeypatch.setattr(sys, "platform", "linux")
-        assert "use --web (browser) or --save FILE.rrd" in refusal(capsys)
+        assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
 
     def test_a_file_that_exists_and_a_wrong_name_are_refused(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         (tmp_path / "a.rrd").touch()
-        assert refusal(capsys, "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
-        assert refusal(capsys, "--save", tmp_path / "a.png").endswith("ends in .rrd")
-        assert "a.mcap" in refusal(capsys, tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
-        assert "rerun a.rrd" in refusal(capsys, "a.rrd", "--web")
-        assert "2GB" in refusal(capsys, "--save", tmp_path / "b.rrd", "--memory", "much")
+        assert refused(capsys, "view", "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
+        assert refused(capsys, "view", "--save", tmp_path / "a.png").endswith("ends in .rrd")
+        assert "a.mcap" in refused(capsys, "view", tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
+        assert "rerun a.rrd" in refused(capsys, "view", "a.rrd", "--web")
+        assert "2GB" in refused(capsys, "view", "--save", tmp_path / "b.rrd", "--memory", "much")
         assert not (tmp_path / "b.rrd").exists()
 
     def test_a_window_that_fails_ends_the_command_with_one_line(
@@ -98,8 +92,8 @@ class TestWithRerun:
             taken.listen()
             ports[option] = str(taken.getsockname()[1])
             arguments = [word for pair in ports.items() for word in pair]
-            error = refusal(capsys, "--web", "--no-browser", *arguments)
-        assert error == f"port {ports[option]} cannot be used: Address already in use"
+            error = refused(capsys, "view", "--web", "--no-browser", *arguments)
+        assert error == f"error: port {ports[option]} cannot be used: Address already in use"
 
     def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
         from comotion_clients.viewing.picture import ScenePicture
@@ -143,69 +137,26 @@ def _printed(path: Path) -> str:
 
 
 def _feed(picture, k):
-    from comotion_schemas import Preview, TruthBatch
-
     image = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
     picture.on_batch(_batch(k), float(k), k * S)
     picture.on_truth(TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
-    picture.on_preview(
-        Preview(
-            source="a",
-            session=SESSION,
-            stamp_ns=k * S,
-            encoding="jpeg",
-            image=image,
-            ids=[10],
-            pixels=[[1, 2]],
-        ),
-        float(k),
-    )
+    seen = {"encoding": "jpeg", "image": image, "ids": [10], "pixels": [[1, 2]]}
+    picture.on_preview(Preview(source="a", session=SESSION, stamp_ns=k * S, **seen), float(k))
     return picture.on_update(_update(k), float(k)) + picture.tick(k + 0.5)
 
 
 def _batch(k: int):
-    from comotion_schemas import ObservationBatch
-
-    return ObservationBatch(
-        source="a",
-        session=SESSION,
-        seq=k,
-        space="plane",
-        unit="m",
-        dim=2,
-        stamp_ns=k * S,
-        ids=[10, 11],
-        positions=np.full((2, 2), k, np.float32),
-    )
+    return batch("a", k, k * S, np.full((2, 2), k), space="plane", ids=[10, 11])
 
 
 def _update(k: int):
-    from comotion_schemas import Event, Hypothesis, HypothesisUpdate, Pose, SourceRef, Twist
-
-    return HypothesisUpdate(
-        scene="lab",
-        session=SESSION,
+    pose, twist = Pose(translation=[0.0, 0.0], rotation=0.1), Twist(linear=[1.0, 0.0], angular=1.0)
+    return update(
+        [1, UNDETERMINED],
         seq=k,
         stamp_ns=k * S,
-        published_ns=k * S,
-        period_ns=S // 10,
-        sources=[SourceRef(name="a", session=SESSION)],
-        track_source=[0, 0],
         track_id=[10, 11],
-        track_hypothesis=[1, 2**32 - 1],
-        track_confidence=[0.5, 0.5],
         track_position=np.array([[k, k, np.nan]] * 2, np.float32),
-        hypotheses=[
-            Hypothesis(
-                id=1,
-                space="plane",
-                size=1,
-                born_ns=0,
-                state="moving",
-                centroid=[float(k), float(k)],
-                pose=Pose(translation=[0.0, 0.0], rotation=0.1),
-                twist=Twist(linear=[1.0, 0.0], angular=1.0),
-            )
-        ],
+        hypotheses=[hypothesis(1, space="plane", centroid=[float(k), float(k)], pose=pose, twist=twist)],
         events=[Event(stamp_ns=k * S, kind="born", hypothesis=1, others=[])],
     )

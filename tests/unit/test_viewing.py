@@ -28,67 +28,26 @@ from comotion_clients.viewing.shapes import (
     Shape,
 )
 from comotion_clients.viewing.trails import LONGEST_GAP_NS, Trails
-from comotion_schemas import (
-    UNDETERMINED,
-    Box,
-    Event,
-    Hypothesis,
-    HypothesisUpdate,
-    ObservationBatch,
-    Pose,
-    Preview,
-    SourceRef,
-    TruthBatch,
-    Twist,
-)
+from comotion_schemas import UNDETERMINED, Box, Event, Pose, Preview, SourceRef, TruthBatch, Twist
 from comotion_schemas.colours import COLOURS, GREY, Palette, colour, legible
 
-SESSION, OTHER = "0123456789abcdef", "f" * 16
-S = 10**9
+from .. import builders
+from ..builders import SESSION, S, hypothesis
 
 
-def hypothesis(number: int, space: str = "world", **more: object) -> Hypothesis:
-    fields = {"size": 1, "born_ns": 0, "state": "moving", "centroid": [0.0, 0.0, 0.0]}
-    return Hypothesis(id=number, space=space, **{**fields, **more})
-
-
-def update(
-    labels: list[int],
-    stamp_ns: int = S,
-    positions: object = None,
-    sources: tuple[tuple[str, str], ...] = (("a", SESSION),),
-    track_source: list[int] | None = None,
-    track_id: list[int] | None = None,
-    **more: object,
-) -> HypothesisUpdate:
+def update(labels: list[int], stamp_ns: int = S, sources: tuple[str, ...] = ("a",), **fields):
     """One track per label, ids 10, 11, ...; all of the first source unless told otherwise."""
-    count = len(labels)
-    fields = {
-        "hypotheses": [hypothesis(h) for h in sorted(set(labels) - {UNDETERMINED})],
-        "events": [],
-    } | more
-    return HypothesisUpdate(
-        scene="lab",
-        session=SESSION,
-        seq=stamp_ns // S,
-        stamp_ns=stamp_ns,
-        published_ns=stamp_ns + S // 100,
-        period_ns=S // 10,
-        sources=[SourceRef(name=name, session=session) for name, session in sources],
-        track_source=[0] * count if track_source is None else track_source,
-        track_id=10 + np.arange(count) if track_id is None else track_id,
-        track_hypothesis=labels,
-        track_confidence=[0.5] * count,
-        track_position=np.zeros((count, 3), np.float32) if positions is None else positions,
-        **fields,
-    )
+    usual = {
+        "seq": stamp_ns // S,
+        "sources": [SourceRef(name=name, session=SESSION) for name in sources],
+        "track_id": 10 + np.arange(len(labels)),
+    }
+    return builders.update(labels, stamp_ns=stamp_ns, **(usual | fields))
 
 
-def batch(
-    source: str = "a", space: str = "world", unit: str = "m", dim: int = 3, **more: object
-) -> ObservationBatch:
-    fields = {"seq": 0, "stamp_ns": S, "ids": [10, 11], "positions": np.zeros((2, dim), np.float32)} | more
-    return ObservationBatch(source=source, session=SESSION, space=space, unit=unit, dim=dim, **fields)
+def batch(source: str = "a", space: str = "world", unit: str = "m", dim: int = 3, **fields):
+    usual = {"stamp_ns": S, "ids": [10, 11], "positions": np.zeros((2, dim))}
+    return builders.batch(source, space=space, unit=unit, **(usual | fields))
 
 
 def preview(stamp_ns: int, ids: list[int]) -> Preview:
@@ -120,7 +79,7 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
     picture = ScenePicture("lab")
     picture.on_batch(batch("a"), 0.0, S)
     picture.on_batch(batch("b", "b/pixels", "px", 2), 0.0, S)
-    both = update([1, 2], sources=(("a", SESSION), ("b", SESSION)), track_source=[0, 1])
+    both = update([1, 2], sources=("a", "b"), track_source=[0, 1])
     picture.on_update(both, 0.0)
     assert {(v.path, v.name, v.axes) for v in picture.layout.spaces} == {
         ("spaces/world", "world", "z-up"),
@@ -135,7 +94,7 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
 def test_a_plane_in_metres_has_y_up_and_an_optical_frame_is_seen_as_one() -> None:
     features = Features()
     known = {"a": SpaceRef("plane", "m", 2), "b": SpaceRef("cam/optical", "m", 3)}
-    features.draw(update([1, 2], sources=(("a", SESSION), ("b", SESSION)), track_source=[0, 1]), known)
+    features.draw(update([1, 2], sources=("a", "b"), track_source=[0, 1]), known)
     assert {v.name: v.axes for v in features.views.values()} == {"plane": "y-up", "cam/optical": "optical"}
 
 
@@ -161,7 +120,7 @@ def test_a_trail_begins_anew_in_another_session_backwards_and_after_a_gap(key: s
 def test_trails_have_the_colours_of_now() -> None:
     features = Features()
     features.draw(update([1, 2]), {})
-    shapes = features.draw(update([2, 2], S + S // 10, np.ones((2, 3), np.float32)), {})
+    shapes = features.draw(update([2, 2], S + S // 10, track_position=np.ones((2, 3), np.float32)), {})
     trail = one(shapes, Segments, "spaces/world/trails")
     assert trail.ends.tolist() == [[[0, 0, 0], [1, 1, 1]]] * 2
     assert trail.colours.tolist() == [list(colour(2))] * 2
@@ -203,7 +162,7 @@ def test_twist_arrows_show_the_way_of_a_second_and_the_axis() -> None:
 def test_in_2d_a_turn_is_the_way_of_the_tip_of_the_x_axis() -> None:
     turning = hypothesis(
         1,
-        "plane",
+        space="plane",
         centroid=[1.0, 1.0],
         pose=Pose(translation=[0.0, 0.0], rotation=np.pi / 2),
         twist=Twist(linear=[0.0, 0.0], angular=-1.0),
@@ -340,7 +299,7 @@ def test_memory_does_not_grow_with_what_has_ended() -> None:
     picture, sizes = ScenePicture("lab"), []
     for k in range(1, 400):
         picture.on_batch(batch(seq=k, stamp_ns=k * S), float(k), k * S)
-        picture.on_update(update([k], k * S, sources=((f"s{k}", SESSION),)), float(k))
+        picture.on_update(update([k], k * S, sources=(f"s{k}",)), float(k))
         picture.tick(k + 0.5)
         sizes.append(len(pickle.dumps(picture)))
     assert (sizes[-1] - sizes[199]) / 199 < 100  # bytes: the path of a source keeps its name
@@ -382,7 +341,7 @@ def test_each_space_is_scored_alone() -> None:
     # Right in a; in b two objects are one hypothesis. The same objects, seen in two spaces, are no error.
     both = update(
         [1, 2, 3, 3],
-        sources=(("a", SESSION), ("b", SESSION)),
+        sources=("a", "b"),
         track_source=[0, 0, 1, 1],
         track_id=[10, 11, 10, 11],
     )

@@ -17,70 +17,41 @@ from comotion_schemas import (
     UNDETERMINED,
     Box,
     Event,
-    Hypothesis,
     HypothesisUpdate,
     ObservationBatch,
     Pose,
     Problem,
     SourceRef,
-    Status,
     Twist,
 )
 
-from .. import messages
+from .. import builders
+from ..builders import SESSION, S, status
 
-SESSION, OTHER = "0123456789abcdef", "f" * 16
-S = 10**9
+OTHER = "f" * 16
 
 
 def batch(source: str, seq: int, session: str = SESSION, stamp_ns: int = 0) -> ObservationBatch:
-    return messages.batch(source=source, session=session, seq=seq, stamp_ns=stamp_ns)
+    return builders.batch(source, seq, stamp_ns, np.zeros((0, 3)), session=session)
 
 
 def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) -> HypothesisUpdate:
     """Four tracks of source a and two per hypothesis of source b, those of a undetermined."""
     labels = [UNDETERMINED] * 4 + [k for k in range(hypotheses) for _ in range(2 + k)]
-    return messages.update(
-        scene="lab",
+    bodies = [builders.hypothesis(k, size=2 + k, born_ns=(90 + k) * S) for k in range(hypotheses)]
+    if bodies:
+        twist = Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 0.0])
+        bodies[0] = replace(bodies[0], twist=twist, linked=[1])
+    return builders.update(
+        labels,
         seq=seq,
         stamp_ns=100 * S,
         published_ns=100 * S + 20_000_000,
-        sources=[SourceRef(name="a", session=SESSION), SourceRef(name="b", session=SESSION)],
+        sources=[SourceRef(name=name, session=SESSION) for name in "ab"],
         track_source=[0] * 4 + [1] * (len(labels) - 4),
-        track_id=np.arange(len(labels)),
-        track_hypothesis=labels,
-        track_confidence=[0.5] * len(labels),
-        hypotheses=[
-            Hypothesis(
-                id=k,
-                space="world",
-                size=2 + k,
-                born_ns=(90 + k) * S,
-                state="moving",
-                centroid=[0.0, 0.0, 0.0],
-                twist=Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 0.0]) if k == 0 else None,
-                linked=[1] if k == 0 else None,
-            )
-            for k in range(hypotheses)
-        ],
+        hypotheses=bodies,
         events=list(events),
     )
-
-
-def status(**changes: object) -> Status:
-    fields = {
-        "component": "fusion",
-        "role": "service",
-        "session": SESSION,
-        "stamp_ns": 0,
-        "state": "ok",
-        "rates": {},
-        "ages": {},
-        "counters": {},
-        "rejected": {},
-        "message": "",
-    }
-    return Status(**{**fields, **changes})
 
 
 def publish(model: SceneModel, source: str, rate: float, begin: float, end: float, seq: int = 0) -> int:
@@ -319,8 +290,7 @@ def test_problems_are_shown_whole_where_there_is_no_screen() -> None:
     model = SceneModel("demo")
     text = "cam: its stamps are 3600.0 s ahead of this machine; " + "synchronise the clocks, " * 8 + "end"
     problem = Problem(source="cam", kind="clock-ahead", since_ns=0, text=text)
-    status = messages.status(session="0" * 16, state="degraded", problems=[problem])
-    model.on_status(status)
+    model.on_status(status(state="degraded", problems=[problem]))
     model.on_update(update(hypotheses=30), 0.0)
     snapshot = model.snapshot(0.0)
     assert f"clock-ahead: {text}" in plain_line(snapshot)

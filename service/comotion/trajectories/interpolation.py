@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Slots, Stamps
-from .kernels import fill_recent_steps, fill_states, locate_newest
+from .kernels import fill_recent_steps, fill_states
 from .window import Window
 
 
@@ -52,29 +52,6 @@ def states_at(window: Window, slots: Slots, stamps: Stamps, gap_ns: int | None =
     columns = window.times, window.positions, window.start, window.stop, longest_ns
     fill_states(*columns, slots, stamps, states.position, states.observed, states.held)
     return states
-
-
-def locate(window: Window, slots: Slots, stamp_ns: int | Stamps) -> Slots:
-    """Index of the newest observation at or before a time in each slot; ``start - 1`` where there is none.
-
-    Parameters
-    ----------
-    window
-        Store of the trajectories.
-    slots
-        intp [n].
-    stamp_ns
-        One time for all, or int64 [n].
-
-    Returns
-    -------
-    NDArray[intp]
-        [n], into the rows of the window.
-    """
-    stamps = np.broadcast_to(np.asarray(stamp_ns, np.int64), slots.shape)
-    index = np.empty(len(slots), np.intp)
-    locate_newest(window.times, window.start, window.stop, slots, stamps, index)
-    return index
 
 
 def recent_steps(window: Window, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:

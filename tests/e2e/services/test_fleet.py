@@ -14,12 +14,10 @@ from comotion_clients.subscription import Subscription
 from comotion_deploy.cli import run
 from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register, say_leaving, say_ready
 from comotion_deploy.fleet.plan import Place, Scene
-from comotion_schemas import HypothesisUpdate, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas import HypothesisUpdate
 
-from .conftest import DEADLINE, observe
-from .etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..conftest import DEADLINE
+from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
 from .test_service import is_sorted_out, labels
 
 pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
@@ -51,26 +49,10 @@ def fleet(start, endpoint, etcd):
 
 
 @pytest.fixture
-def sources(endpoint):
+def sources(endpoint, track):
     """One tracker in each scene."""
-    stop = threading.Event()
-
-    def publish(scene):
-        settings = SessionSettings(connect=(endpoint,))
-        with Component(role="source", name="tracker", scene=scene, settings=settings) as component:
-            publisher = stream_publisher(component.session, component.keys, "obs", "tracker")
-            seq = 0
-            while not stop.wait(0.05):
-                publisher.put(encode(observe("tracker", component.session_id, seq, time.time_ns())))
-                seq += 1
-
-    threads = [threading.Thread(target=publish, args=(f"s{k}",), daemon=True) for k in range(SCENES)]
-    for thread in threads:
-        thread.start()
-    yield
-    stop.set()
-    for thread in threads:
-        thread.join(DEADLINE)
+    for k in range(SCENES):
+        track(endpoint, scene=f"s{k}")
 
 
 class Clients:

@@ -12,10 +12,10 @@ import pytest
 from comotion_clients.subscription import Subscription
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 
-from .conftest import DEADLINE
-from .etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..conftest import DEADLINE
+from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..wire import Wire
 from .test_service import is_sorted_out, labels
-from .wire import Wire
 
 pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
 KEYS = Keys()

@@ -16,14 +16,14 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, ObservationBatch, SourceRef, encode
+from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
 
-from .. import messages
-from .conftest import DEADLINE
+from ... import builders
+from ...builders import SESSION
+from ..conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
-SESSION = "0123456789abcdef"
 KEYS = Keys("default")
 
 
@@ -37,7 +37,7 @@ def scene(session: zenoh.Session) -> Iterator[None]:
     def publish() -> None:
         seq = 0
         while not over.wait(0.05):
-            observations.put(encode(batch(seq)))
+            observations.put(encode(builders.batch("camera", seq, time.time_ns(), ids=[7])))
             hypotheses.put(encode(update(seq)))
             seq += 1
 
@@ -48,22 +48,10 @@ def scene(session: zenoh.Session) -> Iterator[None]:
     thread.join()
 
 
-def batch(seq: int) -> ObservationBatch:
-    return messages.batch(source="camera", seq=seq, stamp_ns=time.time_ns(), ids=[7])
-
-
 def update(seq: int) -> HypothesisUpdate:
     now = time.time_ns()
-    return messages.update(
-        seq=seq,
-        stamp_ns=now,
-        sources=[SourceRef(name="camera", session=SESSION)],
-        track_id=[7],
-        track_hypothesis=[42],
-        hypotheses=[
-            Hypothesis(id=42, space="world", size=1, born_ns=now, state="moving", centroid=[0.0, 0.0, 0.0])
-        ],
-    )
+    camera, body = SourceRef(name="camera", session=SESSION), builders.hypothesis(42, born_ns=now)
+    return builders.update([42], seq=seq, stamp_ns=now, sources=[camera], track_id=[7], hypotheses=[body])
 
 
 def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:

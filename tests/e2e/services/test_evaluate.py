@@ -15,6 +15,8 @@ from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
 from comotion_schemas import HypothesisUpdate, Keys
 
+from ...command_line import refused
+
 pytestmark = pytest.mark.e2e
 SETTINGS = ("--set", "thesis.sigma_switch=0.02", "--set", "thesis.v_move=null")
 SCENE = """
@@ -112,14 +114,4 @@ def test_with_a_duration_it_ends_by_itself_in_a_scene_that_nobody_has(
 def test_misuse_is_one_clear_line(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["evaluate", *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    assert complaint in line
-
-
-def test_a_table_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["evaluate", "sim:fig4_1", "--duration", "1", "--seeds", "0-1"]) == 0
-    header, row = capsys.readouterr().out.splitlines()
-    assert header.split()[:3] == ["file", "mean", "NMI"]
-    assert row.startswith("sim:fig4_1")
+    assert complaint in refused(capsys, "evaluate", *arguments)

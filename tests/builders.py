@@ -1,0 +1,76 @@
+"""Messages for tests: a test names what matters to it, the rest has a plain value."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from comotion_schemas import (
+    UNDETERMINED,
+    Hypothesis,
+    HypothesisUpdate,
+    ObservationBatch,
+    SourceRef,
+    Status,
+)
+
+SESSION = "a" * 16
+MS = 1_000_000
+S = 1_000 * MS
+T0 = 1_700_000_000 * S
+
+
+def batch(
+    source: str = "cam", seq: int = 0, stamp_ns: int = T0, positions: ArrayLike = ((0.0, 0.0, 0.0),), **fields
+) -> ObservationBatch:
+    """Positions [N, dim], in m of space world, of features 0 to N - 1."""
+    positions = np.asarray(positions, np.float32)
+    usual = {
+        "session": SESSION,
+        "space": "world",
+        "unit": "m",
+        "dim": positions.shape[1],
+        "ids": np.arange(len(positions), dtype=np.uint64),
+    }
+    return ObservationBatch(
+        source=source, seq=seq, stamp_ns=stamp_ns, positions=positions, **(usual | fields)
+    )
+
+
+def hypothesis(number: int, **fields) -> Hypothesis:
+    """A moving body of one feature at the origin of space world."""
+    usual = {"space": "world", "size": 1, "born_ns": 0, "state": "moving", "centroid": [0.0, 0.0, 0.0]}
+    return Hypothesis(id=number, **(usual | fields))
+
+
+def update(labels: Sequence[int] = (), **fields) -> HypothesisUpdate:
+    """A track of source a for each label, of features 0, 1, ...; each label is a listed hypothesis."""
+    count, sizes = len(labels), {h: list(labels).count(h) for h in sorted({*labels} - {UNDETERMINED})}
+    usual = {
+        "scene": "lab",
+        "session": SESSION,
+        "seq": 0,
+        "stamp_ns": S,
+        "period_ns": 100 * MS,
+        "sources": [SourceRef(name="a", session=SESSION)],
+        "track_source": np.zeros(count, np.uint16),
+        "track_id": np.arange(count),
+        "track_hypothesis": labels,
+        "track_confidence": [0.5] * count,
+        "track_position": np.zeros((count, 3), np.float32),
+        "hypotheses": [hypothesis(h, size=size) for h, size in sizes.items()],
+        "events": [],
+    } | fields
+    return HypothesisUpdate(**({"published_ns": usual["stamp_ns"]} | usual))
+
+
+def status(component: str = "fusion", role: str = "service", **fields) -> Status:
+    """A component that is well."""
+    empty = {name: {} for name in ("rates", "ages", "counters", "rejected")}
+    usual = {"session": SESSION, "stamp_ns": 0, "state": "ok", "message": ""} | empty
+    return Status(component=component, role=role, **(usual | fields))
+
+
+def labels_of(update: HypothesisUpdate) -> dict[int, int]:
+    """Hypothesis of each feature; of the last source where two share an id."""
+    return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
