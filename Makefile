@@ -17,7 +17,7 @@ $(STAMP): pyproject.toml requirements.txt
 	@echo "setting up $(VENV), once: a minute or two"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record,ros,secure,video]' --group dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,foxglove,metrics,mocap,plot,record,ros,secure,video]' --group dev
 	@echo "compiling, once: a minute or two"
 	$(BIN)/comotion dev warm-up
 	@touch $@

@@ -142,7 +142,10 @@ def _repair_or_export(repair: Path | None, export: Path | None, out: Path | None
         saved = save(repair, target)
         _print_result(saved.as_json(), saved.lines(target), json_=json_)
     if export is not None:
-        from comotion_clients.recording.export import export as convert
+        try:
+            from comotion_clients.recording.export import export as convert
+        except ImportError as error:
+            raise missing_extra("foxglove", error) from None
 
         target = out or export.with_name(f"{export.stem}-foxglove.mcap")
         exported = convert(export, target)

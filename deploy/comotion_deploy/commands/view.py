@@ -12,7 +12,7 @@ from .. import options
 from ..errors import UserError, missing_extra, require_dense
 
 if TYPE_CHECKING:
-    from comotion_clients.viewing.process import ViewOptions
+    from comotion_clients.viewing.process import Viewed, ViewOptions
     from comotion_clients.viewing.sink import Destination, RerunSink
     from comotion_schemas.transport import SessionSettings
 
@@ -26,6 +26,8 @@ Examples:
   comotion view --web --rate 2   # for a browser without a graphics card
 
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
+
+  comotion view --foxglove   # for the Foxglove app: open ws://127.0.0.1:8765
 
   comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
 """
@@ -51,6 +53,16 @@ def view(
             help="Write a new file for the Rerun viewer.",
         ),
     ] = None,
+    foxglove: Annotated[
+        bool,
+        typer.Option("--foxglove", envvar="COMOTION_FOXGLOVE", help="Serve the scene to the Foxglove app."),
+    ] = False,
+    foxglove_port: Annotated[
+        int,
+        typer.Option(
+            "--foxglove-port", envvar="COMOTION_FOXGLOVE_PORT", min=0, max=65535, help="Its port; 0: any."
+        ),
+    ] = 8765,
     port: Annotated[
         int, typer.Option("--port", envvar="COMOTION_WEB_PORT", min=1, max=65535, help="Port of the page.")
     ] = 9090,
@@ -103,15 +115,29 @@ def view(
     tls: options.Tls = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun.
+    """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun or Foxglove.
 
-    In a window where there is a display; with --web or --save elsewhere.
+    In a window where there is a display; with --web, --save or --foxglove elsewhere.
     """
+    from comotion_schemas.naming import read_names
+
+    called = read_names(names or ())
+    if foxglove:
+        _serve_foxglove(
+            recording,
+            foxglove_port,
+            called,
+            scene,
+            options.session_settings(connect, tls=tls),
+            duration,
+            ready_file,
+            json_=json_,
+        )
+        return
     _require_rerun()
     if regions:
         require_dense()
     from comotion_clients.viewing.sink import Destination
-    from comotion_schemas.naming import read_names
 
     if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", memory) is None:
         raise UserError(f"--memory {memory}: expected something like 500MB, 2GB or 25%")
@@ -130,7 +156,6 @@ def view(
         file=save,
         memory=memory,
     )
-    called = read_names(names or ())
     if recording is not None:
         _show_recording(recording, where, duration, dense=regions, names=called)
     else:
@@ -138,6 +163,49 @@ def view(
 
         how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file, dense=regions, names=called)
         _show_scene(where, scene, options.session_settings(connect, tls=tls), how, json_=json_)
+
+
+def _serve_foxglove(
+    recording: Path | None,
+    port: int,
+    names: dict[int, str],
+    scene: str,
+    settings: "SessionSettings",
+    duration: float | None,
+    ready_file: Path | None,
+    *,
+    json_: bool,
+) -> None:
+    try:
+        from comotion_clients.foxglove.server import FoxgloveDisplay
+    except ImportError as error:
+        raise missing_extra("foxglove", error) from None
+    from comotion_clients.viewing.process import ViewOptions, follow
+    from comotion_schemas import Keys
+
+    Keys(scene)  # checks the name before the server starts
+    with FoxgloveDisplay(port, names) as display:
+        print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
+        if recording is None:
+            how = ViewOptions(duration=duration, ready_file=ready_file)
+            _print_viewed(follow(display, scene, settings, how), json_=json_)
+            return
+        try:
+            from comotion_clients.recording.reading import Reading
+        except ImportError as error:
+            raise missing_extra("record", error) from None
+        with Reading(recording) as reading:
+            print(f"{recording}: {display.play(reading.messages())} updates", file=sys.stderr)
+
+
+def _print_viewed(result: "Viewed", *, json_: bool) -> None:
+    import json
+    from dataclasses import asdict
+
+    if json_:
+        print(json.dumps(asdict(result), indent=2))
+    else:
+        print(result.line(), file=sys.stderr)
 
 
 def _show_scene(
@@ -148,9 +216,6 @@ def _show_scene(
     *,
     json_: bool,
 ) -> None:
-    import json
-    from dataclasses import asdict
-
     from comotion_clients.viewing.process import view as run
     from comotion_clients.viewing.sink import RerunSink
     from comotion_schemas import Keys
@@ -159,10 +224,7 @@ def _show_scene(
     with RerunSink(where) as sink:
         _print_address(sink)
         result = run(sink, scene, settings, how)
-    if json_:
-        print(json.dumps(asdict(result), indent=2))
-    else:
-        print(result.line(), file=sys.stderr)
+    _print_viewed(result, json_=json_)
 
 
 def _show_recording(
