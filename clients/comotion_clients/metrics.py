@@ -200,6 +200,16 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
         The tracks observed at the stamp of the update: these are scored, and a track that is
         undetermined or not in the update is a singleton. None: the tracks of the update.
     """
+    return score_labels(*labelled(update, truth, observed), update.stamp_ns)
+
+
+def labelled(
+    update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Hypothesis and true object of the tracks of an update, int64 [N] and int32 [N].
+
+    Parameters as in :func:`score_update`.
+    """
     listed, bodies = tracks_of(update), bodies_of(update)
     if observed is None:
         observed = {key: np.array(list(table), np.uint64) for key, table in listed.items()}
@@ -209,7 +219,7 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
         ours = (table.get(i, UNDETERMINED) for i in ids.tolist())
         labels.append(np.fromiter((bodies.get(one, one) for one in ours), np.int64, len(ids)))
         objects.append(truth.objects(key, ids))
-    return score_labels(np.concatenate(labels), np.concatenate(objects), update.stamp_ns)
+    return np.concatenate(labels), np.concatenate(objects)
 
 
 def score_labels(labels: NDArray[np.int64], objects: NDArray[np.int32], stamp_ns: int) -> Score:

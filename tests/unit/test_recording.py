@@ -9,7 +9,6 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import jsonschema
 import pytest
 from mcap.reader import make_reader
 

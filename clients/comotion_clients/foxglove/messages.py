@@ -155,7 +155,9 @@ def joints(
 ) -> SceneUpdate | None:
     """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
     bodies = {h.id: h for h in update.hypotheses if h.space == space}
-    found = [(j, bodies[j.child], j.point) for j in update.joints if j.child in bodies and j.point is not None]
+    found = [
+        (j, bodies[j.child], j.point) for j in update.joints if j.child in bodies and j.point is not None
+    ]
     entities = [
         SceneEntity(
             timestamp=_time(update.stamp_ns),

@@ -31,12 +31,14 @@ from ..metrics import Truth, score_update
 from ..scoring import Observed, spaces_of
 from . import messages
 
+_COUNTS = ("hypotheses", "moving", "tracks", "undetermined")
+_VALUES = ("mean_confidence", "lag_s", "nmi", "misclassification")
 _NUMBERS_SCHEMA = {
     "title": "comotion.Numbers",
     "type": "object",
     "properties": {
-        **dict.fromkeys(("hypotheses", "moving", "tracks", "undetermined"), {"type": "integer"}),
-        **dict.fromkeys(("mean_confidence", "lag_s", "nmi", "misclassification"), {"type": "number"}),
+        **{name: {"type": "integer"} for name in _COUNTS},
+        **{name: {"type": "number"} for name in _VALUES},
     },
 }
 _EVENTS_KEPT = 4096

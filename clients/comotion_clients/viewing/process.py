@@ -229,9 +229,7 @@ def view(
     return follow(_Shapes(sink, picture), scene, settings, options)
 
 
-def follow(
-    display: Display, scene: str, settings: SessionSettings | None, options: ViewOptions
-) -> Viewed:
+def follow(display: Display, scene: str, settings: SessionSettings | None, options: ViewOptions) -> Viewed:
     """Give a display the messages of a scene, as :func:`view` does."""
     ages = Ages()
     feeds: list[_Feed] = []

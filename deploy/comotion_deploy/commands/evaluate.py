@@ -26,6 +26,8 @@ Examples:
 
   comotion evaluate take.mcap   # what comotion record has written
 
+  comotion evaluate take.mcap --paths out && evo_traj tum out/*.tum   # evo draws and compares them
+
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
 
@@ -106,6 +108,15 @@ def evaluate(
             "--plot", envvar="COMOTION_PLOT", metavar="FILE.png", help="Draw hypotheses, truth and NMI."
         ),
     ] = None,
+    paths: Annotated[
+        Path | None,
+        typer.Option(
+            "--paths",
+            envvar="COMOTION_PATHS",
+            metavar="FOLDER",
+            help="Write the paths of moving cameras and of bodies in the TUM format, for evo.",
+        ),
+    ] = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     json_: options.Json = False,
@@ -114,7 +125,7 @@ def evaluate(
     tls: options.Tls = None,
     _log_level: options.Log = options.LogLevel.WARNING,
 ) -> None:
-    """Score hypotheses against the truth: NMI, error, number of hypotheses, label switches.
+    """Score hypotheses against the truth: NMI, error, number of hypotheses, switches, HOTA, IDF1.
 
     Every track that is observed at an update is scored; a track that is undetermined
     or not in the update counts as a separate cluster.
@@ -127,7 +138,9 @@ def evaluate(
     else:
         options.reject_flags(ctx, _OFFLINE_ONLY, "is only for FILES")
     if not files:
-        _live(scene, options.session_settings(connect, tls=tls), duration, plot, ready_file, json_=json_)
+        _live(
+            scene, options.session_settings(connect, tls=tls), duration, plot, paths, ready_file, json_=json_
+        )
         return
     from rich.console import Console
 
@@ -145,7 +158,9 @@ def evaluate(
         )
     except ImportError as error:
         raise missing_extra("record", error) from None
-    results = evaluate_inputs(inputs, config, period=period, duration=duration, plot=plot, comparator=compare)
+    results = evaluate_inputs(
+        inputs, config, period=period, duration=duration, plot=plot, paths=paths, comparator=compare
+    )
     if json_:
         _print_json(as_json(results, config, period))
     else:
@@ -160,16 +175,20 @@ def _live(
     settings: "SessionSettings",
     duration: float | None,
     plot: Path | None,
+    paths: Path | None,
     ready_file: Path | None,
     *,
     json_: bool,
 ) -> None:
     from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+    from comotion_clients.tum import save_paths
     from comotion_experiments.plot import Trace, save_plot
 
     trace = Trace()
     how = EvaluateOptions(duration=duration, on_update=trace.add, ready_file=ready_file)
     run = evaluate(scene, settings, how)
+    if paths is not None:
+        save_paths(paths, trace.updates)
     if plot is not None:
         save_plot(
             plot,
