@@ -109,10 +109,8 @@ def evaluate_inputs(
         compared = compare(one.open(), duration).means() if comparator else {}
         results.append(_evaluated(one, run, digest.hexdigest(), compared))
         if paths is not None:
-several = len(inputs) > 1
-            save_paths(plot_path(paths / "paths", one, several=several) if several else paths, trace.updates)
-                plot_path(paths / "paths", one, several=True) if len(inputs) > 1 else paths, trace.updates
-            )
+            several = len(inputs) > 1
+            save_paths(plot_path(paths / "paths", one, several=True) if several else paths, trace.updates)
         if plot is not None:
             _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
     return results
