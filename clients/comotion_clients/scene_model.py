@@ -7,16 +7,19 @@ clock in nanoseconds.
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
+from comotion_schemas.hypotheses import OF_BODIES, EventKind
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.naming import Names, named
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.text import shown
 
+from .feature_names import HypothesisNames
 from .joint_rows import joint_row
 from .scene_rows import (
     EventRow,
@@ -107,12 +110,15 @@ class SceneModel:
     scene
         Name of the scene.
     names
-        Names of hypotheses by id.
+        Names of hypotheses by id, as people give them; :attr:`names` holds those of sources too.
+    all_events
+        Whether events of joints are told beside those of bodies.
     """
 
-    def __init__(self, scene: str, names: Names | None = None) -> None:
+    def __init__(self, scene: str, names: Names | None = None, *, all_events: bool = False) -> None:
         self.scene = scene
-        self._names = names or {}
+        self._kinds = frozenset(get_args(EventKind)) if all_events else OF_BODIES
+        self.names = HypothesisNames(names)
         self.palette = Palette()
         self._sources: dict[str, _Source] = {}
         self._units: dict[str, str] = {}
@@ -148,8 +154,10 @@ class SceneModel:
         lost = self._sequences.sight("hypotheses", update.session, update.seq).lost
         self._updates.arrive(lost, arrived)
         self._update, self._service_gone = update, False
+        self.names.on_update(update)
         self.palette.see(update.hypotheses)
-        new = [e for e in update.events if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
+        told = [e for e in update.events if e.kind in self._kinds]
+        new = [e for e in told if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
         for key in list(self._events)[:-EVENTS_KEPT]:
             del self._events[key]
@@ -160,6 +168,7 @@ class SceneModel:
 
         Where services have tokens, who has none is no service.
         """
+        self.names.on_status(status)
         short = status.component[:TOKEN_NAME_CHARACTERS]
         holds = any(token in (status.component, short) for token in map(token_name, self._services))
         if status.role == "service" and status.replica != "standby" and (holds or not self._services):
@@ -197,7 +206,7 @@ class SceneModel:
             sources=self._source_rows(now),
             hypotheses=[] if update is None else self._hypothesis_rows(update),
             events=[] if update is None else self._event_rows(update),
-            joints=[] if update is None else [joint_row(joint, self._names) for joint in update.joints],
+            joints=[] if update is None else [joint_row(joint, self.names) for joint in update.joints],
         )
 
     def _service_row(self, now: float) -> ServiceRow:
@@ -283,7 +292,7 @@ class SceneModel:
                     turning=None if twist is None else float(np.linalg.norm(twist.angular)),
                     translation=None if pose is None else list(pose.translation),
                     rotation=None if pose is None else _rotation_vector(pose.rotation),
-                    name=named(h.id, self._names),
+                    name=named(h.id, self.names),
                     extent=None if box is None else [2 * half for half in box.half],
                 )
             )
@@ -292,7 +301,14 @@ class SceneModel:
     def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
         newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)
         return [
-            EventRow(e.stamp_ns, (update.stamp_ns - e.stamp_ns) / 1e9, e.kind, e.hypothesis, list(e.others))
+            EventRow(
+                e.stamp_ns,
+                (update.stamp_ns - e.stamp_ns) / 1e9,
+                e.kind,
+                e.hypothesis,
+                list(e.others),
+                {one: self.names[one] for one in (e.hypothesis, *e.others) if one in self.names},
+            )
             for e in newest_first
         ]
 

@@ -13,7 +13,7 @@ from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.text import shown
 
-from .scene_problems import ComponentRow, find_problems
+from .scene_problems import ComponentRow, RouterRow, find_problems
 
 Overall = Literal["ok", "degraded", "stalled"]
 SILENT_S = 3.5
@@ -23,19 +23,6 @@ _MOST_CHARACTERS, _MOST_TEXT = 80, 500
 _MOST_LOCATORS = 8
 # Components and routers that are remembered; a scene has hundreds at most.
 _MOST = 4096
-
-
-@dataclass(frozen=True)
-class RouterRow:
-    """One router, as it describes itself."""
-
-    name: str
-    host: str
-    zid: str
-    version: str
-    locators: list[str]
-    sessions: int
-    routers: int
 
 
 @dataclass(frozen=True)
@@ -132,6 +119,7 @@ class StatusModel:
             locators=[_short(one) for one in locators[:_MOST_LOCATORS]] if isinstance(locators, list) else [],
             sessions=sum(s.get("whatami") != "router" for s in sessions),
             routers=sum(s.get("whatami") == "router" for s in sessions),
+            dials=dials if isinstance(dials := metadata.get("dials"), int) else 0,
         )
 
     def snapshot(self, now_s: float) -> SceneStatus:
@@ -139,7 +127,8 @@ class StatusModel:
         rows = [self._row(name, seen, now_s) for name, seen in sorted(self._seen.items())]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
-        problems = find_problems(rows) + _reported(self._newest_service())
+        routers = sorted(self._routers.values(), key=lambda row: (row.name, row.zid))
+        problems = find_problems(rows, routers) + _reported(self._newest_service())
         update = self._update
         return SceneStatus(
             scene=self.scene,
@@ -147,7 +136,7 @@ class StatusModel:
             updates_hz=self._updates_hz(),
             update_lag_s=None if update is None else (update.published_ns - update.stamp_ns) / 1e9,
             components=rows,
-            routers=sorted(self._routers.values(), key=lambda row: (row.name, row.zid)),
+            routers=routers,
             problems=problems,
         )
 

@@ -11,16 +11,18 @@ _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red
 
 
 def show(found: SceneStatus, console: Console) -> None:
-    """Print a scene's status: one table of components, one of routers, and the problems."""
+    """Print a scene's status: what to look at, a table of components, and one of routers."""
     line = Text.assemble(f"scene {found.scene}: ", (found.overall, _STYLES[found.overall]))
     if found.updates_hz is not None and found.update_lag_s is not None:
         line.append(f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind")
     console.print(line)
+    if found.problems:
+        console.print(Text("what to look at", "bold"))
+    for problem in found.problems:
+        console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
     console.print(_components(found.components))
     if found.routers:
         console.print(_routers(found))
-    for problem in found.problems:
-        console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
 
 
 def _components(rows: list[ComponentRow]) -> Table:
@@ -57,7 +59,6 @@ def _routers(found: SceneStatus) -> Table:
     table.add_column("components", justify="right")
     table.add_column("routers", justify="right")
     for row in found.routers:
-        name = row.name or row.zid[:8]
-        given = (name, row.host, row.version, " ".join(row.locators))
+        given = (row.label, row.host, row.version, " ".join(row.locators))
         table.add_row(*map(Text, given), str(row.sessions), str(row.routers))
     return table

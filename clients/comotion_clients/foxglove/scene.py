@@ -24,9 +24,11 @@ from foxglove import channels
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.colours import Palette
+from comotion_schemas.hypotheses import OF_BODIES
 from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
+from ..feature_names import HypothesisNames
 from ..metrics import Truth, score_update
 from ..scoring import Observed, spaces_of
 from . import messages
@@ -63,7 +65,7 @@ class FoxgloveScene:
     def __init__(self, context: foxglove.Context, names: Names | None = None) -> None:
         self.logged: dict[str, int] = {}
         self._context = context
-        self._names = names or {}
+        self._names = HypothesisNames(names)
         self._channels: dict[str, Any] = {}
         self._observed = Observed()
         self._palette = Palette()
@@ -82,10 +84,12 @@ class FoxgloveScene:
             case Preview():
                 self._log(f"/images/{message.source}", log_ns, messages.image(message))
             case Status():
+                self._names.on_status(message)
                 self._log("/health", log_ns, messages.health_line(message))
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
         self._palette.see(update.hypotheses)
+        self._names.on_update(update)
         update = poses_in_space(update)
         score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
@@ -116,7 +120,7 @@ class FoxgloveScene:
         """Log each event once, although updates repeat it for 2 s."""
         for event in update.events:
             key = (event.stamp_ns, event.kind, event.hypothesis)
-            if key not in self._logged_events:
+            if event.kind in OF_BODIES and key not in self._logged_events:
                 self._logged_events[key] = None
                 self._log("/events", log_ns, messages.event_line(event, self._names))
         while len(self._logged_events) > _EVENTS_KEPT:

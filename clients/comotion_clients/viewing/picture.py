@@ -42,7 +42,7 @@ class ScenePicture:
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
         self._observed = Observed()
-        self._features = Features(self.model.palette, names)
+        self._features = Features(self.model.palette, self.model.names)
         self._cameras = Cameras(self.model.palette, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
@@ -101,7 +101,7 @@ class ScenePicture:
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
         """Draw an update and its new events; an update that repeats a stamp is not drawn again."""
         moments = [
-            Moment(e.stamp_ns, [event_entry(e, self.model.palette)])
+            Moment(e.stamp_ns, [event_entry(e, self.model.palette, self.model.names)])
             for e in self.model.on_update(update, arrived)
         ]
         if update.stamp_ns == self._drawn_ns or not _has_time(update):

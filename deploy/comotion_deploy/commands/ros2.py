@@ -47,6 +47,7 @@ def ros2(
     ] = None,
     scene: options.Scene = "default",
     connect: options.Connect = None,
+    names: options.BodyNames = None,
     ready_file: options.ReadyFile = None,
     _config: options.ConfigFile = None,
     tls: options.Tls = None,
@@ -58,6 +59,7 @@ def ros2(
     if bag is not None and bag.exists():
         raise UserError(f"{bag}: exists")
     from comotion_clients.ros2.process import Ros2Options, run
+    from comotion_schemas.naming import read_names
     from comotion_schemas.ros_types import store
     from comotion_schemas.transport import SessionSettings
 
@@ -72,6 +74,7 @@ def ros2(
         bag=bag,
         duration=duration,
         ready_file=ready_file,
+        names=read_names(names or ()),
     )
     try:
         sent = run(scene, options.session_settings(connect, tls=tls), how)

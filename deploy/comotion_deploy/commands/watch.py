@@ -53,6 +53,12 @@ def watch(
         ),
     ] = 5.0,
     names: options.BodyNames = None,
+    all_events: Annotated[
+        bool,
+        typer.Option(
+            "--all-events", envvar="COMOTION_ALL_EVENTS", help="Events of joints too, not of bodies alone."
+        ),
+    ] = False,
     scene: options.Scene = "default",
     connect: options.Connect = None,
     json_: options.Json = False,
@@ -76,5 +82,6 @@ def watch(
         timeout=timeout,
         ready_file=ready_file,
         names=read_names(names or ()),
+        all_events=all_events,
     )
     watch(scene, options.session_settings(connect, tls=tls), how)

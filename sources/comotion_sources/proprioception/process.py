@@ -65,6 +65,7 @@ def run(
         ready_file=ready_file,
         rate=1.0 / max(packing.span, 1.0 / packing.rate),
         message=f"poses of {', '.join(kinematics.links)}",
+        feature_names=dict(enumerate(kinematics.links)),
     )
     with source:
         relay = _Relay(source, Packer(kinematics, packing))
