@@ -135,7 +135,9 @@ def test_the_lines_of_a_hinge_keep_their_distance_from_it():
 
 def test_viewers_draw_joints():
     shown = update([DOOR, DRAWER, FREE])
-    (shape,) = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette())
+    names = {2: "door"}
+    shape, words = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette(), names)
+    assert words.labels == ("door turns on 1, 0 to 69°", "3 slides on door, 0.00 to 0.30 m")
     assert shape.path == "space/joints"
     assert len(shape.ends) == len(shape.colours)
     assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []

@@ -129,7 +129,7 @@ def segment(
         calibration=camera.read_calibration(calibration, extrinsics),
         use_depth=depth,
     )
-    with _progress(what) as progress:
+    with _progress(what, how.fusion.method) as progress:
         found = run(what, how, progress)
     if trajectory is not None:
         _write_trajectory(trajectory, found)
@@ -179,12 +179,12 @@ def _print_summary(found: "Segmented") -> None:
 
 
 @contextmanager
-def _progress(what: str) -> "Iterator[Progress]":
+def _progress(what: str, method: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
-    from comotion.library.compiling import tell_of_compiling
+    from comotion.library.compiling import compile_ahead
     from comotion_clients.progress import reporting
 
-    tell_of_compiling()
+    compile_ahead(method, "px", 2)
     name = Path(what).name
     with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
         yield lambda done, total: report(
