@@ -1,8 +1,9 @@
 """What a method takes and what it answers: the words that methods and the rest of the core share."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,40 +173,67 @@ class BodyMotion:
     radius: float
     static: bool
 
+    def at_rest(self) -> "BodyMotion":
+        """The same body at rest where it is now."""
+        count = len(self.stamps)
+        return replace(
+            self,
+            R=np.broadcast_to(self.R[-1], (count, 3, 3)),
+            t=np.broadcast_to(self.t[-1], (count, 3)),
+            posed=np.ones(count, np.bool_),
+            turn_covariance=np.zeros((count, 3, 3)),
+            place_variance=np.zeros(count),
+        )
+
 
 Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 """From counts [old, new] of shared trajectories to pairs (old, new), each row and column once at most."""
 
 
-class Method(Protocol):
+class Method(ABC):
     """A method, for one space. Told of every change of the window, asked once per update."""
 
-    @property
-    def matching(self) -> Matching:
-        """How its groups continue hypotheses; see :mod:`comotion.matching`."""
+    matching: Matching
+    """How its groups continue hypotheses; see :mod:`comotion.matching`."""
+    established = False
+    """Whether members of long standing decide which hypothesis a group continues, or all alike."""
+    searching = True
+    """Whether new groups are sought; else the known ones may be followed where that is cheaper."""
 
-    @property
-    def established(self) -> bool:
-        """Whether members of long standing decide which hypothesis a group continues, or all alike."""
-
-    def observed(self, window: Window, rows: Rows) -> None:
+    def observed(self, window: Window, rows: Rows) -> None:  # noqa: B027 - most read all at updates
         """One instant of one source has been stored."""
 
-    def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
+    def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:  # noqa: B027
         """The oldest `counts[k]` observations of `slots[k]` are about to go."""
 
-    def forgetting(self, window: Window, slots: Slots) -> None:
-        """Slots are about to be freed."""
+    def forgetting(self, window: Window, slots: Slots) -> None:  # noqa: B027
+        """Slots are about to be freed. Their keys are never used again."""
 
+    @abstractmethod
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories (slots by age, intp [n]) at the watermark."""
 
+    @abstractmethod
     def affinity(self) -> NDArray[np.float32]:
         """Affinity [n, n] of the last update's current trajectories."""
 
+    def motions(
+        self,
+        ids: Labels,  # noqa: ARG002
+        references: Mapping[int, PoseReference],  # noqa: ARG002
+        wanted: Collection[int],  # noqa: ARG002
+    ) -> dict[int, BodyMotion]:
+        """Motion of the wanted hypotheses over the window, by id, as far as it is known.
+
+        `ids` int64 [K] are the hypotheses of the last partition's groups.
+        """
+        return {}
+
+    @abstractmethod
     def state(self) -> dict[str, Any]:
         """What must survive a restart, as plain values and arrays."""
 
+    @abstractmethod
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state` over a window that has been filled again.
 

@@ -1,6 +1,6 @@
 """Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -22,9 +22,7 @@ from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
-from .partition import BodyMotion, Method, Partition, Rows, SpaceSpec
-from .rigid.method import RigidMethod
-from .rigid.poses import Poses
+from .partition import Method, Partition, Rows, SpaceSpec
 from .shedding import FULL, Effort
 from .source_checks import Stored
 from .trajectories.track_index import Ids, TrackIndex
@@ -308,7 +306,8 @@ class Space:
         if self._frame is not None:
             relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
             hypotheses, frame = relative.hypotheses, relative.frame
-        owners, newest = window.source[current], _newest(window, current)
+        owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
+        motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (
             window.key[current],
             SpaceUpdate(
@@ -319,7 +318,7 @@ class Space:
                 confidence=partition.confidence * explained(labels, present, newest, owners),
                 hypotheses=hypotheses,
                 events=events,
-                view=SpaceView(self.spec, window, current, labels, present, self._poses(), self._motions()),
+                view=SpaceView(self.spec, window, current, labels, present, motions),
                 frame=frame,
             ),
         )
@@ -342,8 +341,7 @@ class Space:
         previous = self._hypotheses.previous(window)
         if not grouped and self._last is not None and len(self._last.current):
             return self._last.extended(window, current, previous.labels)
-        if isinstance(self._method, RigidMethod):
-            self._method.searching = self._groupings % effort.search_every == 0
+        self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         some = representatives(window, current, previous.labels[current], effort.share)
         part = window if len(some) == len(current) else window.of(some)
@@ -382,19 +380,6 @@ class Space:
         self._method.forgetting(window, gone)
         self._hypotheses.labels.forget(window, gone)
         self._index.close(gone)
-
-    def _poses(self) -> Callable[[], Poses | None] | None:
-        """Where the poses of its hypotheses come from; None where the method has none."""
-        if isinstance(self._method, RigidMethod):
-            return partial(self._method.poses, self._hypotheses.labels.ids)
-        return None
-
-    def _motions(self) -> Callable[[Collection[int]], dict[int, BodyMotion]] | None:
-        """Where the motions of its hypotheses come from; None where the method knows none."""
-        if isinstance(self._method, RigidMethod):
-            labels = self._hypotheses.labels
-            return partial(self._method.motions, labels.ids, labels.references)
-        return None
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""

@@ -180,15 +180,15 @@ def spread(y, w):
 
 
 def third_differences(times, positions, gap):
-    """Squared lengths of the normalised third divided differences of one trajectory, without gaps."""
+    """The normalised third divided differences of one trajectory, without gaps, [k, dim]."""
     found = []
     for m in range(len(times) - 3):
         t = (times[m : m + 4] - times[m]) * 1e-7
         steps = np.diff(times[m : m + 4])
         if (steps <= gap).all():
             c = np.array([1 / np.prod([t[j] - t[k] for k in range(4) if k != j]) for j in range(4)])
-            found.append((((c / np.linalg.norm(c)) @ positions[m : m + 4]) ** 2).sum())
-    return np.array(found)
+            found.append((c / np.linalg.norm(c)) @ positions[m : m + 4])
+    return np.array(found).reshape(-1, positions.shape[1])
 
 
 def distance_deviation(y, w):
@@ -210,13 +210,6 @@ def farthest_points(x, count):
         squared = ((x[:, None] - x[found]) ** 2).sum(2).min(1)
         found.append(int(squared.argmax()))
     return found
-
-
-def nearest_squared(x, queries):
-    """Squared distance of each of x[queries] to the nearest other point."""
-    squared = ((x[queries][:, None] - x[None]) ** 2).sum(2)
-    squared[np.arange(len(queries)), queries] = np.inf
-    return squared.min(1)
 
 
 def gaussian_sums(x, b, points, members, weight):

@@ -36,6 +36,7 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
         tolerance=ones * 1e-6,
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
+        key=np.arange(n),
         life=(w > 0).sum(1),
         current=current,
     )

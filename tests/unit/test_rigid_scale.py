@@ -137,9 +137,8 @@ def frames_of(count, length, seed=0):
     owner, life = np.arange(count), (w > 0).sum(1)
     current, ones = np.ones(count, np.bool_), np.ones(count)
     white = np.tile([1.0, 0.0, 0.0], (count, 1))
-    return Frames(
-        3, stamps, y, w, owner, ones, variance, variance, np.tile(ROUND, (count, 1)), white, life, current
-    ), steps
+    terms = np.tile(ROUND, (count, 1)), white, np.arange(count)
+    return Frames(3, stamps, y, w, owner, ones, variance, variance, *terms, life, current), steps
 
 
 def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():

@@ -73,7 +73,7 @@ class Joints:
         found: list[Joint] = []
         events: list[Event] = []
         for view in views:
-            if view.spec.unit == "m" and view.motions is not None and self._config.pairs:
+            if view.spec.unit == "m" and self._config.pairs:
                 joints, changes = self._of_space(stamp_ns, view, view.motions if judging else None)
                 found += joints
                 events += changes

@@ -7,14 +7,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas import Hypothesis, HypothesisUpdate
 
 from ..arrays import Labels, Slots
 from ..config import LinkingConfig
 from ..partition import BodyMotion, SpaceSpec
-from ..rigid.poses import Poses
 from ..trajectories.window import Window
 from .camera import CameraModel
 from .decision import body_evidence, decide, linked_hypotheses, representatives
@@ -31,8 +29,8 @@ _REPRESENTATIVES = 12
 class SpaceView:
     """A space as of this update.
 
-    `labels` int64 [n] are the hypotheses of the `current` slots; `poses` gives the bodies' poses where
-    the space has any, and `motions` the motion of some hypotheses in axes that stay the same.
+    `labels` int64 [n] are the hypotheses of the `current` slots; `motions` gives the motion of some
+    hypotheses, in axes that stay the same, as far as it is known.
     """
 
     spec: SpaceSpec
@@ -40,8 +38,7 @@ class SpaceView:
     current: Slots
     labels: Labels
     hypotheses: list[Hypothesis]
-    poses: Callable[[], Poses | None] | None
-    motions: Callable[[Collection[int]], dict[int, BodyMotion]] | None = None
+    motions: Callable[[Collection[int]], dict[int, BodyMotion]]
 
 
 class Linker:
@@ -97,50 +94,42 @@ class Linker:
         return camera is not None and camera.frame == body
 
     def _look(self, views: Sequence[SpaceView]) -> None:
-        bodies: dict[str, Poses | None] = {}
+        bodies: dict[str, dict[int, BodyMotion]] = {}
         for space in views:
             camera = self._cameras.get(space.spec.name)
             if camera is None or space.spec.unit != "px" or space.spec.dim != 2:
                 continue
             if camera.frame not in bodies:
                 bodies[camera.frame] = _bodies(camera.frame, views)
-            poses = bodies[camera.frame]
-            if poses is not None:
-                self._link(space, poses, camera)
+            if bodies[camera.frame]:
+                self._link(space, bodies[camera.frame], camera)
 
-    def _link(self, space: SpaceView, poses: Poses, camera: CameraModel) -> None:
+    def _link(self, space: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
         config = self._config
         chosen = representatives(space.labels, space.window.counts(space.current), _REPRESENTATIVES)
-        tracks = sample_tracks(space.window, space.current[chosen], poses.stamps, camera, config)
-        likelihoods = log_likelihoods(tracks, poses, camera, config.no_body_charge)
+        ids, motions = list(bodies), list(bodies.values())
+        tracks = sample_tracks(space.window, space.current[chosen], motions[0].stamps, camera, config)
+        likelihoods = log_likelihoods(tracks, motions, camera, config.no_body_charge)
         labels = space.labels[chosen]
         fittable = tracks.fittable()
         for image in np.unique(labels).tolist():
             previous = self._links.pop(image, None)
-            column = _column(poses.ids, previous)
+            column = ids.index(previous) if previous in ids else None
             evidence = body_evidence(likelihoods[fittable & (labels == image)], config.outlier_share)
             best = decide(evidence, column, config.margin)
-            if best is not None and poses.ids[best] >= 0:
-                self._links[image] = int(poses.ids[best])
+            if best is not None:
+                self._links[image] = ids[best]
 
 
-def _bodies(name: str, views: Sequence[SpaceView]) -> Poses | None:
-    """Poses of the hypotheses that a metric space lists, and of the static body in any case."""
+def _bodies(name: str, views: Sequence[SpaceView]) -> dict[int, BodyMotion]:
+    """Motion of the hypotheses that a metric space lists, by id; what does not move rests.
+
+    What a fit to the members of a body at rest says of their motion is noise.
+    """
     for space in views:
-        if space.spec.name == name and space.poses is not None and space.spec.dim == 3:
-            poses = space.poses()
-            if poses is None:
-                return None
-            states = {h.id: h.state for h in space.hypotheses}
-            listed = np.isin(poses.ids, list(states))
-            listed[0] = True
-            resting = [k for k, one in enumerate(poses.ids.tolist()) if states.get(one) != "moving"]
-            return poses.at_rest(np.array(resting, np.intp)).of(np.flatnonzero(listed))
-    return None
-
-
-def _column(ids: NDArray[np.int64], one: int | None) -> int | None:
-    """Where a hypothesis is among the bodies."""
-    known = ids.tolist()
-    return known.index(one) if one in known else None
+        if space.spec.name == name and space.spec.dim == 3:
+            moving = {h.id for h in space.hypotheses if h.state == "moving"}
+            motions = space.motions([h.id for h in space.hypotheses])
+            return {one: motion if one in moving else motion.at_rest() for one, motion in motions.items()}
+    return {}

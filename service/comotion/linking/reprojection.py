@@ -7,12 +7,13 @@ at x_m = A_m x_ref + a_m at frame m, so that it is seen at the projection of A_m
 which is linear in all three. They are fitted to the whole trajectory by Gauss-Newton.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from ..rigid.poses import Poses
+from ..partition import BodyMotion
 from .camera import CameraModel
 from .image_tracks import ImageTracks
 
@@ -28,7 +29,9 @@ _LEAST_DEPTH_SHARE = 0.05
 _SMALLEST_DEPTH = 1e-3
 
 
-def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel, no_body_charge: float) -> Floats:
+def log_likelihoods(
+    tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: CameraModel, no_body_charge: float
+) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
     Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
@@ -37,16 +40,16 @@ def log_likelihoods(tracks: ImageTracks, poses: Poses, camera: CameraModel, no_b
     ----------
     tracks
         N image trajectories.
-    poses
-        Of K bodies, in the axes of the space that the camera's extrinsics lead to.
+    bodies
+        Motion of K bodies in the axes of the space that the camera's extrinsics lead to.
     camera
         Calibration.
     no_body_charge
         Charge of a trajectory on none of the bodies, as a multiple of the expected residual.
     """
-    found = np.zeros((len(tracks.frame), len(poses.ids) + 1))
-    for k in range(len(poses.ids)):
-        found[:, k] = _on_body(tracks, poses, camera, k)
+    found = np.zeros((len(tracks.frame), len(bodies) + 1))
+    for k, body in enumerate(bodies):
+        found[:, k] = _on_body(tracks, body, camera)
     states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
     found[:, -1] = -0.5 * no_body_charge * states
     return found
@@ -87,10 +90,10 @@ class _View(NamedTuple):
     squared: Floats
 
 
-def _on_body(tracks: ImageTracks, poses: Poses, camera: CameraModel, k: int) -> Floats:
-    """Log-likelihood of each trajectory on body k, float64 [N]."""
-    seen = tracks.seen & poses.posed[k][tracks.frame]
-    motion, prior = _motion_and_prior(tracks, poses, camera, k, _middle(seen))
+def _on_body(tracks: ImageTracks, body: BodyMotion, camera: CameraModel) -> Floats:
+    """Log-likelihood of each trajectory on a body, float64 [N]."""
+    seen = tracks.seen & body.posed[tracks.frame]
+    motion, prior = _motion_and_prior(tracks, body, camera, _middle(seen))
     u = np.column_stack([prior.bearing, prior.inverse_depth])
     information = np.zeros(len(u))
     for _ in range(_GAUSS_NEWTON_STEPS):
@@ -116,32 +119,31 @@ def _middle(seen: Bools) -> Ints:
 
 
 def _motion_and_prior(
-    tracks: ImageTracks, poses: Poses, camera: CameraModel, k: int, reference: Ints
+    tracks: ImageTracks, body: BodyMotion, camera: CameraModel, reference: Ints
 ) -> tuple[_Motion, _Prior]:
-    """Motion of body k from the reference states intp [N], and where its features are there."""
+    """Motion of a body from the reference states intp [N], and where its features are there."""
     rows = np.arange(len(tracks.frame))
     at = tracks.frame[rows, reference]
     bearing = tracks.position[rows, reference]
-    centre = np.einsum("nij,j->ni", poses.R[k][at], poses.centre[k]) + poses.t[k][at]
+    centre = body.R[at] @ body.centre + body.t[at]
     inside = (centre - camera.translation) @ camera.rotation
-    spread = np.maximum(_DEPTH_RADII * poses.radius[k], _LEAST_DEPTH_SHARE * np.abs(inside[:, 2]))
+    spread = np.maximum(_DEPTH_RADII * body.radius, _LEAST_DEPTH_SHARE * np.abs(inside[:, 2]))
     # The camera does not see a body beside or behind itself; its depth says nothing then.
     z = np.maximum(inside[:, 2], spread)
     off = np.column_stack([bearing, np.ones(len(bearing))]) * z[:, None] - inside
     # The uncertainty of a turn grows with the distance from the features that the pose was fitted to.
-    lever = np.maximum((off**2).sum(1), poses.radius[k] ** 2)
-    pose_variance = (
-        poses.place_variance[k][tracks.frame] + lever[:, None] * poses.turn_variance[k][tracks.frame]
-    )
-    A, a = _relative(poses, camera, k, tracks.frame, at)
+    lever = np.maximum((off**2).sum(1), body.radius**2)
+    turn_variance = np.trace(body.turn_covariance, axis1=1, axis2=2) / 3
+    pose_variance = body.place_variance[tracks.frame] + lever[:, None] * turn_variance[tracks.frame]
+    A, a = _relative(body, camera, tracks.frame, at)
     return _Motion(A, a, pose_variance), _Prior(bearing, 1 / z, spread / z**2)
 
 
-def _relative(poses: Poses, camera: CameraModel, k: int, frame: Ints, at: Ints) -> tuple[Floats, Floats]:
-    """Motion of body k from frame at [N] to frame [N, M] in the camera's axes: [N, M, 3, 3], [N, M, 3]."""
+def _relative(body: BodyMotion, camera: CameraModel, frame: Ints, at: Ints) -> tuple[Floats, Floats]:
+    """Motion of a body from frame at [N] to frame [N, M] in the camera's axes: [N, M, 3, 3], [N, M, 3]."""
     C, c = camera.rotation, camera.translation
-    turn = poses.R[k][frame] @ poses.R[k][at].transpose(0, 2, 1)[:, None]
-    shift = poses.t[k][frame] - np.einsum("nmij,nj->nmi", turn, poses.t[k][at])
+    turn = body.R[frame] @ body.R[at].transpose(0, 2, 1)[:, None]
+    shift = body.t[frame] - np.einsum("nmij,nj->nmi", turn, body.t[at])
     # x' = turn x + shift in the space; with x = C y + c the same motion of y.
     A = C.T @ turn @ C
     a = (np.einsum("nmij,j->nmi", turn, c) + shift - c) @ C

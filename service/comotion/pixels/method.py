@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import Floats, Floats32, Ints, Labels, Slots
 from ..config import FusionConfig
 from ..matching import continued, largest_first
-from ..partition import NO_HYPOTHESIS, Partition, Previous, Rows, SpaceSpec
+from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
 from .describe import describe
@@ -31,7 +31,7 @@ from .resting import RestingCamera
 _UNKNOWN_AFFINITY = 0.5
 
 
-class PixelMethod:
+class PixelMethod(Method):
     """The method of one space in pixels.
 
     Parameters

@@ -8,10 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..arrays import Floats, Stamps, inverses
+from ..arrays import Floats, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
-from .motions import row_names
 from .procrustes import Body, align
 from .resampling import Frames
 from .tracks import Tracks
@@ -32,18 +31,21 @@ def anchored_motions(
     references
         By hypothesis: the index of its body, and its pose reference, brought up to date.
     """
-    names = row_names(tracks, frames)
     motions = {}
     for one, (k, reference) in references.items():
         body = found.bodies[k]
-        motion = _at_rest(frames, reference) if body.static else _moving(frames, body, names, reference)
+        if body.static:
+            members = (found.assignment.labels == k) & tracks.current
+            motion = _at_rest(frames, reference, tracks.newest[members])
+        else:
+            motion = _moving(frames, body, reference)
         if motion is not None:
             motions[one] = motion
     return motions
 
 
-def _at_rest(frames: Frames, reference: PoseReference) -> BodyMotion:
-    count = len(frames.stamps)
+def _at_rest(frames: Frames, reference: PoseReference, newest: Floats) -> BodyMotion | None:
+    count, (centre, radius) = len(frames.stamps), _shape((newest - reference.t) @ reference.R)
     return BodyMotion(
         stamps=frames.stamps,
         R=np.tile(reference.R, (count, 1, 1)),
@@ -51,22 +53,22 @@ def _at_rest(frames: Frames, reference: PoseReference) -> BodyMotion:
         posed=np.ones(count, np.bool_),
         turn_covariance=np.zeros((count, 3, 3)),
         place_variance=np.zeros(count),
-        centre=np.zeros(3),
-        radius=0.0,
+        centre=centre,
+        radius=radius,
         static=True,
     )
 
 
-def _moving(frames: Frames, body: Body, names: Stamps, reference: PoseReference) -> BodyMotion | None:
-    shared, mine, theirs = np.intersect1d(names[body.rows], reference.rows, return_indices=True)
+def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion | None:
+    shared, mine, theirs = np.intersect1d(frames.names[body.rows], reference.rows, return_indices=True)
     if len(shared) < min(frames.dim, _LEAST_SHARED, len(body.rows)):
         return None
     # From the axes of the body to those of the hypothesis.
     R, t = align(body.template[mine], reference.points[theirs], frames.dim)
-    turn, place = _covariances(frames, body)
+    weight = frames.w[body.rows] / frames.tolerance[body.rows, None] * frames.independent[body.rows, None]
+    turn, place = pose_covariances(body.template, weight)
     turned = body.R @ R.T
-    points = body.template @ R.T + t
-    centre = points.mean(0)
+    centre, radius = _shape(body.template @ R.T + t)
     return BodyMotion(
         stamps=frames.stamps,
         R=turned,
@@ -75,20 +77,31 @@ def _moving(frames: Frames, body: Body, names: Stamps, reference: PoseReference)
         turn_covariance=R @ turn @ R.T,
         place_variance=place,
         centre=centre,
-        radius=float(np.sqrt(((points - centre) ** 2).sum(1).mean())),
+        radius=radius,
         static=False,
     )
 
 
-def _covariances(frames: Frames, body: Body) -> tuple[Floats, Floats]:
+def _shape(points: Floats) -> tuple[Floats, float]:
+    """Centroid of points [m, 3], and their root mean square distance from it."""
+    if not len(points):
+        return np.zeros(3), 0.0
+    centre = points.mean(0)
+    return centre, float(np.sqrt(((points - centre) ** 2).sum(1).mean()))
+
+
+def pose_covariances(template: Floats, weight: Floats) -> tuple[Floats, Floats]:
     """Covariance of a turn in the axes of the body, [F, 3, 3], and variance of the centroid, [F].
 
-    With dx = dt + dθ × r, r about the centroid, the information is Σ w/v for dt and
-    Σ (w/v) (|r|² I - r rᵀ) for dθ. In 2-D nothing turns but about z.
+    With dx = dt + dθ × r, r about the centroid, the information is Σ w for dt and Σ w (|r|² I - r rᵀ) for dθ.
+    In 2-D nothing turns but about z.
+
+    Parameters
+    ----------
+    template, weight
+        float64 [m, 3], points of the body, and [m, F], their inverse variances.
     """
-    rows = body.rows
-    weight = frames.w[rows] / frames.tolerance[rows, None] * frames.independent[rows, None]
-    r = body.template - body.template.mean(0)
+    r = template - template.mean(0)
     moment = (r**2).sum(1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
-    information = (weight.T @ moment.reshape(len(rows), 9)).reshape(-1, 3, 3) + _FREE_TURN * np.eye(3)
+    information = (weight.T @ moment.reshape(len(r), 9)).reshape(-1, 3, 3) + _FREE_TURN * np.eye(3)
     return inverses(information), 1 / np.maximum(weight.sum(0), 1e-12)

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..arrays import Floats, Ints, thinned
 from ..config import RigidConfig
 from .costs import Costs
 from .kernels.assignment import carry
-from .kernels.distances import gaussian_sums, nearest_squared
+from .kernels.distances import gaussian_sums
 from .procrustes import Body
 from .resampling import Frames
 
@@ -95,6 +96,8 @@ def assign(
     labels = np.asarray(np.argmin(evidence, 1) - 1)
     margin = _margin(evidence)
     unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
+    if not len(unclear):
+        return Assignment(labels, evidence)
     weight = _weight(frames, config)
     x = np.ascontiguousarray(position[:, : frames.dim])
     distance = _spacing(x[weight > 0])
@@ -198,4 +201,5 @@ def _spacing(x: Floats) -> float:
     """Median squared distance of points [n, dim] to their nearest neighbour."""
     if len(x) < 2:
         return 1.0
-    return max(float(np.median(nearest_squared(x, thinned(np.arange(len(x)), _SPACING_POINTS)))), 1e-18)
+    some = x[thinned(np.arange(len(x)), _SPACING_POINTS)]
+    return max(float(np.median(cKDTree(x).query(some, 2)[0][:, 1] ** 2)), 1e-18)

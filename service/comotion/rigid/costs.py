@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
-from .kernels.residuals import body_costs, own_residuals, rest_costs
+from .kernels.residuals import body_costs, own_residuals
 from .procrustes import Body, static_body
 from .resampling import Frames
 from .sliding import with_sliders
@@ -36,6 +36,8 @@ class Costs:
 
     `restless` is what opening would cost if the body had never rested: what it must gain to move clearly.
 
+    `squared` float64 [P, K] is the mean squared residual of each row, NaN where it was not computed.
+
     `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row; `slides` bool
     [N, K] whether a cost is that of a feature that slides on the body.
     """
@@ -46,17 +48,25 @@ class Costs:
     restless: Floats = field(default_factory=lambda: np.zeros(0))
     wider: Floats = field(default_factory=lambda: np.zeros(0))
     slides: Bools = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
+    squared: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def of(self, chosen: list[int]) -> "Costs":
         """The costs of some bodies only, by column."""
         wider = self.wider[chosen] if len(self.wider) else self.wider
         slides = self.slides[:, chosen] if self.slides.size else self.slides
         restless = self.restless[chosen] if len(self.restless) else self.restless
-        return Costs(self.body[:, chosen], self.outlier, self.opening[chosen], restless, wider, slides)
+        squared = self.squared[:, chosen] if self.squared.size else self.squared
+        prices = self.opening[chosen], restless
+        return Costs(self.body[:, chosen], self.outlier, *prices, wider, slides, squared)
 
 
 def costs(
-    frames: Frames, bodies: list[Body], config: RigidConfig, stretch: float = 1.0, stride: int = 1
+    frames: Frames,
+    bodies: list[Body],
+    config: RigidConfig,
+    stretch: float = 1.0,
+    stride: int = 1,
+    given: Floats | None = None,
 ) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
@@ -70,21 +80,27 @@ def costs(
         Factor from the costs of thinned frames to those of all frames.
     stride
         Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
+    given
+        float64 [N, K]; costs that need not be computed, NaN elsewhere.
     """
     rows = np.arange(len(frames.owner))
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    row_costs, _ = _residuals(frames, poses, rows, wider, config, stride)
-    tolerance = frames.tolerance[:, None]
-    row_costs += 0.5 * _LOOSE_PRICE * frames.dim * np.log((tolerance + wider) / tolerance)
-    row_costs += _REST_SHARE * _gain_at_rest(frames, wider, config)
+    known = np.full((len(rows), len(bodies)), np.nan) if given is None else given[frames.owner]
+    at_rest = np.zeros(known.shape)
+    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, known, at_rest)
+    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
+    # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
+    row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
     body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
+    if given is not None:
+        body = np.where(np.isnan(given), body, given)
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
     opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
     restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
     body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
-    return Costs(body, outlier, opening, restless, wider, slides)
+    return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
@@ -125,26 +141,6 @@ def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: Rigi
     return kept
 
 
-def mean_squared_residuals(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> Floats:
-    """Mean squared residual of rows intp [n] under a body, float64 [n], squared units of the space."""
-    return _residuals(frames, stacked([body]), np.ascontiguousarray(rows), np.zeros(1), config)[1][:, 0]
-
-
-def _gain_at_rest(frames: Frames, wider: Floats, config: RigidConfig) -> Floats:
-    """What each row would gain at rest by the wider tolerance of each body, [P, K], nat.
-
-    A wider tolerance lowers the cost of everything. A body must not earn by it what rest would earn as well.
-    """
-    gain, loose = np.zeros((len(frames.owner), len(wider))), np.flatnonzero(wider > 0)
-    found = np.zeros((len(frames.owner), 1 + len(loose)))
-    cap = config.residual_cap
-    tolerances = np.append(0.0, wider[loose])
-    rest_costs(frames.arrays, np.arange(len(found)), tolerances, frames.dim, cap, found)
-    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider[loose] / frames.tolerance[:, None])
-    gain[:, loose] = np.maximum(found[:, :1] - found[:, 1:] - price, 0.0)
-    return gain
-
-
 def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     """Price of so many poses, nat."""
     return 0.5 * dof * (1 + config.pose_price) * poses
@@ -171,12 +167,20 @@ def _residuals(
     wider: Floats,
     config: RigidConfig,
     stride: int = 1,
+    known: Floats | None = None,
+    at_rest: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each."""
-    cost, squared = np.zeros((len(rows), len(poses))), np.zeros((len(rows), len(poses)))
+    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
+
+    What of `known` [n, K] is not NaN is not computed. `at_rest` [n, K]: out, as of
+    :func:`~.kernels.residuals.body_costs`.
+    """
+    shape = len(rows), len(poses)
+    cost, squared = np.full(shape, np.nan) if known is None else known.copy(), np.full(shape, np.nan)
+    gain = np.zeros((0, 0)) if at_rest is None else at_rest
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, poses, *terms, stride, cost, squared)
+    body_costs(frames.arrays, rows, poses, *terms, stride, cost, squared, gain)
     return cost, squared
 
 

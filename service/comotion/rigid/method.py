@@ -25,16 +25,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from ..config import FusionConfig, RigidConfig
 from ..matching import continued, largest_total
 from ..partition import (
     NO_HYPOTHESIS,
     BodyMotion,
+    Method,
     Partition,
     PoseReference,
     Previous,
-    Rows,
     SpaceSpec,
 )
 from ..trajectories.window import Window
@@ -51,13 +51,11 @@ from .assignment import (
     same_body,
     without_sliders,
 )
+from .belief import Belief, carried_costs
 from .candidates import candidate_rows
 from .costs import Costs, costs, excess_costs, moving_bodies
-from .members import ClearMembers, leaving_costs
-from .memory import Separation
 from .motions import describe_bodies
 from .noise import NoiseEstimates
-from .poses import Poses, poses_of
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
@@ -77,6 +75,8 @@ from .tracks import Tracks, read_tracks
 
 # Where the known bodies explain everything, others are sought when the evidence has changed by this share.
 _SEARCH_SHARE = 0.05
+# Share of the window in which the same unexplained trajectory is no cause for another search.
+_ODD_SHARE = 0.1
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
 # of docs/research/accuracy.md.
 _KEY_FRAMES = 50
@@ -85,7 +85,7 @@ _KEY_FRAMES = 50
 _ESTIMATE_STRIDE = 5
 
 
-class RigidMethod:
+class RigidMethod(Method):
     """The rigid-motion method for one space in a metric (or any Euclidean) unit.
 
     Parameters
@@ -94,12 +94,6 @@ class RigidMethod:
         `rigid` and `window` matter here.
     spec
         The space.
-
-    Attributes
-    ----------
-    searching
-        Whether to search for new bodies and for the offsets of sources. Without, the known bodies are fitted
-        and the trajectories assigned to them.
     """
 
     matching = staticmethod(largest_total)
@@ -108,21 +102,21 @@ class RigidMethod:
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         self._config = config.rigid
         self._dim = spec.dim
-        # Of all trajectories of the last update, by key, ascending.
-        self._keys: Stamps = np.zeros(0, np.int64)
-        self._excess: Floats = np.zeros(0)
         self._registration = Registration()
         self._noise = NoiseEstimates(spec.dim)
-        self._separation = Separation()
-        self._members = ClearMembers()
+        self._belief = Belief()
         self._chances: Floats = np.zeros((0, 1))
         self._last: tuple[Tracks, Frames, SearchResult] | None = None
-        self.searching = True
-        # When bodies were sought last, and the keys of what was not explained then.
-        self._searched: tuple[int, Stamps] = (0, np.zeros(0, np.int64))
+        # When bodies were sought last, and when what could not be explained, by key.
+        self._searched_ns = 0
+        self._odd: dict[int, int] = {}
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
-        """Group the current trajectories."""
+        """Group the current trajectories.
+
+        Without `searching` the known bodies are fitted and the trajectories assigned to them: neither new
+        bodies nor the offsets of sources are sought.
+        """
         tracks = read_tracks(window, current, stamp_ns)  # 1
         if not len(tracks.key):
             return self._nothing()
@@ -130,12 +124,11 @@ class RigidMethod:
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous)
-        result, due = self._grouped(scene, tracks.key)  # 5 to 9
+        result, due = self._grouped(scene)  # 5 to 9
         described = describe_bodies(tracks, frames, result, self._config)  # 10
         groups = result.assignment.labels
         if due:
             self._registration.learn(tracks, frames, groups)  # 2, for the next update
-        self._keys, self._excess = tracks.key, result.excess
         self._last = (tracks, frames, result)
         chosen = np.searchsorted(tracks.key, window.key[current])
         self._chances = chances = posterior(result.assignment)[chosen]
@@ -143,25 +136,9 @@ class RigidMethod:
         position = tracks.newest[chosen, : self._dim]
         return Partition(tracks.slot, groups, np.ones(len(groups), np.bool_), confidence, position, described)
 
-    def observed(self, window: Window, rows: Rows) -> None:
-        """Nothing to do: all is read at updates."""
-
-    def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
-        """Nothing to do."""
-
-    def forgetting(self, window: Window, slots: Slots) -> None:
-        """Nothing to do: keys are never used again."""
-
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
         return same_body(self._chances)
-
-    def poses(self, ids: Labels) -> Poses | None:
-        """Bodies and their poses over the window as of the last update; None where there was nothing.
-
-        `ids` int64 [K] are the hypotheses of the last partition's groups.
-        """
-        return None if self._last is None else poses_of(*self._last, ids)
 
     def motions(
         self, ids: Labels, references: Mapping[int, PoseReference], wanted: Collection[int]
@@ -176,71 +153,59 @@ class RigidMethod:
         return anchored_motions(*self._last, {one: known[one] for one in wanted if one in known})
 
     def state(self) -> dict[str, Any]:
-        """The registration of the sources, separate hypotheses and their clear members."""
-        return {
-            "offsets": self._registration.state(),
-            "separate": self._separation.state(),
-            "members": self._members.state(),
-        }
+        """The registration of the sources, and what is believed of hypotheses."""
+        return {"offsets": self._registration.state(), "belief": self._belief.state()}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; all else is read from the window."""
         del window
         if state:
             self._registration.load(state["offsets"])
-            self._separation.load(state["separate"])
-            self._members.load(state.get("members", []))
+            self._belief.load(state["belief"])
 
-    def _grouped(self, scene: Scene, keys: Stamps) -> tuple[SearchResult, bool]:
-        """The bodies and their trajectories, and whether others were sought; int64 [N] keys."""
-        followed = None if is_large(scene) else follow(scene, self._config)
+    def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
+        """The bodies and their trajectories, and whether others were sought."""
+        followed = None if is_large(scene) else follow(scene, self._belief, self._config)
         now = None if followed is None else (followed.excess, followed.assignment.labels == OUTLIER)
-        if self._due(scene, keys[unexplained(scene, now)]):
+        if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
             return search(scene, self._config), True
-        return followed or follow(scene, self._config), False
+        return followed or follow(scene, self._belief, self._config), False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
-        """Whether to search for new bodies: where more is unexplained than at the last search, or seldom.
+        """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.
 
         `odd` int64 [n] are the keys of what is unexplained.
         """
         stamps = scene.frames.stamps
-        last_ns, known = self._searched
-        old = int(stamps[-1]) - last_ns >= _SEARCH_SHARE * int(stamps[-1] - stamps[0])
-        if self.searching and (old or not np.isin(odd, known).all()):
-            self._searched = int(stamps[-1]), odd
+        now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
+        self._odd = {key: at for key, at in self._odd.items() if now_ns - at < _ODD_SHARE * span_ns}
+        old = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
+        if old or not self._odd.keys() >= set(odd.tolist()):
+            self._searched_ns = now_ns
+            self._odd |= dict.fromkeys(odd.tolist(), now_ns)
             return True
         return False
 
     def _nothing(self) -> Partition:
-        self._keys, self._excess = np.zeros(0, np.int64), np.zeros(0)
+        self._belief.forget()
         self._last, self._chances = None, np.zeros((0, 1))
         nobody = np.zeros(0, np.intp)
         return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
     def _scene(self, tracks: Tracks, frames: Frames, previous: Previous) -> Scene:
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        excess = np.zeros(len(tracks.key))
-        at = find(tracks.key, self._keys)
-        excess[at >= 0] = self._excess[at[at >= 0]]
-        judged = frames.life >= self._config.min_samples
-        before = previous.labels[tracks.slot]
         if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
-            self._separation.learn(self._last[2], previous.ids, int(self._last[1].stamps[-1]))
-            self._members.learn(self._last[2], self._last[0].key, previous.ids)
-        self._separation.keep(before)
-        past = (
-            self._separation.known(before),
-            self._separation.resting(before),
-            self._members.known(tracks.key, before),
-        )
-        return Scene(frames, tracks.newest, judged, before, static, excess, *past)
+            self._belief.learn(self._last[2], self._last[1], previous.ids)
+        before = previous.labels[tracks.slot]
+        return self._belief.scene(frames, tracks.newest, before, static, self._config.min_samples)
 
 
-def follow(scene: Scene, config: RigidConfig) -> SearchResult:
+def follow(scene: Scene, belief: Belief, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    exact = len(scene.frames.owner) <= SUBSET_ROWS
-    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
+    frames, rows = scene.frames, known_rows(scene)
+    far = belief.far_costs(scene, [scene.static, *rows])
+    exact = len(frames.owner) <= SUBSET_ROWS
+    return _decided(scene, _compare_all(scene, list(rows.values()), config, exact=exact, far=far))
 
 
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
@@ -283,7 +248,9 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
-def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
+def _compare_all(
+    scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool, far: Floats | None = None
+) -> SearchResult:
     """Fit bodies to rows, select the best, and assign every trajectory to one of them.
 
     Parameters
@@ -293,17 +260,17 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
     exact
         Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
         and a body must be worth its price by its motion alone.
+    far
+        float64 [N, 1 + K]; costs that are known, NaN elsewhere.
     """
     frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
-    bodies = [
-        static_body(len(frames.stamps)),
-        *(fit_body(frames, some) for some in rows if len(some) >= 2),
-    ]  # 6
+    fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
+    bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body) for body in bodies]
-    found = costs(frames, still, config, stride=stride)  # 7
+    found = costs(frames, still, config, stride=stride, given=far)  # 7
     if not exact:
-        moving = moving_bodies(frames, still, found, config)
-        bodies, still, found = [bodies[k] for k in moving], [still[k] for k in moving], found.of(moving)
+        worth = moving_bodies(frames, still, found, config)
+        bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)
     owners = _owners(frames, bodies)
     chosen = select(weighted(scene, owners, found, config))  # 8
     bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
@@ -321,7 +288,7 @@ def _assigned(
 ) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
     frames, before = scene.frames, scene.before
-    cost, prices = evidence.body + leaving_costs(scene, owners), membership_prices(scene, owners, config)
+    cost, prices = evidence.body + carried_costs(scene, owners), membership_prices(scene, owners, config)
     rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
     # Nothing tells what rests with a resting body from the background: its membership has a price here too.

@@ -8,11 +8,10 @@ import numpy as np
 from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats, Ints, Stamps, thinned
+from ..arrays import Floats, Stamps
 from ..config import RigidConfig
 from ..partition import Group, PoseReference
 from .assignment import SearchResult
-from .costs import mean_squared_residuals
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
 from .procrustes import Body
 from .resampling import Frames
@@ -20,26 +19,19 @@ from .tracks import Tracks
 
 # s; a hypothesis at rest is static only if it was observed for so long, as what will move may rest at first.
 _LEAST_STATIC_TIME = 1.0
-# The noise of a hypothesis is that of at most so many of its rows, evenly drawn; it bounds the work.
-_NOISE_ROWS = 64
-# Names of rows in a pose reference: the trajectory's key times this, plus the place among its rows.
-_ROWS_PER_TRACK = 8
 
 
 def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult, config: RigidConfig) -> list[Group]:
     """Describe every body of a search; one without a trajectory is left undetermined."""
-    names = row_names(tracks, frames)
     labels = found.assignment.labels
     groups = []
     for k in range(len(found.bodies)):
         members = labels == k
-        groups.append(_describe(tracks, frames, found, k, names, config) if members.any() else Group())
+        groups.append(_describe(tracks, frames, found, k, config) if members.any() else Group())
     return groups
 
 
-def _describe(
-    tracks: Tracks, frames: Frames, found: SearchResult, k: int, names: Stamps, config: RigidConfig
-) -> Group:
+def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> Group:
     body = found.bodies[k]
     members = np.flatnonzero((found.assignment.labels == k) & tracks.current)
     rows = frames.rows_of(members)
@@ -47,14 +39,14 @@ def _describe(
     now = _motion(frames, body, point)
     since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
     if not body.static:
-        since = partial(_pose_since, frames, body, names[body.rows], point, now)
+        since = partial(_pose_since, frames, body, frames.names[body.rows], point, now)
     if not len(members):
         return Group(static=body.static, pose_since=since)
     return Group(
         state=_state(frames, found, k, config),
         static=body.static,
         twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
-        noise=_noise(frames, body, rows, config),
+        noise=_noise(found.evidence.squared[rows, k], frames.dim),
         pose_since=since,
     )
 
@@ -92,16 +84,7 @@ def _state(frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> 
     return "moving" if gain > costs.restless[k] else "undetermined"
 
 
-def row_names(tracks: Tracks, frames: Frames) -> Stamps:
-    """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
-    order = np.argsort(frames.owner, kind="stable")
-    owner = frames.owner[order]
-    place = np.zeros(len(owner), np.int64)
-    place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
-    return tracks.key[frames.owner] * _ROWS_PER_TRACK + place
-
-
-def _noise(frames: Frames, body: Body, rows: Ints, config: RigidConfig) -> float:
-    """One-sigma residual of a coordinate of the members."""
-    some = thinned(rows, _NOISE_ROWS)
-    return float(np.sqrt(mean_squared_residuals(frames, body, some, config).mean() / frames.dim))
+def _noise(squared: Floats, dim: int) -> float | None:
+    """One-sigma residual of a coordinate of members by their mean squared residuals float64 [n]."""
+    known = squared[np.isfinite(squared)]
+    return float(np.sqrt(known.mean() / dim)) if len(known) else None

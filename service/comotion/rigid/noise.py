@@ -6,7 +6,7 @@ from scipy.special import digamma, polygamma
 from comotion_schemas.messages import symmetric
 
 from ..arrays import Floats, Ints, Stamps
-from .kernels.differences import direction_variances
+from .kernels.differences import difference_covariances
 from .kernels.resampling import mean_square
 from .tracks import Tracks
 
@@ -33,25 +33,25 @@ DIRECTIONS = {
     2: np.array([[1.0, 0], [0, 1], [_HALF, _HALF]]),
     3: np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [_HALF, _HALF, 0], [_HALF, 0, _HALF], [0, _HALF, _HALF]]),
 }
-"""By dimension: the axes, then the directions between two of them. Their variances make the covariance."""
+"""By dimension: the axes, then the directions between two of them, in which a difference may be wild."""
 
 
 class NoiseEstimates:
-    """Noise of every trajectory in each of :data:`DIRECTIONS`, from its own observations.
+    """Covariance of the noise of every trajectory, from its own observations.
 
     One entry for each slot of the window, renewed now and then. Turn, shift and delay of a source matter
     little.
     """
 
     def __init__(self, dim: int) -> None:
-        self._directions = DIRECTIONS[dim]
+        self._dim = dim
         self._key: Stamps = np.zeros(0, np.int64)
         self._made: Stamps = np.zeros(0, np.int64)
-        self._variance: Floats = np.zeros((0, len(self._directions)))
+        self._covariance: Floats = np.zeros((0, dim, dim))
         self._count: Floats = np.zeros(0)
 
     def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Floats]:
-        """Variances float64 [N, D], and how many independent differences they are worth, [N].
+        """Covariances float64 [N, dim, dim], and how many independent differences they are worth, [N].
 
         No difference is taken across a gap longer than `gap_ns` int64 [N].
         """
@@ -61,11 +61,11 @@ class NoiseEstimates:
         known = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
         due = np.flatnonzero(~known | (newest - self._made[slot] > _RENEWED * (newest - oldest)))
         some = slot[due]
-        self._variance[some], self._count[some] = direction_variances(
-            tracks.observations, gap_ns, due, self._directions, MOST_DIFFERENCES
+        self._covariance[some], self._count[some] = difference_covariances(
+            tracks.observations, gap_ns, due, DIRECTIONS[self._dim], MOST_DIFFERENCES
         )
         self._key[some], self._made[some] = tracks.key[due], newest[due]
-        return self._variance[slot], self._count[slot]
+        return self._covariance[slot], self._count[slot]
 
     def _grow(self, capacity: int) -> None:
         extra = max(capacity - len(self._key), 0)
@@ -73,7 +73,7 @@ class NoiseEstimates:
             extra = max(extra, len(self._key))
             self._key = np.append(self._key, np.full(extra, -1, np.int64))
             self._made = np.append(self._made, np.zeros(extra, np.int64))
-            self._variance = np.concatenate([self._variance, np.zeros((extra, self._variance.shape[1]))])
+            self._covariance = np.concatenate([self._covariance, np.zeros((extra, self._dim, self._dim))])
             self._count = np.append(self._count, np.zeros(extra))
 
 
@@ -88,7 +88,7 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     Parameters
     ----------
     estimate, count
-        float64 [n, D] and [n], of :meth:`NoiseEstimates.read`.
+        float64 [n, dim, dim] and [n], of :meth:`NoiseEstimates.read`.
     own
         intp [n], indices of trajectories.
     on_arm
@@ -96,7 +96,7 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     """
     source, known = tracks.source[own], count > 0
     first = (_FIRST_GUESS * tracks.extent) ** 2
-    scene = np.median(estimate[known], 0) if known.any() else np.full(estimate.shape[1], first)
+    scene = np.median(estimate[known], 0) if known.any() else first * np.eye(tracks.dim)
     found = np.zeros((len(own), 3, 3))
     for one in np.unique(source).tolist():
         mine = np.flatnonzero(source == one)
@@ -117,27 +117,24 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
     """Covariances [n, 3, 3] of the noise of one source.
 
     Where it is not round, a sensor with rays explains it: each feature has a variance along its ray and one
-    across. Both follow from the estimates without the bias that the least eigenvalue of a rough matrix has.
+    across. Both lack the bias that the least eigenvalue of a rough matrix has.
 
     Parameters
     ----------
     estimate, count, scene
-        float64 [n, D], [n] and [D], variances in :data:`DIRECTIONS`, of the source and of the scene.
+        float64 [n, dim, dim], [n] and [dim, dim], covariances of the source and of the scene.
     position
         float64 [n, 3].
     """
     known = count > 0
-    pooled = np.median(estimate[known], 0) if known.any() else scene
-    dim = 2 if len(pooled) == 3 else 3
-    size, axes = np.linalg.eigh(_matrices(pooled[None], dim)[0][:dim, :dim])
+    pooled, dim = np.median(estimate[known], 0) if known.any() else scene, len(scene)
+    size, axes = np.linalg.eigh(pooled)
+    total = np.trace(estimate, axis1=1, axis2=2)
     if size[-1] <= _ROUND * size[0]:
-        mean = shrunk(estimate[:, :dim].mean(1), dim * count, float(scene[:dim].mean()))
+        mean = shrunk(total / dim, dim * count, float(np.trace(scene)) / dim)
         return np.asarray(mean[:, None, None] * np.eye(3))
-    matrices = _matrices(estimate, dim)[:, :dim, :dim]
-    ray = _rays(position[:, :dim], matrices, count, axes[:, -1])
-    along = np.einsum("ni,nij,nj->n", ray, matrices, ray)
-    total = np.trace(matrices, axis1=1, axis2=2)
-    along = np.clip(along, _FLATTEST * total, total)
+    ray = _rays(position[:, :dim], estimate, count, axes[:, -1])
+    along = np.clip(np.einsum("ni,nij,nj->n", ray, estimate, ray), _FLATTEST * total, total)
     across = np.maximum((total - along) / (dim - 1), _FLATTEST * total)
     least, most = float(size[:-1].mean()), float(size[-1])
     along, across = shrunk(along, count, most), shrunk(across, (dim - 1) * count, least)
@@ -186,14 +183,3 @@ def _rays(position: Floats, matrices: Floats, weight: Floats, axis: Floats) -> F
         if total > most:
             best, most = ray, total
     return best
-
-
-def _matrices(variance: Floats, dim: int) -> Floats:
-    """Symmetric matrices [n, 3, 3] of variances [n, D] along the axes and between two of them."""
-    found = np.zeros((len(variance), 3, 3))
-    for c in range(3):
-        found[:, c, c] = variance[:, c] if c < dim else variance[:, :dim].mean(1)
-    pairs = [(0, 1), (0, 2), (1, 2)][: 3 if dim == 3 else 1]
-    for (c, d), between in zip(pairs, variance[:, dim:].T, strict=True):
-        found[:, c, d] = found[:, d, c] = between - (variance[:, c] + variance[:, d]) / 2
-    return found

@@ -1,6 +1,7 @@
 """In trajectories of any rate and phase, out rows on common frames (step 3), their tolerance (step 4)."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps
 from ..config import RigidConfig
-from .kernels.differences import direction_variances
+from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations, RowArrays
 from .kernels.resampling import all_finite, correct, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
@@ -21,6 +22,8 @@ _ARM_LENGTH = 0.25
 _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
 # Four points of three coordinates share the six degrees of freedom of one pose.
 _ARM_WEIGHT = 0.5
+# Names of rows: the key of the trajectory times this, plus the place among its rows.
+_ROWS_PER_TRACK = 8
 # Slack for the rounding of stamps and periods; far below any period.
 _ROUNDING_NS = 2_000
 
@@ -53,6 +56,8 @@ class Frames:
     spectrum
         float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
         from frame to frame.
+    key
+        int64 [N], stable number of each trajectory, ascending.
     life
         intp [N], number of frames in which a trajectory is observed.
     current
@@ -69,8 +74,18 @@ class Frames:
     tolerance: Floats
     metric: Floats
     spectrum: Floats
+    key: Stamps
     life: NDArray[np.intp]
     current: Bools
+
+    @cached_property
+    def names(self) -> Stamps:
+        """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
+        order = np.argsort(self.owner, kind="stable")
+        owner = self.owner[order]
+        place = np.zeros(len(owner), np.int64)
+        place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        return self.key[self.owner] * _ROWS_PER_TRACK + place
 
     @property
     def arrays(self) -> RowArrays:
@@ -106,6 +121,7 @@ class Frames:
             tolerance=self.tolerance[rows],
             metric=self.metric[rows],
             spectrum=self.spectrum[rows],
+            key=self.key[tracks],
             life=self.life[tracks],
             current=self.current[tracks],
         )
@@ -177,7 +193,7 @@ def make_frames(
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
     terms = noise, tolerance, metric, spectrum
-    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, life, tracks.current)
+    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, tracks.key, life, tracks.current)
 
 
 def _mean_variance(covariance: Floats, dim: int) -> Floats:
@@ -279,7 +295,7 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
     for arm in _ARMS * _ARM_LENGTH * tracks.extent:
         ends = Observations(times, positions + orientations.apply(arm), start, stop)
         every = np.arange(len(own))
-        noise = direction_variances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
+        noise = difference_covariances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
         found.append(_Curves(True, own, ends, *noise))
     return found
 

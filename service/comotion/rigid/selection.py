@@ -4,9 +4,9 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
+from .belief import past_evidence
 from .costs import Costs
 from .kernels.assignment import closing_losses
-from .memory import past_evidence
 from .subset import Scene
 
 STATIC = 0

@@ -43,7 +43,8 @@ def with_sliders(
     -------
     Costs, float64 [N, K], and where they are those of sliding, bool [N, K].
     """
-    hosts = [k for k, one in enumerate(bodies) if _count(frames, one) >= _LEAST_OWNERS]
+    # What slides on a body at rest would slide on the static one, which hosts none.
+    hosts = [k for k, one in enumerate(bodies) if one.free > 1 and _count(frames, one) >= _LEAST_OWNERS]
     rows = _unexplained(frames, bodies, hosts, body / stretch, seen)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)

@@ -29,9 +29,9 @@ _MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
 # Standard deviations that the cost of a trajectory exceeds the usual, from which on its hypothesis does not
 # explain it.
 _UNEXPLAINED = 4.5
-# Likewise, from which on it is worth a search: what begins to move shows in several trajectories, a little in
-# each.
-_DOUBTFUL = 3.0
+DOUBTFUL = 3.0
+"""Likewise, from which on it is worth a search: what begins to move shows in several trajectories, a
+little in each."""
 # So many unexplained members of hypotheses are taken first, by their excess. The rest is drawn, so that
 # lasting outliers leave room for others.
 _LARGEST_EXCESS = 32
@@ -148,7 +148,7 @@ def unexplained(scene: Scene, now: tuple[Floats, Bools] | None) -> Bools:
         Of this update: float64 [N] excess costs, and bool [N], who belongs to nobody. None: those of the last
         update count.
     """
-    doubtful = _doubtful(scene.before, scene.excess) if now is None else now[1] | (now[0] > _DOUBTFUL)
+    doubtful = _doubtful(scene.before, scene.excess) if now is None else now[1] | (now[0] > DOUBTFUL)
     return doubtful & scene.judged & scene.frames.current
 
 
@@ -156,12 +156,13 @@ def _doubtful(before: Labels, excess: Floats) -> Bools:
     return np.asarray((before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED))
 
 
-def known_rows(scene: Scene) -> list[Ints]:
-    """Rows to fit each known hypothesis but the static one to."""
+def known_rows(scene: Scene) -> dict[int, Ints]:
+    """Rows to fit each known hypothesis but the static one to, by hypothesis; two at least."""
     known = np.setdiff1d(scene.before, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
     frames = scene.frames
     telling = frames.current | (frames.life >= LEAST_ENDED_FRAMES)
-    return [_rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()]
+    found = {one: _rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()}
+    return {one: rows for one, rows in found.items() if len(rows) >= 2}
 
 
 def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:

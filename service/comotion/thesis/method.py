@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig
 from ..matching import largest_first
-from ..partition import Group, Partition, Previous, Rows, SpaceSpec
+from ..partition import Group, Method, Partition, Previous, Rows, SpaceSpec
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .clustering import ClusterFunction, make_clustering
@@ -32,7 +32,7 @@ from .pair_sums import PairSums
 _VELOCITY_SPAN_NS = 500_000_000
 
 
-class ThesisMethod:
+class ThesisMethod(Method):
     """The method of the thesis, for one space.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Compiled: in observations of each trajectory, out the variance of their noise in six directions.
+"""Compiled: in observations of each trajectory, out the covariance of their noise.
 
 The contrast sum_j c_j x_j of four successive observations, with c_j proportional to
 1 / prod_{k != j} (t_j - t_k) and sum_j c_j^2 = 1, vanishes on any quadratic motion whatever the
@@ -12,22 +12,22 @@ from ...compiled import compiled
 from .records import Observations
 
 # Median of a chi-squared variable with one degree of freedom; so many medians are three standard deviations,
-# and the mean of what is below them.
+# and the mean of what is below them in all directions.
 _CHI2_MEDIAN = 0.4549364231195727
 # Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
 # apart.
 _OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
-_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.9733
+_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.96
 
 
 @compiled()
-def direction_variances(
+def difference_covariances(
     observations: Observations, gap: Stamps, chosen: Ints, directions: Floats, most: int
 ) -> tuple[Floats, Floats]:
-    """Variance of the noise in each direction: the mean squared third difference without the wild ones.
+    """Covariance of the noise: the mean square of third differences without the wild ones.
 
-    Each direction is taken alone: where the noise is not round, what is wild by the median of a sum over
-    coordinates would be wrong.
+    One is wild if it is in any direction. Each direction is judged by its own median: where the noise is not
+    round, the median of a sum over coordinates would be wrong.
 
     Parameters
     ----------
@@ -42,11 +42,13 @@ def direction_variances(
 
     Returns
     -------
-    float64 [n, D] (0 where there is no difference) and [n], how many independent differences they are worth.
+    float64 [n, dim, dim] (0 where there is no difference) and [n], how many independent differences they are
+    worth.
     """
     times, positions, start, stop = observations
-    found, count = np.zeros((len(chosen), len(directions))), np.zeros(len(chosen))
-    contrasts, squares = np.empty((most + 4, positions.shape[1])), np.empty(most + 4)
+    dim = positions.shape[1]
+    found, count = np.zeros((len(chosen), dim, dim)), np.zeros(len(chosen))
+    contrasts, squares = np.empty((most + 4, dim)), np.empty((len(directions), most + 4))
     for n in range(len(chosen)):
         i = chosen[n]
         seen = min(stop[i] - start[i], 4 * most)
@@ -58,25 +60,36 @@ def direction_variances(
                 k += 1
         count[n] = k / _OVERLAP[min(step, 4) - 1]
         if k > 0:
-            for d in range(len(directions)):
-                for j in range(k):
-                    along = 0.0
-                    for c in range(contrasts.shape[1]):
-                        along += contrasts[j, c] * directions[d, c]
-                    squares[j] = along * along
-                found[n, d] = _trimmed_mean(squares[:k])
+            _squares_along(contrasts[:k], directions, squares)
+            _mean_square(contrasts[:k], squares[:, :k], found[n])
     return found, count
 
 
 @compiled()
-def _trimmed_mean(squares: Floats) -> float:
-    """Mean of squares [n] of normal variables without those beyond three standard deviations."""
-    limit, total, count = _WILD * np.median(squares), 0.0, 0
-    for square in squares:
-        if square <= limit:
-            total += square
+def _squares_along(contrasts: Floats, directions: Floats, squares: Floats) -> None:
+    """Squares of contrasts [k, dim] along each direction [D, dim], in its medians, to [D, k or more]."""
+    k = len(contrasts)
+    for d in range(len(directions)):
+        for j in range(k):
+            along = 0.0
+            for c in range(contrasts.shape[1]):
+                along += contrasts[j, c] * directions[d, c]
+            squares[d, j] = along * along
+        squares[d, :k] /= max(np.median(squares[d, :k]), 1e-300)
+
+
+@compiled()
+def _mean_square(contrasts: Floats, squares: Floats, found: Floats) -> None:
+    """Mean of the outer products of contrasts [k, dim] that are wild in no direction, to [dim, dim]."""
+    count = 0
+    for j in range(len(contrasts)):
+        if squares[:, j].max() <= _WILD:
             count += 1
-    return total / (_BELOW_WILD * count)
+            for c in range(contrasts.shape[1]):
+                for d in range(contrasts.shape[1]):
+                    found[c, d] += contrasts[j, c] * contrasts[j, d]
+    if count > 0:
+        found /= _BELOW_WILD * count
 
 
 @compiled()

@@ -74,21 +74,6 @@ def farthest_points(x: Floats, count: int) -> Ints:
 
 
 @compiled()
-def nearest_squared(x: Floats, queries: Ints) -> Floats:
-    """Squared distance of each of x[queries] to the nearest other point of x [n, dim], float64 [q]."""
-    found = np.full(len(queries), np.inf)
-    for k in range(len(queries)):
-        i = queries[k]
-        for j in range(len(x)):
-            squared = 0.0
-            for c in range(x.shape[1]):
-                squared += (x[i, c] - x[j, c]) ** 2
-            if j != i and squared < found[k]:
-                found[k] = squared
-    return found
-
-
-@compiled()
 def gaussian_sums(x: Floats, b: Floats, points: Ints, members: Ints, weight: Floats) -> Floats:
     """Weighted sum of unit Gaussians about b, at each x; none adds to its own place.
 

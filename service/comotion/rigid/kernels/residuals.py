@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...arrays import Floats, Slots
+from ...arrays import Bools, Floats, Slots
 from ...compiled import compiled
 from .metric import is_round_metric, quadratic, solved, turned_metric
 from .procrustes import SOFT
@@ -29,6 +29,7 @@ def body_costs(
     stride: int,
     cost: Floats,
     squared: Floats,
+    gain: Floats,
 ) -> None:
     """Cost of rows under each body, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
 
@@ -48,58 +49,70 @@ def body_costs(
     stride
         Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
         estimate is near the least. The others keep their estimate.
-    cost, squared
-        Out: float64 [n, K] each, the cost in nats, and the mean of w |x - b|^2 over posed frames.
+    cost
+        float64 [n, K]; NaN where it is to be computed, in nats. Other entries are left as they are.
+    squared
+        Out: float64 [n, K], the mean of w |x - b|^2 over posed frames.
+    gain
+        Out, where the first body is the static one: float64 [n, K], what a row would gain at rest by the
+        wider tolerance of each body whose cost is computed. Else empty.
     """
     y, w, tolerance, spectrum, metric = arrays
-    count, bodies = w.shape[1], len(poses)
+    count = w.shape[1]
     row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
     some = np.ascontiguousarray(poses[:, ::stride])
     for n in range(len(rows)):
         i = rows[n]
         first, stop = observed_span(w[i])
-        reach = np.inf
+        asked, scale = np.isnan(cost[n]), (1.0 / (tolerance[i] + wider), dim, cap, unposed)
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
             _filter_gains(w[i], spectrum[i], stride, gains)
-            for k in range(bodies):
-                inverse = 1.0 / (tolerance[i] + wider[k])
-                cost[n, k], squared[n, k] = _body_cost(
-                    row,
-                    some[k],
-                    0,
-                    some.shape[1],
-                    inverse,
-                    dim,
-                    cap,
-                    unposed,
-                    metric[i],
-                    x,
-                    gains,
-                    persistence,
-                )
-            cost[n] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
-            reach = _NEAR_FACTOR * cost[n].min() + _NEAR_NATS if seen > 0 else np.inf
-        else:
-            _copy_row(y[i], w[i], 1, row)
+            span, noise = (0, some.shape[1]), (metric[i], persistence)
+            _row_costs(row, some, span, asked, scale, noise, x, gains, cost[n], squared[n])
+            cost[n][asked] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
+            if seen > 0:
+                asked &= cost[n] < _NEAR_FACTOR * cost[n].min() + _NEAR_NATS
+        _copy_row(y[i], w[i], 1, row)
         _filter_gains(w[i], spectrum[i], 1, gains)
-        for k in range(bodies):
-            if reach == np.inf or cost[n, k] < reach:
-                inverse = 1.0 / (tolerance[i] + wider[k])
-                cost[n, k], squared[n, k] = _body_cost(
-                    row,
-                    poses[k],
-                    first,
-                    stop,
-                    inverse,
-                    dim,
-                    cap,
-                    unposed,
-                    metric[i],
-                    x,
-                    gains,
-                    spectrum[i, 2],
-                )
+        loose = asked & (wider > 0)
+        asked[0] |= gain.size > 0 and loose.any()
+        span, noise = (first, stop), (metric[i], spectrum[i, 2])
+        _row_costs(row, poses, span, asked, scale, noise, x, gains, cost[n], squared[n])
+        if gain.size > 0:
+            for k in np.flatnonzero(loose):
+                gain[n, k] = _wider_gain(x, stop - first, tolerance[i], wider[k], cap * dim)
+
+
+@compiled()
+def _row_costs(
+    row: Floats,
+    poses: Floats,
+    span: tuple[int, int],
+    asked: Bools,
+    scale: tuple[Floats, int, float, float],
+    noise: tuple[Floats, float],
+    x: Floats,
+    gains: Floats,
+    cost: Floats,
+    squared: Floats,
+) -> None:
+    """Cost and mean squared residual of a row under the bodies that are asked for, the first body last."""
+    (inverse, dim, cap, unposed), (metric, persistence), (first, stop) = scale, noise, span
+    for k in range(len(poses) - 1, -1, -1):
+        if asked[k]:
+            cost[k], squared[k] = _body_cost(
+                row, poses[k], first, stop, inverse[k], dim, cap, unposed, metric, x, gains, persistence
+            )
+
+
+@compiled()
+def _wider_gain(x: Floats, count: int, tolerance: float, wider: float, most: float) -> float:
+    """By how much the squares in the last column of x [count, 5] cost less at a wider tolerance."""
+    gain, narrow, wide = 0.0, 1.0 / tolerance, 1.0 / (tolerance + wider)
+    for f in range(count):
+        gain += min(x[f, 4] * narrow, most) - min(x[f, 4] * wide, most)
+    return 0.5 * gain
 
 
 @compiled()
@@ -147,38 +160,6 @@ def observed_span(w: Floats) -> tuple[int, int]:
     while stop > first and w[stop - 1] <= 0:
         stop -= 1
     return first, stop
-
-
-@compiled()
-def rest_costs(arrays: RowArrays, rows: Slots, wider: Floats, dim: int, cap: float, cost: Floats) -> None:
-    """Cost of rows under the static body at wider tolerances, in place; as :func:`body_costs`.
-
-    Parameters
-    ----------
-    rows
-        intp [n], rows to take.
-    wider
-        float64 [K], by how much each tolerance exceeds that of a row.
-    cost
-        Out: float64 [n, K], nat.
-    """
-    y, w, tolerance, spectrum, metric = arrays
-    count = w.shape[1]
-    row, gains = np.empty((count, 5)), np.empty((count, 8))
-    for n in range(len(rows)):
-        i = rows[n]
-        _copy_row(y[i], w[i], 1, row)
-        _filter_gains(w[i], spectrum[i], 1, gains)
-        soft = 1.0 / (SOFT * dim * tolerance[i])
-        is_round = is_round_metric(metric[i])
-        gains[:, 2:] = metric[i]
-        mean = _robust_mean(row, count, gains, soft, is_round)
-        _squares(row, count, mean, gains, spectrum[i, 2], soft, is_round)
-        for k in range(len(wider)):
-            inverse, paid = 1.0 / (tolerance[i] + wider[k]), 0.0
-            for f in range(count):
-                paid += min(row[f, 4] * inverse, cap * dim)
-            cost[n, k] = 0.5 * paid
 
 
 @compiled()

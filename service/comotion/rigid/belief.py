@@ -1,0 +1,243 @@
+"""What is believed of trajectories and hypotheses, carried from update to update.
+
+The window holds the evidence of its own frames alone: a body that rests for longer would become a part of
+the static one, and of a feature that rests among resting bodies nothing would be known any more. So each
+hypothesis has a record, which says for how long it has clearly moved, and each trajectory keeps whether it
+has once clearly been a member. Both hold until something contradicts them. Of the last update the costs are
+kept: what was far off then is not computed again until bodies are sought.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
+from ..config import RigidConfig
+from ..partition import NO_HYPOTHESIS
+from .assignment import SearchResult
+from .costs import Costs, pose_costs
+from .resampling import Frames
+from .subset import DOUBTFUL, Scene
+
+# s of motion that explains the members better than rest does by more than its price, until a hypothesis is
+# known to be separate; and s of evidence to the contrary, until it no longer is.
+_SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
+# Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
+# over time gains once or twice the price by chance.
+_CLEARLY = 4.0
+# The past pays a little more than what the body and its memberships cost.
+_PAST_FACTOR = 1.2
+# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
+_PURE = 0.8
+# nat; by so much rest must explain the members better than the body does to speak against it.
+_CONTRARY = 10.0
+# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and what the
+# trajectory then pays for leaving it: less, since a hypothesis may change. Chosen on stress scenes of even
+# seeds and on the markers.
+_SURE, _LEAVING = 40.0, 20.0
+# nat; a cost so far above the least stands until bodies are sought again: half a second changes it by less.
+_FAR = 200.0
+# Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
+_UNKNOWN = NO_HYPOTHESIS - 1
+
+
+@dataclass
+class Record:
+    """What is known of one hypothesis.
+
+    Attributes
+    ----------
+    seconds, contrary
+        Of clear motion, and of evidence since that it is no body of its own, s of event time.
+    moves
+        Whether it clearly moved at the last update.
+    """
+
+    seconds: float = 0.0
+    contrary: float = 0.0
+    moves: bool = False
+
+    @property
+    def separate(self) -> bool:
+        """Whether it is known to be a body of its own."""
+        return self.seconds >= _SEPARATE_AFTER
+
+
+class Belief:
+    """Records of the hypotheses of one space, and what the last update has said of each trajectory."""
+
+    def __init__(self) -> None:
+        self.records: dict[int, Record] = {}
+        self._stamp_ns: int | None = None
+        # Of all trajectories of the last update, keys ascending; their costs under `_ids`, their excess, and
+        # the hypothesis that each has clearly been a member of.
+        self._keys: Stamps = np.zeros(0, np.int64)
+        self._ids: Labels = np.zeros(0, np.int64)
+        self._cost: Floats = np.zeros((0, 0))
+        self._excess: Floats = np.zeros(0)
+        self._member_of: Labels = np.zeros(0, np.int64)
+
+    def learn(self, result: SearchResult, frames: Frames, ids: Labels) -> None:
+        """Take in the result of an update, of which int64 [K] `ids` are the hypotheses of the bodies."""
+        stamp_ns = int(frames.stamps[-1])
+        step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
+        self._stamp_ns = stamp_ns
+        evidence, labels = result.evidence, result.assignment.labels
+        moves = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.restless[k] for k in range(len(ids))]
+        for k, one in enumerate(ids.tolist()):
+            members = labels == k
+            if one == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
+                continue
+            record = self.records.setdefault(one, Record())
+            against = _contradicted(evidence, members, k, moves)
+            record.moves = moves[k]
+            record.seconds += step if moves[k] else 0.0
+            record.contrary = record.contrary + step if against else 0.0
+            if record.contrary > _FORGET_AFTER:
+                record.seconds = 0.0
+        member_of = np.append(self._member_of, _UNKNOWN)[find(frames.key, self._keys)]
+        clear = _clear(evidence, labels)
+        clear[clear] = ids[labels[clear]] != NO_HYPOTHESIS
+        member_of[clear] = ids[labels[clear]]
+        self._keys, self._ids, self._member_of = frames.key, ids, member_of
+        self._cost, self._excess = evidence.body, result.excess
+
+    def scene(self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: int) -> Scene:
+        """The scene of an update.
+
+        Parameters
+        ----------
+        frames, newest, before
+            Its rows; float64 [N, 3], newest positions; int64 [N], hypothesis of each trajectory.
+        static
+            Hypothesis that was the static one.
+        least
+            Frames from which on a trajectory is judged.
+        """
+        present = set(before.tolist())
+        self.records = {one: record for one, record in self.records.items() if one in present}
+        separate = [one for one, record in self.records.items() if record.separate]
+        resting = [one for one in separate if not self.records[one].moves]
+        at = find(frames.key, self._keys)
+        return Scene(
+            frames=frames,
+            newest=newest,
+            judged=frames.life >= least,
+            before=before,
+            static=static,
+            excess=np.append(self._excess, 0.0)[at],
+            separate=np.isin(before, separate),
+            resting=np.isin(before, resting),
+            clear=np.append(self._member_of, _UNKNOWN)[at] == before,
+        )
+
+    def far_costs(self, scene: Scene, hypotheses: list[int | None]) -> Floats:
+        """Costs of the last update that need not be computed again, float64 [N, K]; NaN elsewhere.
+
+        They are those of trajectories that are explained, under bodies that are far off.
+        """
+        known = np.full((len(scene.before), len(hypotheses)), np.nan)
+        at = find(scene.frames.key, self._keys)
+        calm = np.flatnonzero((at >= 0) & (scene.excess < DOUBTFUL) & (scene.before != NO_HYPOTHESIS))
+        if self._cost.size and len(calm):
+            cost = self._cost[at[calm]]
+            far = np.where(cost > cost.min(1, keepdims=True) + _FAR, cost, np.nan)
+            column = {one: k for k, one in enumerate(self._ids.tolist())}
+            for k, one in enumerate(hypotheses):
+                if one in column:
+                    known[calm, k] = far[:, column[one]]
+        return known
+
+    def forget(self) -> None:
+        """Forget what the last update has said of each trajectory: there are none."""
+        self._keys, self._ids, self._member_of = (np.zeros(0, np.int64) for _ in range(3))
+        self._cost, self._excess = np.zeros((0, 0)), np.zeros(0)
+
+    def state(self) -> dict[str, Any]:
+        """What must survive a restart, as plain values and arrays."""
+        return {
+            "seconds": [[one, record.seconds] for one, record in self.records.items()],
+            "keys": self._keys,
+            "member_of": self._member_of,
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Take up :meth:`state`."""
+        self.records = {int(one): Record(seconds=float(seconds)) for one, seconds in state["seconds"]}
+        self._keys, self._member_of = state["keys"], state["member_of"]
+        self._cost, self._excess = np.zeros((len(self._keys), 0)), np.zeros(len(self._keys))
+
+
+def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:
+    """What clear members pay for every body but those that continue their hypothesis, [N, K], nat.
+
+    `owners` intp [m] each are the trajectories that each of the K bodies was fitted to; none for the static
+    one.
+    """
+    cost, continued = np.zeros((len(scene.before), len(owners))), continued_by(scene, owners)
+    for one in np.unique(scene.before[scene.clear]).tolist():
+        members = scene.clear & (scene.before == one)
+        cost[np.ix_(members, continued != one)] = _LEAVING
+    return cost
+
+
+def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
+    """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
+
+    The members of a hypothesis that is known to be separate have together what a body costs. They pay it
+    for bodies under which they do not clearly move, as the static one, but not for those that continue it.
+    `owners` are the trajectories that each of the K bodies was fitted to.
+    """
+    before, current = scene.before, scene.judged & scene.frames.current
+    evidence = np.zeros((len(before), len(owners)))
+    dof = 3 if scene.frames.dim == 2 else 6
+    price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
+    continued = continued_by(scene, owners)
+    for one in np.unique(before[scene.separate]).tolist():
+        members = before == one
+        gain = (found.body[members, :1] - found.body[members]).sum(0)
+        others = np.flatnonzero((gain <= _CLEARLY * found.restless) & (continued != one))
+        sharing = max(int((members & current).sum()), 1)
+        evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
+    return evidence
+
+
+def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
+    """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
+
+    Nearly all trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
+    none for the static body.
+    """
+    static = NO_HYPOTHESIS if scene.static is None else scene.static
+    return np.array([_usual(scene.before[own]) if len(own) else static for own in owners], np.int64)
+
+
+def _usual(labels: Labels) -> int:
+    """The hypothesis of nearly all of labels int64 [m], m > 0."""
+    # What more than half of them have is in the middle when they are sorted.
+    middle = len(labels) // 2
+    one = int(np.partition(labels, middle)[middle])
+    return one if np.count_nonzero(labels == one) / len(labels) >= _PURE else NO_HYPOTHESIS
+
+
+def _gain(evidence: Costs, members: Bools, k: int) -> float:
+    """By how much members bool [N] are cheaper under a body than at rest, nat."""
+    return float((evidence.body[members, 0] - evidence.body[members, k]).sum())
+
+
+def _contradicted(evidence: Costs, members: Bools, k: int, moves: list[bool]) -> bool:
+    """Whether rest explains the members better, or another body that clearly moves nearly as well."""
+    if _gain(evidence, members, k) < -_CONTRARY:
+        return True
+    others = [j for j, clearly in enumerate(moves) if clearly and j not in (0, k)]
+    lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
+    return bool(min(lost, default=np.inf) < evidence.restless[k])
+
+
+def _clear(evidence: Costs, labels: Ints) -> Bools:
+    """Which trajectories their body explains far better than any other does, bool [N]."""
+    if evidence.body.shape[1] < 2:
+        return np.zeros(len(labels), np.bool_)
+    least = np.partition(evidence.body, 1, axis=1)
+    return np.asarray((least[:, 1] - least[:, 0] > _SURE) & (np.argmin(evidence.body, 1) == labels))
