@@ -153,7 +153,7 @@ def _is_kept(task: Task) -> bool:
 
 
 def _share_out(tasks: list[Task]) -> Iterator[int]:
-    """Give tasks to processes and yield how many are done; a kernel after those that it calls, or two processes would compile them."""
+    """Give tasks to processes, callees first; yields how many are done."""
     processes = [_worker() for _ in range(min(_MOST_PROCESSES, os.cpu_count() or 1))]
     queue = _Queue(tasks)
     try:
