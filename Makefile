@@ -56,9 +56,11 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-pictures: setup  ## make the pictures of README and guides again; COMOTION_CHROMIUM=chromium for those of screens
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[sim3d,view]'
+pictures: setup  ## make the pictures, the samples and the notebook's outputs again; COMOTION_CHROMIUM=chromium for those of screens
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
 	$(BIN)/python -m comotion_experiments.pictures docs/images
+	$(BIN)/python -m comotion_experiments.samples docs/samples
+	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
 
 wheel: setup  ## wheel and source distribution, in dist
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt build

@@ -16,7 +16,7 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
@@ -37,8 +37,8 @@ class Task(NamedTuple):
     arguments: str
 
     @property
-    def dispatcher(self) -> Dispatcher:
-        """The kernel."""
+    def dispatcher(self) -> Any:
+        """The kernel, a Dispatcher."""
         module, _, name = self.kernel.partition(":")
         found = getattr(import_module(module), name)
         if not isinstance(found, Dispatcher):
@@ -46,9 +46,9 @@ class Task(NamedTuple):
         return found
 
     def is_here(self) -> bool:
-        """Whether there is such a kernel: the list may be of other sources."""
-        with suppress(ImportError, AttributeError, TypeError):
-            return self.dispatcher is not None
+        """Whether there are such a kernel and types: the list may be of other sources."""
+        with suppress(ImportError, AttributeError, TypeError, ValueError):
+            return bool(self.dispatcher and read_types(self.arguments))
         return False
 
 
@@ -115,7 +115,7 @@ def _spell(one: Any) -> Any:
         return f"{one.dtype} {one.ndim}{one.layout}"
     if isinstance(one, types.BaseTuple):
         named = getattr(one, "instance_class", tuple)
-        return [f"{named.__module__}:{named.__qualname__}", *map(_spell, one.types)]
+        return [f"{named.__module__}:{named.__qualname__}", *map(_spell, cast("Any", one))]
     return str(one)
 
 
@@ -124,7 +124,7 @@ def _read(one: Any) -> Any:
         module, _, name = one[0].partition(":")
         named = getattr(import_module(module), name)
         members = tuple(map(_read, one[1:]))
-        return types.BaseTuple.from_types(members, None if named is tuple else named)
+        return types.BaseTuple.from_types(members, None if named is tuple else named)  # type: ignore[no-untyped-call]
     dtype, _, shape = one.partition(" ")
     scalar = types.boolean if dtype == "bool" else getattr(types, dtype)
     return types.Array(scalar, int(shape[:-1]), shape[-1]) if shape else scalar
@@ -149,14 +149,17 @@ def _is_kept(task: Task) -> bool:
     wanted = read_types(task.arguments)
     if not isinstance(getattr(kernel, "_cache", None), KernelCache):
         return False
-    return any(found == wanted for found in kernel._cache.signatures(kernel.targetctx))  # type: ignore[attr-defined]
+    return any(found == wanted for found in kernel._cache.signatures(kernel.targetctx))
 
 
 def _share_out(tasks: list[Task]) -> Iterator[int]:
     """Give tasks to processes, callees first; yields how many are done."""
-    processes = [_worker() for _ in range(min(_MOST_PROCESSES, os.cpu_count() or 1))]
+    processes: list[subprocess.Popen[bytes]] = []
     queue = _Queue(tasks)
     try:
+        with suppress(OSError):  # where no process can be started, this one compiles
+            while len(processes) < min(_MOST_PROCESSES, len(os.sched_getaffinity(0))):
+                processes.append(_worker())
         with selectors.DefaultSelector() as selector:
             for process in processes:
                 selector.register(process.stdout, selectors.EVENT_READ, process)  # type: ignore[arg-type]

@@ -108,14 +108,25 @@ class _Worker:
         self._given.append(Task(*json.loads(line)))
 
 
-def test_where_processes_die_nothing_hangs(monkeypatch, tmp_path):
+@pytest.mark.parametrize("python", ["/bin/false", "/missing"])
+def test_where_processes_die_or_do_not_start_nothing_hangs(monkeypatch, tmp_path, python):
     monkeypatch.setattr(precompiling, "_is_kept", lambda task: False)
     monkeypatch.setattr(precompiling, "_mark", lambda tasks, kinds: tmp_path / "mark")
-    monkeypatch.setattr(sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", python)
     kinds = kinds_of_scene("comotion", "m", 3, 1)
     done = list(compile_ahead(kinds))
     assert done[0][0] == 0
     assert not (tmp_path / "mark").exists()
+
+
+def test_a_list_of_other_sources_is_no_error(monkeypatch):
+    stale = [
+        ("comotion.gone:kernel", '["int64"]', ["comotion m3"]),
+        ("comotion.trajectories.kernels:gone", '["int64"]', ["comotion m3"]),
+        ("comotion.trajectories.kernels:append", '[["comotion.gone:Arrays", "int64"]]', ["comotion m3"]),
+    ]
+    monkeypatch.setattr(precompiling, "entries", lambda: stale)
+    assert list(compile_ahead(["comotion m3"])) == []
 
 
 def test_what_is_on_the_disk_is_not_compiled_again(monkeypatch, tmp_path):
