@@ -15,6 +15,7 @@ from mkdocs.exceptions import PluginError
 _TOP = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((\.\./[^)#\s]+)(?:#[^)]*)?\)")
 _SEARCH = _TOP / "docs" / "site_search.js"
+_ROLE = re.compile(r":(?:class|func|mod|attr|meth|data|exc):(?=<|`)")
 _FROM_NETWORK = re.compile(r'<script src="https?://[^"]*"></script>')
 
 
@@ -37,6 +38,8 @@ def on_post_page(output: str, **_: Any) -> str:
     """Put a script of our own for the one that searches in pages opened as files, from the network."""
     # What introduces a block of code in a docstring is no text of the page.
     output = output.replace("<p>::</p>", "").replace("::</p>", ":</p>")
+    # Roles of reStructuredText in docstrings: `:class:` before a name.
+    output = _ROLE.sub("", output)
     ours = f"<script>{_SEARCH.read_text(encoding='utf-8')}</script>"
     return _FROM_NETWORK.sub(lambda _: ours, output)
 

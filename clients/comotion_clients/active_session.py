@@ -1,4 +1,4 @@
-"""Updates of a scene's services in; out comes which of them to hear: one session at a time.
+"""Follows one session of the services of a scene at a time.
 
 A service that was stopped and goes on may publish some updates beside its successor. Who has heard the
 successor does not go back, unless the successor has fallen silent.

@@ -1,4 +1,4 @@
-"""Dense regions from sparse labels: an image and labelled features in, a mask per hypothesis out.
+"""Dense regions from sparse labels: a mask per hypothesis.
 
 Ochs and Brox (2011) make regions of sparse trajectories by a variational method. Here the random walker of
 scikit-image (Grady 2006) does: each pixel gets the label of the feature that a random walk, which avoids

@@ -1,4 +1,4 @@
-"""Components and routers of a scene in; what a person should look at out, causes first. Pure."""
+"""Lists what a person should look at in a scene, causes first. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Statuses, tokens and round trips of one scene in; what an operator wants to know of it out. Pure.
+"""Models what an operator wants to know of a scene. Pure.
 
 Clocks are compared by the stamps of Statuses and the round trips of queries: those that a service answers
 with its clock, and those that the cache of every component's publisher answers.

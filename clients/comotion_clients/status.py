@@ -104,11 +104,11 @@ class _Look:
         """Listen and ask for some time."""
         end = time.monotonic() + duration_s
         self._ask_routers()
-        asked = float("-inf")
+        queried_s = float("-inf")
         while (now := time.monotonic()) < end:
             self._listen()
-            if now - asked > _ASK_S:
-                asked = now
+            if now - queried_s > _ASK_S:
+                queried_s = now
                 self._ask_services()
                 self._ask_caches()
             time.sleep(_POLL_S)

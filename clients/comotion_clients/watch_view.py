@@ -149,7 +149,7 @@ def _problems(service: ServiceRow) -> Text:
 
 
 def _problem_lines(service: ServiceRow, *, whole: bool) -> list[Text]:
-    """A line for each problem that lasts; on a screen there is room for some."""
+    """A line for each problem that lasts; on a screen only some fit."""
     lines = [Text.assemble((f"{row.kind} ", "bold red"), row.text) for row in service.problems]
     if whole or len(lines) <= _MAX_PROBLEM_ROWS:
         return lines

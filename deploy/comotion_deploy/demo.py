@@ -14,7 +14,7 @@ from .processes import PYTHON, ProcessSpec, comotion
 
 RATES = (15, 30, 100)
 SUMMARY = "summary.txt"
-# Variables that tell processes how their own scene is reached and run; the demo has another one.
+# Variables by which processes know how their own scene is reached and run; the demo has another one.
 _OF_OTHER_SCENES = (
     "TLS",
     "SECURE",

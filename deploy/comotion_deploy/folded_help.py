@@ -44,7 +44,7 @@ def _fold(command: Any) -> None:
 
 
 def _shorten(option: Any) -> None:
-    """Show few names of an option in one column, so that there is room for the words.
+    """Show few names of an option in one column, so that the words fit beside them.
 
     A flag that is on shows how to switch it off; any other option shows its first name.
     """

@@ -70,18 +70,18 @@ def run_router(set_up: Callable[[], RouterSetup], ready_file: Path | None) -> No
     """
     stop = threading.Event()
     setup = set_up()
-    with stop_on_signals(stop), _hang_up() as asked, ExitStack() as opened:
+    with stop_on_signals(stop), _hang_up() as hung_up, ExitStack() as opened:
         opened.enter_context(_open(setup))
         with announce_ready(ready_file):
             while not stop.wait(_POLL_S):
                 beat(ready_file)
-                if asked():
+                if hung_up():
                     _restart(opened, set_up)
 
 
 @contextmanager
 def _hang_up() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether SIGHUP has arrived since it was last called."""
+    """Yield a function that says whether SIGHUP has arrived since it was last called."""
     arrived: list[int] = []
     previous = signal.signal(signal.SIGHUP, lambda number, _frame: arrived.append(number))
     try:

@@ -1,4 +1,4 @@
-"""A headless Chromium that is told what to do: pages -> what they look like. For pictures and tests."""
+"""Loads pages in a headless Chromium and takes pictures of them, for guides and tests."""
 
 import base64
 import contextlib

@@ -43,7 +43,7 @@ _MEANS = (
 class Evaluated:
     """Summary of the run of one input; `digest`: SHA-256 of all encoded updates; joints of the last.
 
-    `compared`: mean NMI of the comparator by clustering, if it was asked for.
+    `compared`: mean NMI of the comparator by clustering, if it was requested.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Frames of a camera file in, frames with the hypotheses of their features out, offline."""
+"""Labels the features of every frame of a camera file, offline."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence

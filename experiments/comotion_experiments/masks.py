@@ -1,4 +1,4 @@
-"""Labelled frames in, an image of hypotheses per frame out: dense regions as files."""
+"""Writes dense regions as files: an image of hypotheses per frame."""
 
 from pathlib import Path
 

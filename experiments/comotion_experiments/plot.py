@@ -261,8 +261,8 @@ def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:
     """Bounds per axis that contain 99 % of the points, with a margin."""
     points = np.concatenate(clouds)
     low, high = np.percentile(points, [0.5, 99.5], axis=0)
-    room = 0.06 * max(float((high - low).max()), 1e-6)
-    return [(float(a) - room, float(b) + room) for a, b in zip(low, high, strict=True)]
+    margin = 0.06 * max(float((high - low).max()), 1e-6)
+    return [(float(a) - margin, float(b) + margin) for a, b in zip(low, high, strict=True)]
 
 
 def broken(

@@ -157,7 +157,7 @@ def _viewed(program: str, folder: Path, recording: Path) -> NDArray[np.uint8]:
         text=True,
     )
     try:
-        assert viewer.stderr is not None  # noqa: S101 - a pipe was asked for
+        assert viewer.stderr is not None  # noqa: S101 - it was opened with a pipe
         url = next(line for line in viewer.stderr if line.startswith("look at ")).removeprefix("look at ")
         return _page(program, folder, f"{url.strip()}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
     finally:

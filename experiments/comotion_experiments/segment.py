@@ -1,4 +1,4 @@
-"""Video -> video, offline: every frame of a camera file is tracked, grouped and drawn. No process, no router.
+"""Segments a video offline: every frame is tracked, grouped and drawn. No process, no router.
 
 The same file gives the same result on every run: the clock is that of the frames.
 """

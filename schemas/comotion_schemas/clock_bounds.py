@@ -1,4 +1,4 @@
-"""Stamps that arrive and round trips of queries in; how far another host's clock is ahead out. Pure.
+"""Bounds how far another host's clock is ahead, by stamps and round trips. Pure.
 
 A stamp that arrives bounds the difference from below, for it was made before; a stamp that answers a query
 bounds it from above too, for it was made after the query. What comes by itself, like a Status, is taken to

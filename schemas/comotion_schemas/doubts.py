@@ -1,4 +1,4 @@
-"""Trajectories in; what is probably wrong with them out, in words: too uncertain for an error."""
+"""Says in words what is probably wrong with trajectories, where it is too uncertain for an error."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Fencing numbers of the services of a scene in; which of them a reader follows out. Pure."""
+"""Decides by fencing numbers which service of a scene a reader follows. Pure."""
 
 MOST_STEP = 1000
 """A larger step upwards is not followed: one wrong number would shut out every service to come."""

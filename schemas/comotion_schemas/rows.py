@@ -1,4 +1,4 @@
-"""Ids and positions as people have them in, usable columns of a batch out."""
+"""Turns ids and positions as people have them into columns of a batch."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""Sequence numbers of messages in; out comes how many were lost before each, and whether it is a repeat.
+"""Counts by sequence numbers how many messages were lost before each, and finds repeats.
 
 Every message with a `seq` counts 0, 1, 2 ... per publisher and session. A number that is skipped is a
 lost message until it comes; a number that comes twice is a repeated one. A reader that joins late has lost

@@ -1,4 +1,4 @@
-"""Times as people have them in, seconds out; or one clear error that guesses what they are.
+"""Converts times as people have them to seconds, or raises one error that guesses what they are.
 
 A unit is certain, and converted, where the type says it (datetime64, timedelta64, pandas, datetime), where
 the numbers are Unix times of this century, and where whole numbers step in one unit as a sensor does and in

@@ -1,4 +1,4 @@
-"""Updates of all spaces in, one message for the wire out."""
+"""Joins the updates of all spaces in one message for the wire."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,8 +1,8 @@
-"""Newest positions of all sources of a space in; which further rows are no places of this scene, out.
+"""Refuses rows that are far outside of what the sources of a space see.
 
 One source that measures in another unit, or whose numbers are wild, must not spoil what the others see: a
 body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other
-sources see is refused. What they see is told by medians over sources, so that one cannot move it; of two,
+sources see is refused. What they see is measured by medians over sources, so that one cannot move it; of two,
 the one that came first is believed.
 """
 

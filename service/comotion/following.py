@@ -1,4 +1,4 @@
-"""Updates of the service that speaks for a scene in; updates of a standby under the same ids out.
+"""Gives a standby's updates the ids that the active service publishes.
 
 A standby fuses the same observations as the active service, but both give ids in the order in which they
 find bodies. So the standby compares its own updates with the published ones: hypotheses that share most

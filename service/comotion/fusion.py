@@ -1,4 +1,4 @@
-"""The face of the core: observation batches in, hypothesis updates out. No clock, no I/O, deterministic.
+"""The face of the core: fuses observation batches into updates. No clock, no I/O, deterministic.
 
     batch -> event time -> space: trajectories -> method -> hypotheses -> joints
           -> assembly -> links -> update
@@ -30,7 +30,7 @@ from .event_time.timeline import Timeline
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
-from .joints.room import Joints
+from .joints.joints import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec

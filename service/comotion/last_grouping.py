@@ -1,4 +1,4 @@
-"""A partition of some trajectories in, one of all the current ones out.
+"""Extends a partition of some trajectories to all the current ones.
 
 Where a space is not grouped, or some of its trajectories only, the others keep their hypotheses. Those that
 have none join the group of whom they are near and move like.

@@ -1,4 +1,4 @@
-"""Counts of shared trajectories in, pairs of old and new groups out."""
+"""Matches old and new groups by the trajectories that they share."""
 
 from collections.abc import Callable
 

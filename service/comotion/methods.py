@@ -1,4 +1,4 @@
-"""Parameters and a space in, the method that groups its trajectories out."""
+"""Chooses the method that groups the trajectories of a space."""
 
 from .config import FusionConfig
 from .partition import Method, SpaceSpec

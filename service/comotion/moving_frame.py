@@ -1,8 +1,8 @@
-"""Hypotheses in a frame that is carried in; the same relative to the world, and where the frame is, out.
+"""Describes hypotheses of a carried frame relative to the world, and finds where the frame is.
 
 The frame of a carried camera moves, so what is at rest moves in it. The world is the body that most of the
 scene agrees on: the one with the most features, weighted with how widely they are spread. The first one must
-have half of all features: before the motion tells bodies apart, a few features may be one by chance. It stays
+have half of all features: before the motion separates bodies, a few features may be one by chance. It stays
 the world while it has features and no other is clearly larger. With x(now) = W x(born) of the world in the
 axes of the frame, the frame is at A W^-1 in the world, where A is where the frame was at the birth of that
 hypothesis.
@@ -23,7 +23,7 @@ from .arrays import Floats, Labels
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
 # The first world has so large a share of the current features and has existed for so long, or is confirmed:
-# in the first frames a camera that moves cannot be told from one that rests.
+# in the first frames a camera that moves cannot be distinguished from one that rests.
 _FIRST_SHARE, _FIRST_NS = 0.5, 400_000_000
 # Updates before the first world that are remembered.
 _MOST_BEFORE = 150
@@ -47,7 +47,7 @@ class MovingFrame:
     dim
         2 or 3.
     metric
-        Whether poses are in the unit of the space: without, only the states are told.
+        Whether poses are in the unit of the space: without, only the states are known.
     """
 
     def __init__(self, dim: int, *, metric: bool) -> None:

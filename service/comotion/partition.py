@@ -125,7 +125,7 @@ class Partition:
     groups
         intp [N]: group of each, or :data:`NO_HYPOTHESIS`.
     deciding
-        bool [N]: whose membership tells which hypothesis a group continues.
+        bool [N]: whose membership decides which hypothesis a group continues.
     confidence
         float64 [n] in 0..1, of the current trajectories in their own order.
     position
@@ -191,7 +191,7 @@ Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 
 
 class Method(ABC):
-    """A method, for one space. Told of every change of the window, asked once per update."""
+    """A method, for one space. It sees every change of the window, and answers once per update."""
 
     matching: Matching
     """How its groups continue hypotheses; see :mod:`comotion.matching`."""

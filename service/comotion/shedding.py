@@ -1,4 +1,4 @@
-"""What updates cost in, what the next ones leave out: fewer searches, never fewer observations or updates.
+"""Chooses what the next updates leave out: searches, never observations or updates.
 
 The caller measures time; the core counts with it. Every level leaves out what those below it do, in this
 order:

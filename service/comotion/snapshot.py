@@ -1,4 +1,4 @@
-"""The state of a fusion as plain values and arrays in, checked bytes out; and back.
+"""Serialises the state of a fusion as checked bytes, and reads it back.
 
 Not pickle: a state file is data from outside, and reading it must not run code. The layout is
 

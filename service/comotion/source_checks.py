@@ -1,4 +1,4 @@
-"""Stored instants in; sources whose ids or unit cannot be right out, for as long as their data shows it.
+"""Notices sources whose ids or unit cannot be right, for as long as their data shows it.
 
 Three mistakes make data useless though each batch is well formed:
 
@@ -25,7 +25,7 @@ TroubleKind = Literal["ids-reused", "ids-short-lived", "scale"]
 # Counts fade by this share with every instant, and say something after so many instants.
 _FADE = 0.02
 _LEAST_INSTANTS = 20
-# Mean number of instants in which an id is seen, below which motion can hardly be told.
+# Mean number of instants in which an id is seen, below which motion can hardly be measured.
 _LEAST_LIFE = 4.0
 # Rows of an instant that are looked at.
 MOST_ROWS = 512
@@ -36,14 +36,14 @@ _COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
 # Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
 _TRADED = 0.5
-# What was seen is told for so long.
+# What was seen is reported for so long.
 _LASTS_NS = 3_000_000_000
 
 
 class Stored(NamedTuple):
     """What became of an instant: whether it `fits` into the scene, rows with new ids, and with ended ones.
 
-    `factor` tells how many times as far out it was as others see; 0: not far out.
+    `factor` is how many times as far out it was as others see; 0: not far out.
     """
 
     fits: bool = True

@@ -1,4 +1,4 @@
-"""Released instants of one space in; at each update, the hypotheses of its current trajectories out."""
+"""One space: stores its released instants, and groups its trajectories at each update."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -136,17 +136,19 @@ class Space:
             self._carry(moving=all(moving for _, moving in said))
         self.contradicting = [name for name, moving in said if moving and self._frame is None]
         in_use = self.sessions_in_use()
-        self._said = {number: told for number, told in self._said.items() if number in in_use}
+        self._said = {number: declared for number, declared in self._said.items() if number in in_use}
 
-    def store(self, instants: Instants, room: Callable[[int], int], taken: Bools | None = None) -> Stored:
+    def store(
+        self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None
+    ) -> Stored:
         """Put instants into the window, and the method's sums where it keeps any.
 
         Parameters
         ----------
         instants
             Released rows, in event-time order.
-        room
-            Tells how many of so many new trajectories may be opened; the rows of others are refused.
+        allowance
+            Says how many of so many new trajectories may be opened; the rows of others are refused.
         taken
             bool [n], rows whose id stands for a feature elsewhere: they are refused.
 
@@ -162,7 +164,7 @@ class Space:
             return Stored(fits=False, factor=self.extent.refused[session])
         columns = columns if near is None else columns.where(near)
         self._stats.refused_rows += len(instants.rows) - len(columns.rows)
-        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, room)
+        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, allowance)
         known = slots >= 0
         # An id that its source has declared lost for good must not come back.
         keep = known.copy()
@@ -192,9 +194,9 @@ class Space:
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
-            told = np.zeros((len(slots), 6))
-            told[:, entries] = columns.of_batch(batch.covariance)
-            self._window.covariance[slots] = np.clip(told, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
+            declared = np.zeros((len(slots), 6))
+            declared[:, entries] = columns.of_batch(batch.covariance)
+            self._window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
         slots, at_ns = slots[stored], columns.stamps[stored]
@@ -204,17 +206,19 @@ class Space:
                 rows_of_one = Rows(int(at_ns[first]), slots[first:stop], instants.in_order)
                 self._method.observed(self._window, rows_of_one)
 
-    def _find_or_open(self, ids: Ids, session: int, room: Callable[[int], int]) -> tuple[Slots, int, int]:
+    def _find_or_open(
+        self, ids: Ids, session: int, allowance: Callable[[int], int]
+    ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self._index.find(ids, session)
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
             _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
             # By first appearance: the oldest trajectory has the lowest number.
-            asked = fresh[np.sort(first)]
-            gone = self._index.has_ended(ids[asked], session)
-            opened, ended = asked[~gone], int(gone.sum())
-            opened = opened[: room(len(opened)) if len(opened) else 0]
+            new = fresh[np.sort(first)]
+            gone = self._index.has_ended(ids[new], session)
+            opened, ended = new[~gone], int(gone.sum())
+            opened = opened[: allowance(len(opened)) if len(opened) else 0]
             slots[opened] = self._index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
             self._stats.refused_rows += int(np.count_nonzero(slots < 0))
@@ -236,7 +240,7 @@ class Space:
         """Trajectories that count against the limit: those current at the last update or opened since.
 
         A source whose features change quickly keeps many outdated trajectories in the window. They count
-        by the quarter: memory is bounded, and there is room for new ones.
+        by the quarter: memory is bounded, and there is allowance for new ones.
         """
         used = int(self._window.used.sum())
         return max(len(self._current) + sum(map(len, self._opened)), used // 4)

@@ -1,4 +1,4 @@
-"""Released instants of all spaces in; updates of each space out. One that fails is built anew.
+"""All spaces of a scene, each updated alone. One that fails is built anew.
 
 A fault in a space costs what it has derived, at worst its trajectories; never the service, nor another space.
 Bounds are kept here: of spaces, and of trajectories, of which each source has its share.
@@ -26,7 +26,7 @@ from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
 from .space import Space, SpaceUpdate
 
-# How long a contradiction is told, and of how many sources.
+# How long a contradiction is reported, and of how many sources.
 _TOLD_NS, _MOST_TOLD = 3_000_000_000, 256
 MakeMethod = Callable[[SpaceSpec], Method]
 
@@ -92,8 +92,8 @@ class Spaces:
         self._contradictions.pop(batch.source, None)
         if len(self._contradictions) >= _MOST_TOLD:
             del self._contradictions[next(iter(self._contradictions))]
-        told = self.config.spaces.get(name, SpaceConfig())
-        configured = told.unit is not None or told.dim is not None
+        declared = self.config.spaces.get(name, SpaceConfig())
+        configured = declared.unit is not None or declared.dim is not None
         owner = "the configuration" if configured else self._owners.get(name, "the first source")
         text = (
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
@@ -104,10 +104,10 @@ class Spaces:
 
     def _known(self, name: str) -> tuple[Unit | None, int | None]:
         """Unit and dim of a space; None where nobody has said, or nobody who did is there any more."""
-        told, space = self.config.spaces.get(name, SpaceConfig()), self._spaces.get(name)
+        declared, space = self.config.spaces.get(name, SpaceConfig()), self._spaces.get(name)
         if space is None or self._is_released(name):
-            return told.unit, told.dim
-        return told.unit or space.spec.unit, told.dim or space.spec.dim
+            return declared.unit, declared.dim
+        return declared.unit or space.spec.unit, declared.dim or space.spec.dim
 
     def contradictions(self) -> dict[str, str]:
         """Sources that have lately contradicted what a space is, and how."""
@@ -271,7 +271,7 @@ class Spaces:
             return "space-mismatch"
         space = self._spaces.get(name)
         if space is None or not space.spec.suits(batch):
-            if space is None and not self._make_room():
+            if space is None and not self._admit_space():
                 return "limit"
             self.open(SpaceSpec(name, batch.unit, batch.dim))
             self._owners[name] = batch.source
@@ -281,8 +281,8 @@ class Spaces:
     def _is_released(self, name: str) -> bool:
         return self.at_ns - self._fed_ns.get(name, 0) > to_ns(self.config.limits.release)
 
-    def _make_room(self) -> bool:
-        """Whether one more space may be opened; the one that nobody publishes for longest makes room."""
+    def _admit_space(self) -> bool:
+        """Whether one more space is admitted; of too many, the one without data for longest goes."""
         if len(self._spaces) < self.config.limits.spaces:
             return True
         name = min(self._spaces, key=lambda one: self._fed_ns.get(one, 0))
@@ -297,7 +297,7 @@ class Spaces:
         homes = self._homes.setdefault(number, set())
         elsewhere = self._elsewhere(instant, homes - {name})
         homes.add(name)
-        stored = space.store(instant, lambda wanted: self._room(number, wanted), elsewhere)
+        stored = space.store(instant, lambda wanted: self._allowance(number, wanted), elsewhere)
         where = number, name
         self.checks.note(where, stored, self.at_ns)
         some = instant.rows[:MOST_ROWS]
@@ -322,8 +322,8 @@ class Spaces:
             found |= self._spaces[home].holds(ids, instant.session)
         return found if found.any() else None
 
-    def _room(self, session: int, wanted: int) -> int:
-        """How many new trajectories a session may open; who holds more than its share makes room."""
+    def _allowance(self, session: int, wanted: int) -> int:
+        """How many new trajectories a session may open; who holds more than its share loses some."""
         free = max(self.config.max_tracks - sum(space.occupied() for space in self), 0)
         if wanted <= free:
             return wanted

@@ -1,4 +1,4 @@
-"""Small files in, their text or tables out; what is too large, too deep or no text is refused in one line."""
+"""Reads small files; what is too large, too deep or no text is refused in one line."""
 
 import re
 import tomllib

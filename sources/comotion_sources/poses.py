@@ -1,4 +1,4 @@
-"""Poses of a carrier over time in, the pose of its camera at the stamp of a frame out."""
+"""Pose of a carried camera at the stamp of a frame, from poses of its carrier over time."""
 
 from bisect import bisect_left
 from collections import deque

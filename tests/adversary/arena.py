@@ -235,14 +235,14 @@ class Arena:
         """Batches that the honest have sent, and those fused, once all is counted; they pause meanwhile."""
         honest = [self.processes[name] for name in HONEST if self.processes[name].account]
         for one in honest:
-            one.tell({"do": "pause"})
+            one.send({"do": "pause"})
         self.until(lambda: all(one.account.get("paused") for one in honest))
         self.watch(2.5)
         sessions = {(one.name, one.account["session"]) for one in honest}
         fused = [one["fused"] for one in self.accounts() if (one["source"], one["session"]) in sessions]
         sent = sum(one.account["sent"] for one in honest)
         for one in honest:
-            one.tell({"do": "resume"})
+            one.send({"do": "resume"})
         self.until(lambda: not any(one.account.get("paused") for one in honest))
         self.watch(1.0)
         return sent, sum(fused)

@@ -21,7 +21,7 @@ def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
     before = arena.last.session
     arena.until(lambda: arena.last.session != before)
     arena.watch(5.0)
-    stays.tell({"do": "pause"})
+    stays.send({"do": "pause"})
     arena.until(lambda: bool(stays.account.get("paused")))
     arena.watch(4.0)
     accounts = {(one["source"], one["session"]): one for one in arena.accounts()}

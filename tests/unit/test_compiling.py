@@ -7,7 +7,7 @@ from comotion.library import compiling
 
 def test_compilation_is_told_once_and_reading_from_memory_is_not(capsys, monkeypatch) -> None:
     monkeypatch.setattr(compiling, "_installed", [])
-    compiling.tell_of_compiling()
+    compiling.report_compiling()
     kernel = numba.njit(lambda x: x + 1)
     assert (kernel(1), kernel(1.0), kernel(2)) == (2, 2.0, 3)
     assert capsys.readouterr().err.splitlines()[0] == (
@@ -18,10 +18,10 @@ def test_compilation_is_told_once_and_reading_from_memory_is_not(capsys, monkeyp
 
 
 def test_a_long_compilation_says_how_far_it_is(capsys) -> None:
-    told = compiling._Told()
+    progress = compiling._Progress()
     for second in range(10):
-        told.on_start(float(second + 1))
-        told.on_end(second + 1.9)
+        progress.on_start(float(second + 1))
+        progress.on_end(second + 1.9)
     assert capsys.readouterr().err.splitlines()[1:] == [
         "comotion: compiling: 4 kernels in 4 s",
         "comotion: compiling: 8 kernels in 8 s",

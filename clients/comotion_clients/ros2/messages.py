@@ -169,7 +169,7 @@ def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:
         rows = np.flatnonzero(update.track_source == number)
         labels = np.unique(update.track_hypothesis[rows]).tolist()
         spaces = [dims[one][0] for one in labels if one in dims]
-        # The update does not tell units: spaces with two coordinates are in pixels by default.
+        # The update has no units: spaces with two coordinates are in pixels by default.
         if spaces and not np.isnan(update.track_position[rows, 2]).any():
             found.setdefault(spaces[0], []).append(rows)
     return {space: np.concatenate(rows) for space, rows in sorted(found.items())}

@@ -144,13 +144,13 @@ def evaluate(
         return
     from rich.console import Console
 
-    from comotion.library.compiling import tell_of_compiling
+    from comotion.library.compiling import report_compiling
     from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
     from comotion_experiments.inputs import find_inputs, parse_seeds
     from comotion_sources.parts import parse_rates
 
     config = fusion_config(ctx, method, assignments)
-    tell_of_compiling()
+    report_compiling()
     rates = parse_rates(rate) if rate else None
     try:
         inputs = find_inputs(

@@ -95,7 +95,7 @@ def add(
     etcd: EtcdUrls = None,
     tls: options.Tls = None,
 ) -> None:
-    """Add a scene to the fleet; agents with room serve it."""
+    """Add a scene to the fleet; agents with a free place serve it."""
     from comotion_schemas import Keys
 
     from ..fleet import entries

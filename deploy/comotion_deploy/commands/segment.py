@@ -1,4 +1,4 @@
-"""``comotion segment``: a video in, a video out, offline."""
+"""``comotion segment``: draws the objects of a video, offline."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class _Running:
-    """The processes of one place; `leaving`: they have been told to stop, and the place goes with them."""
+    """The processes of one place; `leaving`: they have been stopped, and the place goes with them."""
 
     children: list[Child]
     scene: Scene

@@ -1,4 +1,4 @@
-"""What is in etcd in; which agent should claim which free place, and which places should be given up, out.
+"""Plans which agent should claim which free place, and which places should be given up.
 
 Pure functions: every agent computes the same plan from the same entries and does its own part of it.
 """
@@ -99,7 +99,7 @@ def claims(fleet: Fleet) -> dict[Place, str]:
     """Free places, and the agents that should claim them.
 
     First every scene gets one replica, then the standbys. Each place goes to the agent with the fewest
-    replicas that has room and does not hold the scene's other place.
+    replicas that has a free place and does not hold the scene's other place.
     """
     held, loads = fleet.held(), fleet.loads()
     agents = {place: holder.agent for place, holder in held.items()}
@@ -108,13 +108,13 @@ def claims(fleet: Fleet) -> dict[Place, str]:
     served = {place.scene for place in agents}
     for place in _unserved_first(free, served):
         others = {agent for other, agent in agents.items() if other.scene == place.scene}
-        room = [
+        hosts = [
             name
             for name, agent in fleet.agents.items()
             if not agent.draining and loads[name] < agent.capacity and name not in others
         ]
-        if room:
-            chosen = min(room, key=lambda name: (loads[name], name))
+        if hosts:
+            chosen = min(hosts, key=lambda name: (loads[name], name))
             found[place] = agents[place] = chosen
             loads[chosen] += 1
     return found
@@ -124,7 +124,7 @@ def releases(fleet: Fleet) -> list[Place]:
     """Places that their holders should give up: those of draining agents, or one for balance.
 
     A place is given up only if the scene's other replica is ready and takes over, or, on draining, if there
-    is no other replica and another agent has room.
+    is no other replica and another agent has a free place.
     """
     if claims(fleet):
         return []
@@ -174,10 +174,10 @@ def _for_balance(fleet: Fleet) -> list[Place]:
     held, loads = fleet.held(), fleet.loads()
     if not all(holder.ready for holder in held.values()):
         return []  # something is on its way already
-    room = [n for n, agent in fleet.agents.items() if not agent.draining and loads[n] < agent.capacity]
-    if not room:
+    hosts = [n for n, agent in fleet.agents.items() if not agent.draining and loads[n] < agent.capacity]
+    if not hosts:
         return []
-    least = min(room, key=lambda name: (loads[name], name))
+    least = min(hosts, key=lambda name: (loads[name], name))
     most = max(fleet.agents, key=lambda name: (loads[name], name))
     if loads[most] - loads[least] < _IMBALANCE:
         return []

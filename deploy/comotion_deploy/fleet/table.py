@@ -1,4 +1,4 @@
-"""The entries of a fleet in, a table or a JSON document for people and scripts out."""
+"""Shows the entries of a fleet as a table or a JSON document."""
 
 from typing import Any
 

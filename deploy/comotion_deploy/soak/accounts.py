@@ -1,4 +1,4 @@
-"""What the sources have sent and what the service has counted in; whether they agree out.
+"""Compares what the sources have sent with what the service has counted.
 
 An audit compares two moments at which all sources paused and the service had time to count: what was sent in
 between is what the service received or knows to be lost. Between them the same service must have run.

@@ -1,4 +1,4 @@
-"""A source of the soak, as a process: three bodies in, batches out, with an account of what it has sent.
+"""A source of the soak, as a process: three bodies, and an account of what it has sent.
 
 ``python -m comotion_deploy.soak.load ENDPOINT SCENE NAME`` reads one command a line from standard input, as
 JSON, and prints its account a few times a second, as JSON. The body of a feature is its id over 1000, so

@@ -1,7 +1,7 @@
-"""Updates and Statuses of the service in; out come gaps, ids that changed and ids that were used twice.
+"""Watches a soak for gaps, ids that changed and ids that were used twice.
 
 The truth is in the ids of the features: see :mod:`.load`. The label of a body is the hypothesis that most
-of its features have. A label counts once it has lasted for a while and all bodies are told apart.
+of its features have. A label counts once it has lasted for a while and each body has a hypothesis of its own.
 """
 
 from collections import Counter, deque
@@ -131,7 +131,7 @@ class Monitor:
     def _check_bodies(self, update: HypothesisUpdate, at_s: float) -> None:
         found = _labels(update)
         if len(set(found.values())) < len(found):
-            self._pending.clear()  # bodies are together: nobody can tell whose id it is
+            self._pending.clear()  # bodies are together: nobody knows whose id it is
             return
         for body, label in found.items():
             before, since_s = self._pending.get(body, (label, at_s))

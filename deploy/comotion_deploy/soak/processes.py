@@ -85,8 +85,8 @@ class Managed:
             if line.startswith("{"):
                 self.account = json.loads(line)
 
-    def tell(self, command: dict[str, Any]) -> None:
-        """Send it a command, a line of JSON."""
+    def send(self, command: dict[str, Any]) -> None:
+        """Send the process a command, a line of JSON."""
         if self._popen is not None and self._popen.stdin is not None and self._popen.poll() is None:
             try:
                 self._popen.stdin.write(json.dumps(command) + "\n")

@@ -1,4 +1,4 @@
-"""What a soak has found in; out come what must not be, a page of Markdown, JSON and a plot."""
+"""Reports a soak: violations, a page of Markdown, JSON and a plot."""
 
 from collections import Counter
 from pathlib import Path

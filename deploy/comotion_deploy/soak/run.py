@@ -1,4 +1,4 @@
-"""Options in; a scene runs under faults; what was found out.
+"""Runs a scene under faults, and collects what goes wrong.
 
 The loop looks at everything ten times a second: it starts what has ended, carries out what is due, and
 measures. One fault is carried out at a time.
@@ -194,7 +194,7 @@ class Runner:
             self.wait(fault.lasts_s)
             process.signal(signal.SIGCONT)
         else:
-            process.tell({"do": fault.kind, "lasts_s": fault.lasts_s, "size": fault.size})
+            process.send({"do": fault.kind, "lasts_s": fault.lasts_s, "size": fault.size})
             self.wait(fault.lasts_s)
 
     def _attack(self, seed: int) -> None:
@@ -230,12 +230,12 @@ class Runner:
         """
         sources = [self.processes[name] for name in SOURCES]
         for source in sources:
-            source.tell({"do": "pause"})
+            source.send({"do": "pause"})
         try:
             return self._settled(sources, time.monotonic() + _PAUSED_S, opens=opens)
         finally:
             for source in sources:
-                source.tell({"do": "resume"})
+                source.send({"do": "resume"})
 
     def _settled(self, sources: list[Managed], deadline: float, *, opens: bool) -> Moment | None:
         """The accounts, once all sources pause and the service counts no more; None if that takes long."""
@@ -247,13 +247,13 @@ class Runner:
             if not paused or time.monotonic() - asked_s < _SETTLE_S:
                 continue
             asked_s = time.monotonic()
-            now = self._asked(sources)
+            now = self._query_accounts(sources)
             if now is not None and now == before and not now.waiting and not (opens and now.unheard):
                 return now
             before = now
         return None
 
-    def _asked(self, sources: list[Managed]) -> Moment | None:
+    def _query_accounts(self, sources: list[Managed]) -> Moment | None:
         """What the service says of the accounts now."""
         if self.monitor.last is None:
             return None

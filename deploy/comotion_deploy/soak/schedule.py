@@ -1,4 +1,4 @@
-"""A seed and a duration in, the faults of a soak out: what happens to which process, and when."""
+"""Draws the faults of a soak from a seed: what happens to which process, and when."""
 
 import random
 from collections.abc import Iterator

@@ -39,8 +39,8 @@ def _line(results: Results, rule: str, title: str) -> str:
     whole = results.means(WHOLE, recorded=False) | results.means(WHOLE, recorded=True)
     changes = {name: nmi - whole[name] for name, nmi in (families | recordings).items()}
     largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
-    told = ", ".join(f"{name} {change:+.3f}" for name, change in largest if abs(change) > SCATTER)
-    return f"| {title} | {_mean(families)} | {_mean(recordings)} | {told or '-'} |"
+    changed = ", ".join(f"{name} {change:+.3f}" for name, change in largest if abs(change) > SCATTER)
+    return f"| {title} | {_mean(families)} | {_mean(recordings)} | {changed or '-'} |"
 
 
 def _mean(found: dict[str, float]) -> str:

@@ -20,7 +20,7 @@ def markdown(results: Results, picture: str) -> str:
     scored = "scores" in results.experiment.parts
     parts = [_head(results)]
     if scored:
-        parts += [*(_table(results, group) for group in _GROUPS if group in present), _respawn(results)]
+        parts += [_table(results, group) for group in _GROUPS if group in present]
     parts += [_compared(results), _motion(results)]
     parts += [_reliability(results, picture)] if scored else []
     parts += [_robustness(results)]
@@ -48,9 +48,9 @@ def _head(results: Results) -> str:
 
 def _table(results: Results, group: str) -> str:
     recorded = group == "recordings"
-    head = "| | default | t ≥ 1 s | hypotheses | switches | thesis | switches | by scikit-learn |"
+    head = "| | default | t ≥ 1 s | switches | thesis | switches | by scikit-learn |"
     lines = [f"## {group[0].upper()}{group[1:]}", "", head + (" linkage 5 mm |" if recorded else "")]
-    lines.append("|" + "---|" * (9 if recorded else 8))
+    lines.append("|" + "---|" * (8 if recorded else 7))
     names = [case.name for case in results.experiment.cases if case.group == group]
     lines += [_row(results, name, recorded=recorded) for name in names]
     if recorded:
@@ -64,7 +64,6 @@ def _row(results: Results, name: str, *, recorded: bool) -> str:
         name,
         _spread([o.mean for o in ours]),
         _spread([_late(o) for o in ours]),
-        f"{np.mean([o.hypotheses.mean() for o in ours]):.2f}",
         f"{np.mean([o.switches for o in ours]):.2f}",
         _spread([o.mean for o in thesis]),
         f"{np.mean([o.switches for o in thesis]):.2f}",
@@ -81,7 +80,7 @@ def _means(results: Results, group: str) -> str:
         np.mean([results.outcomes[n, m][0].mean for n in names]) for m in (DEFAULT, THESIS, REFERENCE)
     )
     plain = np.mean([np.nanmean(results.linkage[n]) for n in names])
-    return f"| **mean** | **{ours:.3f}** | | | | {thesis:.3f} | | {reference:.3f} | {plain:.3f} |"
+    return f"| **mean** | **{ours:.3f}** | | | {thesis:.3f} | | {reference:.3f} | {plain:.3f} |"
 
 
 def _late(outcome: Outcome) -> float:
@@ -125,27 +124,6 @@ def _whole(outcome: Outcome) -> float:
     """Mean NMI over the updates at whole seconds."""
     off = np.abs(outcome.seconds - np.round(outcome.seconds))
     return float(np.nanmean(outcome.nmi[(off < PERIOD / 2) & (outcome.seconds > PERIOD)]))
-
-
-def _respawn(results: Results) -> str:
-    outcomes = results.outcomes.get(("fig4_4", DEFAULT))
-    if not outcomes:
-        return ""
-    seconds = outcomes[0].seconds
-    nmi = np.mean([o.nmi[: len(seconds)] for o in outcomes], 0)
-    thesis = np.mean([o.nmi[: len(seconds)] for o in results.outcomes["fig4_4", THESIS]], 0)
-    lines = [
-        "### Fig. 4.4 after a respawn, mean over seeds",
-        "",
-        "| t, s | default | thesis |",
-        "|---|---|---|",
-    ]
-    lines += [
-        f"| {t:.2f} | {a:.3f} | {b:.3f} |"
-        for t, a, b in zip(seconds, nmi, thesis, strict=True)
-        if t > 1 and (t % 2 < 1.4 or t % 2 > 1.9)
-    ]
-    return "\n".join(lines)
 
 
 def _motion(results: Results) -> str:

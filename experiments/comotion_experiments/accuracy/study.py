@@ -21,13 +21,12 @@ Array = NDArray[np.float64]
 class Outcome:
     """Results of a run.
 
-    `seconds`, `nmi`, `hypotheses` float64 [updates]; `confidence` float64 [n] and `right` bool [n] of
+    `seconds`, `nmi` float64 [updates]; `confidence` float64 [n] and `right` bool [n] of
     every assignment of a track with known object.
     """
 
     seconds: Array
     nmi: Array
-    hypotheses: Array
     switches: float
     confidence: Array
     right: NDArray[np.bool_]
@@ -98,7 +97,6 @@ def run_case(
     return Outcome(
         seconds=run.seconds,
         nmi=run.nmi,
-        hypotheses=np.array([s.hypotheses for s in run.scores], np.float64),
         switches=run.summary.switches_per_100,
         confidence=np.concatenate([*collector.confidence, np.zeros(0)]),
         right=np.concatenate([*collector.right, np.zeros(0, np.bool_)]),

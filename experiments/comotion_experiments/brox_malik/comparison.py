@@ -1,4 +1,4 @@
-"""Messages in, NMI of the comparator over time out: on the trajectories of the window, at every second."""
+"""Scores the comparator on the trajectories of the window, at every second."""
 
 import math
 import warnings

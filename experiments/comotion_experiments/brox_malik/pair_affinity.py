@@ -1,4 +1,4 @@
-"""Positions over frames in, the affinity of Brox and Malik out.
+"""The affinity of Brox and Malik, from positions over frames.
 
 Brox and Malik (2010), "Object segmentation by long term analysis of point trajectories":
 

@@ -1,4 +1,4 @@
-"""Results of the experiments with joints in, Markdown and plain values out."""
+"""Results of the experiments with joints, as Markdown and plain values."""
 
 from dataclasses import asdict
 from typing import Any

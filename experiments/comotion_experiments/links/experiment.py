@@ -72,7 +72,7 @@ def run_experiment(
     turned
         Degrees by which the plain camera's calibration is wrong.
     progress
-        Told what is being run.
+        Receives what is being run.
     """
     setup = setup or Setup()
     cases = []

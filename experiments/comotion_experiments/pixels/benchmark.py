@@ -100,7 +100,7 @@ def run_benchmark(
     baselines, cross_validate
         Whether to do these too.
     progress
-        Told what comes next.
+        Receives what comes next.
     """
     found = Benchmark()
     for name, sequences in data_sets.items():

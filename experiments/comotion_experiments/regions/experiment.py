@@ -1,4 +1,4 @@
-"""Scenes of the workcell in, how well dense regions cover the true objects out.
+"""Scores how well dense regions cover the true objects of workcell scenes.
 
 The regions of each hypothesis are scored once a second against the truth of every pixel. Beside the random
 walker: the nearest labelled feature, and both with the true object of every feature as its label.

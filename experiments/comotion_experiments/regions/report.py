@@ -1,4 +1,4 @@
-"""Scores of regions in, Markdown and plain values out."""
+"""Scores of regions, as Markdown and plain values."""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""From when on bodies can be told apart: two have moved against each other by five sigma."""
+"""From when on bodies can be distinguished: two have moved against each other by five sigma."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class Apart:
     since: Array
 
     def components(self, t: float) -> NDArray[np.intp]:
-        """Number the sets of bodies that nothing has told apart until t, intp [B]."""
+        """Number the sets of bodies that nothing has separated until t, intp [B]."""
         found: NDArray[np.intp] = connected_components(self.since > t, directed=False)[1].astype(np.intp)
         return found
 

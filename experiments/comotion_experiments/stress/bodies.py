@@ -10,7 +10,7 @@ from comotion_sources.simulator.spec import Sines
 from .lives import cut, replaced
 from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
 from .scene import Body, Happening, Scene, Slip, Source, rng_of
-from .worlds import background, box, lives_of, respawning, room, swinging
+from .worlds import background, box, lives_of, respawning, swinging, swinging_scene
 
 _RAMP_S = 0.3
 
@@ -63,7 +63,7 @@ def ten_minutes(
     seconds: float = 2.0,
 ) -> list[Scene]:
     """Move for ten minutes with features replaced, and an object hidden every half minute."""
-    bodies = room(seed, 3)
+    bodies = swinging_scene(seed, 3)
     hidden = [(t, t + seconds, 1 + k % 3) for k, t in enumerate(np.arange(every, duration - every, every))]
     return [_with_hidden(seed, bodies, hidden, duration, rate=rate, period=period)]
 
@@ -73,7 +73,7 @@ def object_cover(
 ) -> list[Scene]:
     """Hide one object after the other for seconds while it moves on; it returns with new features."""
     hidden = [(first + every * k, first + every * k + seconds, 1 + k) for k in range(bodies)]
-    return [_with_hidden(seed, room(seed, bodies), hidden, first + every * bodies + 2.0)]
+    return [_with_hidden(seed, swinging_scene(seed, bodies), hidden, first + every * bodies + 2.0)]
 
 
 def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30.0) -> list[Scene]:
@@ -125,7 +125,7 @@ def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.01, duration: float = 15.0) -> list[Scene]:
     """Let every feature of a moving body swing about its place by an amplitude (m)."""
-    all_bodies = room(seed, bodies, features=12)
+    all_bodies = swinging_scene(seed, bodies, features=12)
     slots, rng = sum(b.features for b in all_bodies), rng_of(seed, "soft")
     way = rng.normal(size=(slots, 3))
     way *= amplitude / np.linalg.norm(way, axis=1, keepdims=True)

@@ -7,7 +7,7 @@ import numpy as np
 from .lives import cut
 from .motion import at_speed, looped
 from .scene import Body, Event, Happening, Scene, Source, rng_of
-from .worlds import background, displaced, lives_of, respawning, room, swinging_body
+from .worlds import background, displaced, lives_of, respawning, swinging_body, swinging_scene
 
 _DEMO_SPEED = 12.0 / 38.0
 _RATES = (15.0, 30.0, 100.0)
@@ -34,7 +34,7 @@ def restart(seed: int, *, silent: float = 0.3, at: float = 6.0, duration: float 
 
 def loop(seed: int, *, length: float = 8.0, times: int = 2) -> list[Scene]:
     """Replay a recording several times: everything jumps back, the sessions are new."""
-    bodies = [Body(b.name, looped(b.motion, length), b.features, b.size) for b in room(seed)]
+    bodies = [Body(b.name, looped(b.motion, length), b.features, b.size) for b in swinging_scene(seed)]
     ends = [length * (k + 1) for k in range(times - 1)]
     spans = respawning(bodies, length * times, seed)
     everything = np.ones(len(spans), np.bool_)
@@ -120,7 +120,7 @@ def clock_step(seed: int, *, step: float = 0.2, at: float = 6.0, duration: float
 def _two_sources(
     seed: int, duration: float, off: tuple[tuple[float, float], ...], begin: float, end: float | None = None
 ) -> Scene:
-    bodies = room(seed, bodies=3, features=12)
+    bodies = swinging_scene(seed, bodies=3, features=12)
     second = displaced(seed, "simulator-2", 30.0, _PHASE_STEP, mm=2.0, degrees=0.5, ms=5.0)
     second = Source(
         second.name, second.rate, second.phase, second.rotation, second.translation, second.clock, off=off
@@ -137,7 +137,7 @@ def _two_sources(
 
 
 def _lost(seed: int, begin: float, end: float, *, share: float, duration: float) -> Scene:
-    bodies = room(seed)
+    bodies = swinging_scene(seed)
     spans = respawning(bodies, duration, seed)
     # The same share of every body.
     rng, lost = rng_of(seed, "lost"), np.zeros(len(spans), np.bool_)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .lives import dropouts, renewed
 from .scene import Body, Noise, Scene, Slip, Source, rng_of, slot_bodies
-from .worlds import background, lives_of, respawning, room
+from .worlds import background, lives_of, respawning, swinging_scene
 
 _SIGMA_PER_SWITCH = 3.3
 
@@ -30,7 +30,7 @@ def _renewed_scene(
     seed: int, rate: float, duration: float, life: Callable[[np.random.Generator], float]
 ) -> list[Scene]:
     """Bodies that move, and features that live for as long as `life` draws, s."""
-    bodies = room(seed, features=10)
+    bodies = swinging_scene(seed, features=10)
     spans = renewed(_slots(bodies), duration, rng_of(seed, "lives"), life)
     return [
         Scene(
@@ -47,7 +47,7 @@ def drift(
     seed: int, *, bodies: int = 0, walk: float = 0.002, speed: float = 0.0, duration: float = 15.0
 ) -> list[Scene]:
     """Let features drift on their bodies: a random walk (m/√s), or slowly in a direction (m/s)."""
-    all_bodies = [background(40), *room(seed, bodies)[1:]]
+    all_bodies = [background(40), *swinging_scene(seed, bodies)[1:]]
     slots, rng = _slots(all_bodies), rng_of(seed, "drift")
     way = rng.normal(size=(slots, 3))
     way *= speed * rng.uniform(0.0, 2.0, (slots, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
@@ -72,7 +72,7 @@ def sliding(
 
     The features of an edge slide together as the view of it turns, each by an amount of its own.
     """
-    all_bodies = room(seed, bodies, features=12)
+    all_bodies = swinging_scene(seed, bodies, features=12)
     slots, rng = _slots(all_bodies), rng_of(seed, "sliding")
     amplitude, frequency, phase = np.zeros((slots, 3)), np.zeros(slots), np.zeros(slots)
     of_slot = slot_bodies(all_bodies)
@@ -98,7 +98,7 @@ def correlated(
     seed: int, *, bodies: int = 0, seconds: float = 0.5, sigma: float = 0.003, duration: float = 15.0
 ) -> list[Scene]:
     """Noise that is correlated in time: a first-order autoregression of a given time constant."""
-    all_bodies = [background(40, sigma), *room(seed, bodies, sigma=sigma)[1:]]
+    all_bodies = [background(40, sigma), *swinging_scene(seed, bodies, sigma=sigma)[1:]]
     return [_noisy(seed, all_bodies, Noise(correlation=seconds), duration)]
 
 
@@ -112,7 +112,7 @@ def heavy(
 ) -> list[Scene]:
     """Much noise: white, with wild observations, or along the viewing ray with the depth squared (1/m)."""
     noise = Noise(outliers=outliers, depth=depth)
-    return [_noisy(seed, room(seed, 3, 10, sigma), noise, duration)]
+    return [_noisy(seed, swinging_scene(seed, 3, 10, sigma), noise, duration)]
 
 
 def depth_camera(
@@ -126,7 +126,7 @@ def depth_camera(
     duration: float = 12.0,
 ) -> list[Scene]:
     """What an RGB-D camera sees: its noise along the ray is a multiple of that across it."""
-    all_bodies = [background(40, sigma), *room(seed, bodies, 12, sigma)[1:]]
+    all_bodies = [background(40, sigma), *swinging_scene(seed, bodies, 12, sigma)[1:]]
     noise = Noise(ray=ratio, flying=flying, published=published)
     return [_noisy(seed, all_bodies, noise, duration)]
 
@@ -140,7 +140,7 @@ def gaps(
     duration: float = 15.0,
 ) -> list[Scene]:
     """Hide every feature now and then; it keeps its id."""
-    bodies = room(seed)
+    bodies = swinging_scene(seed)
     rng = rng_of(seed, "gaps")
     return [
         Scene(

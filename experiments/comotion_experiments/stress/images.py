@@ -104,7 +104,7 @@ def _sequence(name: str, rng: np.random.Generator, how: ImageParameters) -> Sequ
 
 
 def _seen_enough(sequence: Sequence) -> Sequence:
-    """Leave out objects of which too little is seen to tell how they move."""
+    """Leave out objects of which too little is seen to know how they move."""
     objects, counts = np.unique(sequence.truth, return_counts=True)
     return sequence.of(np.isin(sequence.truth, objects[counts >= _FEWEST]))
 

@@ -14,7 +14,7 @@ from .scene import Happening
 GOOD = 0.95
 """NMI from which on a scene counts as right."""
 SETTLING_S = 1.0
-"""Time after the bodies are apart from which on all are expected to be told apart."""
+"""Time after the bodies are apart from which on all are expected to be separate."""
 LATE_S = 5.0
 """Time after which a run that is not right counts as wrong."""
 _MAJORITY = 0.8

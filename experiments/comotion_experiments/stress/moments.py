@@ -15,7 +15,7 @@ from .apart import Apart
 from .observe import EPOCH_NS
 
 UNEVENTFUL = frozenset({"joined", "released"})
-"""Kinds of events that tell of joints between hypotheses, not of the set of hypotheses."""
+"""Kinds of events about joints between hypotheses, not of the set of hypotheses."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Moment:
     bodies
         int64 [N], index of the true body.
     confirmed
-        Ids of the confirmed hypotheses among the labels (of all where the service does not tell).
+        Ids of the confirmed hypotheses among the labels (of all where the service does not say).
     events
         Kinds of the events of this update.
     nmi, nmi_apart
-        Against the true bodies, and with bodies as one that nothing has told apart yet.
+        Against the true bodies, and with bodies as one that nothing has separated yet.
     """
 
     t: float

@@ -119,27 +119,20 @@ _TERMS = """\
 - **all bodies**: NMI against the true bodies, from 1 s after all of them are apart until the end.
 - **delay**: seconds from apart to a hypothesis of its own, a body that never gets one with all the time left.
 - **healing**: seconds from an event (what was lost is back) until the NMI is .95 and stays so in the mean of
-  3 s; beside it the share of events after which this took 1 s at most, and the share of bodies that kept
-  their id.
-- **wrong**: share of runs with an NMI below .95 in the mean from 5 s after the start on.
+  3 s. **kept**: share of bodies that kept their id.
 - **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
 - **spurious**: events a minute beyond the true ones. **switches**: tracks whose hypothesis differs from that
-  of the update before, per 100. **K**: hypotheses, and bodies that are apart. **over**: share of
-  the updates with more hypotheses than that."""
+  of the update before, per 100."""
 
 _MARKDOWN = (
     ("nmi_apart", "NMI", 3),
     ("all_bodies", "all bodies", 3),
-    ("wrong", "wrong", 2),
     ("delay", "delay, s", 2),
     ("healing", "healing, s", 1),
-    ("healed_in_1s", "in 1 s", 2),
     ("kept", "kept", 2),
     ("ids", "ids", 1),
     ("spurious", "spurious", 0),
     ("switches", "switches", 1),
-    ("hypotheses", "K", 1),
-    ("over", "over", 2),
 )
 
 
@@ -164,13 +157,12 @@ def _group(results: Results, group: str) -> str:
     lines = [
         f"## {group[0].upper()}{group[1:]}",
         "",
-        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " | true K |",
-        "|---|---|" + "---:|" * (len(columns) + 1),
+        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " |",
+        "|---|---|" + "---:|" * len(columns),
     ]
     for name, row in rows.items():
         cells = [" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns]
-        bodies = _number(row[0]["bodies"], 1)
-        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + f" | {bodies} |")
+        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

@@ -14,7 +14,7 @@ RESPAWN_SHARE, RESPAWN_EVERY_S = 0.2, 2.0
 
 
 def background(features: int = 20, sigma: float = 0.003) -> Body:
-    """What rests: points all over the room."""
+    """What rests: points all over the scene."""
     return Body("background", resting(), features, np.array(BACKGROUND_SIZE), sigma)
 
 
@@ -34,7 +34,7 @@ def box(seed: int, name: str) -> Array:
     return rng_of(seed, "size", name).uniform(_SMALLEST, _LARGEST, 3)
 
 
-def room(seed: int, bodies: int = 4, features: int = 8, sigma: float = 0.003) -> list[Body]:
+def swinging_scene(seed: int, bodies: int = 4, features: int = 8, sigma: float = 0.003) -> list[Body]:
     """Draw a background and bodies that swing."""
     return [background(sigma=sigma), *(swinging_body(seed, k + 1, features, sigma) for k in range(bodies))]
 

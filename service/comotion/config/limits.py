@@ -11,10 +11,10 @@ class LimitsConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     sources: Annotated[int, Field(ge=1, le=65_536)] = Field(
-        1024, description="source names at a time; the one silent for longest makes room"
+        1024, description="source names at a time; the one silent for longest goes"
     )
     spaces: Annotated[int, Field(ge=1, le=4096)] = Field(
-        256, description="coordinate spaces at a time; one that nobody publishes makes room"
+        256, description="coordinate spaces at a time; one that nobody publishes goes"
     )
     instants: Annotated[int, Field(ge=1, le=100_000)] = Field(
         1024, description="different row stamps in one batch"

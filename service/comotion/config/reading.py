@@ -1,4 +1,4 @@
-"""Parameters by name in, as people write them; a configuration out, or one error that names what is wrong."""
+"""Reads parameters as people write them; one error names what is wrong."""
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches

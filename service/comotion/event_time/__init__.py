@@ -1,1 +1,1 @@
-"""Event time: batches of many sources in; instants in time order, and ended sessions, out."""
+"""Event time: puts the batches of many sources in time order."""

@@ -1,4 +1,4 @@
-"""What things cost and who causes it in; who may go on, out: a deficit round robin over sources.
+"""Shares time among sources by what they cost: a deficit round robin.
 
 In each round the time that may be spent is shared evenly among those who have something to do. Who spends
 more than its share owes the rest: it waits until later shares have paid for it. What others leave of theirs
@@ -19,7 +19,7 @@ CostClock = Callable[[], int]
 _MOST_DEBT = 4
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
-# ns for which a refusal is told.
+# ns for which a refusal is reported.
 _TOLD_NS = 3_000_000_000
 
 
@@ -34,7 +34,7 @@ class Budget:
     period_ns
         The time for which at most a round may make up, ns.
     clock
-        Tells costs; None: nothing is limited.
+        Measures costs; None: nothing is limited.
     """
 
     share: float

@@ -1,4 +1,4 @@
-"""Exceptions in; what failed, and for whom, out. A fault costs a batch or a space, not the service."""
+"""Collects what failed, and for whom. A fault costs a batch or a space, not the service."""
 
 import traceback
 from collections import deque
@@ -10,7 +10,7 @@ from comotion_schemas import ObservationBatch
 
 from .stats import Stats
 
-# Faults that nobody has asked for yet; a trace is cut.
+# Faults that nobody has read yet; a trace is cut.
 _MOST_FAULTS = 32
 _MAX_TRACE = 8000
 

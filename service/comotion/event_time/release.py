@@ -1,4 +1,4 @@
-"""Batches that wait for the watermark in; their instants in time order, and the ends of sessions, out.
+"""Holds batches until the watermark has passed, and releases their instants in time order.
 
 These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded for each source here too.
 """
@@ -43,7 +43,7 @@ class Load:
         self._total = 0
 
     def admits(self, entry: Entry) -> bool:
-        """Whether there is room for one more batch of its source."""
+        """Whether one more batch of its source may wait."""
         batches, size = self._held.get(entry.batch.source, (0, 0))
         share = self._bytes
         if self._total + entry.size > self._all:
@@ -121,7 +121,7 @@ class Release:
     sources
         The sources; whose session is over is read there.
     settle
-        Is told what became of a batch once all its instants have come out.
+        Learns what became of a batch once all its instants have come out.
     budget
         Who may have instants released.
 

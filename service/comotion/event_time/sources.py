@@ -1,4 +1,4 @@
-"""Stamps and sessions of sources in; which ones there are, send and agree, and their health, out."""
+"""The sources of a scene: which are live, send and agree, and their health."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -30,7 +30,7 @@ MAX_RIVALS = 256
 class SourceHealth:
     """One source: `age_ns` since its newest stamp, `period_ns` between its instants (0: unknown).
 
-    `live` tells whether the watermark waits for it, `sending` whether its batches still come.
+    `live` says whether the watermark waits for it, `sending` whether its batches still come.
     """
 
     name: str
@@ -148,7 +148,7 @@ class Source:
         at_ns
             The clock of arrivals.
         timeout_ns
-            Longest silence that is asked for.
+            Longest silence that is required.
 
         Yields
         ------

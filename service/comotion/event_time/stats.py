@@ -1,4 +1,4 @@
-"""What happens to batches, rows and updates in; the counters of Status, and an account of every session, out.
+"""Counts batches, rows and updates for Status, with an account of every session.
 
 Each batch that reaches the service is in exactly one of these: fused, partly late, late, duplicate, rejected
 by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.
@@ -69,7 +69,7 @@ class Stats(Account):
     observations
         Rows that were stored.
     duplicate_rows, refused_rows
-        Rows stored before; rows of batches that were fused for which there was no room, or that came back
+        Rows stored before; rows of batches that were fused that were beyond a bound, or that came back
         after their end.
     reordered
         Batches with rows stored behind the watermark.

@@ -1,4 +1,4 @@
-"""Batches whose stamps are far from now in; whether to wait, to follow their clock or to judge them out.
+"""Judges batches whose stamps are far from now: wait, follow their clock, or refuse.
 
 One wrong clock must not move the time of a scene. But when a clock is set that all sources share, all of
 them are wrong at once, and the scene follows them:
@@ -38,7 +38,7 @@ _GAP_NS = 100_000_000
 _SAME_STEP_NS = 1_000_000_000
 # Stamps before 2001 count from a start, or are no nanoseconds.
 _ZERO_NS = 10**18
-# Troubles are remembered so long after the last batch that shows them, and so many before one is told.
+# Troubles are remembered so long after the last batch that shows them, and so many before one is reported.
 _TROUBLE_NS = 3_000_000_000
 _TELLING = 3
 _MAX_TROUBLES = 256

@@ -1,7 +1,7 @@
-"""Batches of many sources in, in any order; instants in time order and ended sessions out.
+"""Merges batches of many sources, in any order, into one time line.
 
 Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
-stamps are compared with. `at_ns` tells when something arrived; it must never be set. Without it, `now_ns` is
+stamps are compared with. `at_ns` is when something arrived; it must never be set. Without it, `now_ns` is
 taken. The rules are those of docs/protocol.md, "Time"; what a batch waits for is its stage
 (:class:`.instants.Stage`), and a table says which stage follows; the accounts are those of Status
 (:mod:`.stats`).
@@ -302,7 +302,7 @@ class Timeline:
             self.steps.note(batch, stamp_ns - now_ns, at_ns)
             return _refused("past")
         if source is None:
-            if not self._make_room():
+            if not self._admit_source():
                 return _refused("limit")
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
         elif batch.session != source.session:
@@ -331,8 +331,8 @@ class Timeline:
             self._take(entry, _ACCEPTED if follows else _refused("duplicate-name"), now_ns)
         return len(source.rivals) < waiting
 
-    def _make_room(self) -> bool:
-        """Whether there is room for one more source; the one silent for longest makes it."""
+    def _admit_source(self) -> bool:
+        """Whether one more source is admitted; where there are too many, the one silent for longest goes."""
         if len(self.sources) < self._limits.sources:
             return True
         name = self.sources.longest_silent(self.at_ns, self._load.holds)

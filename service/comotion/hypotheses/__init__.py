@@ -1,1 +1,1 @@
-"""Hypotheses: partitions in, identities over time and events out."""
+"""Hypotheses: identities of groups over time, and events."""

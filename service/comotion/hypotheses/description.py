@@ -1,4 +1,4 @@
-"""Named groups in, hypotheses as they are published out."""
+"""Describes groups as hypotheses are published."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Sizes of the hypotheses at each update in, the few events of confirmed ones out.
+"""Events of confirmed hypotheses, from their sizes at each update.
 
 A hypothesis is unconfirmed, present or absent. Each change must last for `confirm` seconds until it counts:
 

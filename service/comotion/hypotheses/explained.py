@@ -1,4 +1,4 @@
-"""Labels and the noise of hypotheses in; by which factor the confidence in each trajectory falls, out.
+"""Lowers the confidence in trajectories that no body explains.
 
 A body explains what its members do when its residual is small against the size of the scene. Ids that change
 hands, random numbers and the like are grouped too, with residuals of a fifth of the scene and more; among

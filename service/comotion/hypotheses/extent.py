@@ -1,4 +1,4 @@
-"""Members and poses of hypotheses in, their boxes out: the extent of the members ever seen.
+"""Boxes of hypotheses: the extent of the members ever seen.
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
 feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
@@ -180,7 +180,7 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     """Axes of a small box around points, float64 [dim, dim] as columns; the last ones if they are as good.
 
     The candidates share an axis with the principal axes of the points. The size of a box is half its
-    surface, in 2-D half its outline, which tell flat boxes apart.
+    surface, in 2-D half its outline, which distinguish flat boxes.
 
     Parameters
     ----------

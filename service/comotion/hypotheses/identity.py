@@ -1,4 +1,4 @@
-"""Partitions in, hypothesis ids by slot out: one memory of labels for all methods."""
+"""Gives each group the id of the hypothesis that it continues: one memory of labels for all methods."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from ..trajectories.window import Window
 
 # ns. A member for so long is established: it votes for its hypothesis as long again when it changes groups.
 # After a gap in all data all may be one group at first, and two halves of a body that a wrong clock has split
-# become one again feature by feature: neither tells whose id it is.
+# become one again feature by feature: neither shows whose id it is.
 _TENURE_NS = 2_000_000_000
 # Votes of an established member for the hypothesis in which it became one, and for that in which it is now;
 # others have as many for the latter. The first part settles it, the second one keeps two halves from trading
@@ -80,7 +80,7 @@ class LabelMemory:
         self.references: dict[int, PoseReference] = {}
 
     def previous(self, window: Window) -> Previous:
-        """What a method is told of the last update."""
+        """What a method learns of the last update."""
         self._fit(window)
         return Previous(self.labels, self.ids)
 
@@ -200,7 +200,7 @@ class LabelMemory:
         self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
 
     def _fit(self, window: Window) -> None:
-        """Make room for every slot of the window."""
+        """Hold every slot of the window."""
         extra = window.capacity - len(self.labels)
         if extra:
             self.labels = np.pad(self.labels, (0, extra), constant_values=NO_HYPOTHESIS)

@@ -1,4 +1,4 @@
-"""Hypotheses as last seen in; which of them a new group is, by its features, place and extent, out."""
+"""Remembers absent hypotheses, and recognises them by features, place and extent."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -79,7 +79,7 @@ class Trace:
 class Newcomer:
     """A group: keys int64 [n] and positions float64 [n, dim] of its current members.
 
-    `static` tells whether it is the method's static body.
+    `static` says whether it is the method's static body.
     """
 
     keys: Stamps

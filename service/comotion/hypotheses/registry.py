@@ -1,4 +1,4 @@
-"""Partitions in; labels, hypotheses and events out: identity, confirmation and memory of one space.
+"""Identity, confirmation and memory of the hypotheses of one space.
 
 The steps of an update:
 
@@ -89,7 +89,7 @@ class Registry:
         self.labels = LabelMemory(ids, established=established)
 
     def previous(self, window: Window) -> Previous:
-        """What a method is told of the last update."""
+        """What a method learns of the last update."""
         return self.labels.previous(window)
 
     def update(

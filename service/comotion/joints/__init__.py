@@ -1,1 +1,1 @@
-"""Joints: poses of two bodies in, how one can move against the other out."""
+"""Joints: how one body can move against another."""

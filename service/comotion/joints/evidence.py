@@ -1,4 +1,4 @@
-"""Fits of all kinds in, the probability of each kind out.
+"""Probability of each kind of joint, from how well each fits.
 
 A kind costs minus the log likelihood of the states, plus half its parameters times log n (BIC). Where a state
 is free to move, its position has a density too: a normal one whose spread is that of the positions. A joint

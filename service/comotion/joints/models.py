@@ -1,4 +1,4 @@
-"""States of a pair in, joints that fit them out: fixed, prismatic and revolute, by maximum likelihood.
+"""Fits joints to the states of a pair: fixed, prismatic and revolute, by maximum likelihood.
 
 The models of Sturm, Stachniss and Burgard (2011), "A probabilistic framework for learning kinematic models of
 articulated objects". Each predicts a state from its joint position q:

@@ -1,4 +1,4 @@
-"""Motions of two hypotheses in, the joint between them out: one pair over time."""
+"""One pair of hypotheses over time, and the joint between them."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

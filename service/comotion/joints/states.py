@@ -1,4 +1,4 @@
-"""Poses of two bodies in, states of the one against the other with their information out."""
+"""States of one body against another, with their information."""
 
 from dataclasses import dataclass, fields
 

@@ -1,4 +1,4 @@
-"""The core as a library: arrays in, labels and hypotheses out; no messages, processes or clocks."""
+"""The core as a library, for arrays; no messages, processes or clocks."""
 
 from .grouping import group
 from .results import Grouping

@@ -1,4 +1,4 @@
-"""What callers give in, checked: parameters -> a configuration; trajectories and their times -> arrays."""
+"""Checks what callers give: parameters, trajectories and their times."""
 
 import warnings
 from collections.abc import Mapping, Sized

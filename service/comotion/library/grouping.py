@@ -1,4 +1,4 @@
-"""Offline: whole trajectories in; a label per feature and instant, hypotheses, poses and joints out."""
+"""Groups whole trajectories offline: labels, hypotheses, poses and joints."""
 
 from __future__ import annotations  # help() shows short types
 

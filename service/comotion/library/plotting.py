@@ -1,4 +1,4 @@
-"""Trajectories and labels in, a figure out. Needs matplotlib, imported when a figure is drawn."""
+"""Draws labelled trajectories. Needs matplotlib, imported when a figure is drawn."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

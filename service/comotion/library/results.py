@@ -1,4 +1,4 @@
-"""What grouping has found: updates and labels in; hypotheses, motion, joints, tables and plots out."""
+"""The result of grouping: labels, hypotheses, motion, joints, tables and plots."""
 
 from __future__ import annotations  # help() shows short types
 
@@ -139,7 +139,7 @@ class Grouping:
         Parameters
         ----------
         path
-            File to write; its suffix tells the format. None: none.
+            File to write; its suffix is the format. None: none.
         names
             Names of hypotheses by id.
 

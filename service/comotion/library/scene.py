@@ -1,4 +1,4 @@
-"""Online: positions of features at one instant in, the newest update out."""
+"""Groups features online, one instant at a time."""
 
 from __future__ import annotations  # help() shows short types
 
@@ -36,7 +36,7 @@ class Scene:
         update = scene.push(ids, positions, t)
         for hypothesis in update.hypotheses: ...
 
-    Iteration yields the updates since it was last asked, at most the newest 100. As a context manager, the
+    Iteration yields the updates since the last iteration, at most the newest 100. As a context manager, the
     scene yields the update of its end, and takes nothing in afterwards.
 
     Parameters

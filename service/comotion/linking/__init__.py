@@ -1,4 +1,4 @@
-"""Image hypotheses and rigid bodies in; which of them are one by motion out: links between spaces."""
+"""Links between spaces: which image hypotheses and rigid bodies are one, by motion."""
 
 from ..config import Camera
 

@@ -1,4 +1,4 @@
-"""Pixels of a calibrated camera -> undistorted image coordinates at focal length one."""
+"""Undistorts pixels of a calibrated camera to image coordinates at focal length one."""
 
 import math
 

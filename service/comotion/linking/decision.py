@@ -1,4 +1,4 @@
-"""Likelihoods of a hypothesis' trajectories on each body in; the body that it is linked to out."""
+"""Decides to which body a hypothesis of an image is linked."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Trajectories of a camera's window in; their undistorted states at the frames of the bodies' poses out."""
+"""Trajectories of a camera, undistorted, at the frames of the bodies' poses."""
 
 from dataclasses import dataclass
 

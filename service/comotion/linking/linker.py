@@ -1,4 +1,4 @@
-"""An update and the state of all spaces in; the update with `linked` filled in out.
+"""Fills in `linked` of an update.
 
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """

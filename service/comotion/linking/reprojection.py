@@ -1,4 +1,4 @@
-"""Image trajectories and the bodies' poses in; the likelihood of each trajectory on each body out.
+"""Likelihood that image trajectories follow the projected motion of each body.
 
 A body explains a trajectory if one point that is fixed to the body was always seen where the trajectory
 was. The point is parametrised by where the feature was at a reference frame and by its inverse depth

@@ -1,4 +1,4 @@
-"""Stamps of observations in, the service's "now" out: the wall clock, or the newest event of a replay."""
+"""The service's "now": the wall clock, or the newest event of a replay."""
 
 import time
 from typing import Literal, Protocol

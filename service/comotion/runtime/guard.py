@@ -1,4 +1,4 @@
-"""Exceptions in; a bounded log of them with their traces out. The service goes on."""
+"""Keeps the service running after an exception; logs defects with their traces, within bounds."""
 
 import logging
 import time
@@ -50,7 +50,7 @@ class Guard:
     def __init__(self, count: Callable[[], None]) -> None:
         self._count = count
         self._limit = LogLimit(_MOST_LINES, _AGAIN_S)
-        self._told: dict[str, float] = {}
+        self._logged_s: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, what: str) -> Iterator[None]:
@@ -59,15 +59,15 @@ class Guard:
             yield
         except Exception as error:  # whatever it is, the service goes on
             self._count()
-            self.tell(what, error)
+            self.log(what, error)
 
-    def tell(self, what: str, error: object, trace: str | None = None) -> None:
+    def log(self, what: str, error: object, trace: str | None = None) -> None:
         """Log a defect; its trace once a minute for defects of a kind."""
         kind, now = f"{what.partition('(')[0]}{type(error).__name__}{error}"[:200], time.monotonic()
-        fresh = now - self._told.get(kind, -_AGAIN_S) >= _AGAIN_S
+        fresh = now - self._logged_s.get(kind, -_AGAIN_S) >= _AGAIN_S
         if fresh:
-            self._told = {one: at for one, at in self._told.items() if now - at < _AGAIN_S}
-            self._told[kind] = now
+            self._logged_s = {one: at for one, at in self._logged_s.items() if now - at < _AGAIN_S}
+            self._logged_s[kind] = now
         text = "a defect in %s: %s; please report this"
         if not fresh:
             self._limit.log(_log, logging.DEBUG, text, what, error)

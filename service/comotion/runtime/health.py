@@ -1,4 +1,4 @@
-"""Counters and source health in; out comes what the service reports in its Status."""
+"""Composes what the service reports in its Status."""
 
 import time
 from collections import deque

@@ -1,4 +1,4 @@
-"""A published update in; out come the report for the Status, a written state, and freed memory."""
+"""Does what follows a published update: reports to the Status, writes the state, frees memory."""
 
 import ctypes
 import gc

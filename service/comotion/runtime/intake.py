@@ -1,4 +1,4 @@
-"""Queues of samples in, checked observation batches out; each source has a share of the time."""
+"""Decodes and checks observation batches in turn; each source has a share of the time."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""What a complete warm-up has compiled in; the same loaded from the disk by a later process out.
+"""Remembers what a complete warm-up has compiled, so that a later process loads it from the disk.
 
 Loading takes a fraction of the time that it takes to run what would load it.
 """

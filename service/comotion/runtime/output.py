@@ -1,4 +1,4 @@
-"""Computed updates in; while this service speaks for its scene, published updates and answered queries out.
+"""Publishes updates and answers queries while this service is the one of its scene.
 
 A standby computes the same updates and keeps them to itself. It follows the ids of what the active service
 publishes, and watches the active service's liveliness token.
@@ -27,7 +27,7 @@ from .queries import Handler, Queryables
 _MOST_UPDATES = 64
 # s; a router answers within milliseconds.
 _TOKEN_TIMEOUT_S = 0.5
-# Without an update for so long, the router is asked for the token of the active service.
+# Without an update for so long, the service queries the router for the token of the active service.
 _QUIET_NS, _QUIET_PERIODS = 300_000_000, 3
 # Zenoh takes a link for dead after 2 s; over one that works a source of 1 Hz is heard meanwhile.
 _SILENT_NS = 1_500_000_000

@@ -1,4 +1,4 @@
-"""What updates take in, the level of shedding out, said in the log: see :mod:`comotion.shedding`."""
+"""Chooses the level of shedding from what updates take, and logs it: see :mod:`comotion.shedding`."""
 
 import logging
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The liveliness tokens of a scene's services in; out comes whether this one may speak for the scene.
+"""Decides by liveliness tokens whether this service may publish for its scene.
 
 Without an election (:mod:`.election`) one service has a scene, and the others refuse:
 
@@ -79,11 +79,11 @@ class Claim:
 
     @property
     def session(self) -> str:
-        """Session of the service; empty where the token does not tell."""
+        """Session of the service; empty where the token does not say."""
         return self.token[-16:] if _TOKEN.fullmatch(self.token) else ""
 
 
-class _Voice(NamedTuple):
+class _Activity(NamedTuple):
     """Number of the last update of another service, until when it counts, and whether one came before it."""
 
     seq: int
@@ -107,7 +107,7 @@ class Presence:
         self._own: Claim | None = None
         self._token: Any = None
         self._others: dict[str, Claim] = {}
-        self._voices: dict[str, _Voice] = {}
+        self._activities: dict[str, _Activity] = {}
         self._older_ns: int | None = None
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
@@ -238,8 +238,8 @@ class Presence:
 
     def _speaks(self, other: Claim) -> bool:
         """Whether updates come of another service, one newer than the other."""
-        voice = self._voices.get(other.session)
-        return voice is not None and voice.is_newer and time.monotonic_ns() < voice.until_ns
+        activity = self._activities.get(other.session)
+        return activity is not None and activity.is_newer and time.monotonic_ns() < activity.until_ns
 
     def _refuse_beside(self, others: Iterable[Claim]) -> None:
         for other in others:
@@ -267,9 +267,9 @@ class Presence:
             return
         known = {other.session for other in self._others.values()}
         who = update.session if update.session in known else ""
-        before, lasts_ns = self._voices.get(who), max(_SILENT_NS, _SILENT_PERIODS * update.period_ns)
+        before, lasts_ns = self._activities.get(who), max(_SILENT_NS, _SILENT_PERIODS * update.period_ns)
         is_newer = before is not None and update.seq > before.seq
-        self._voices[who] = _Voice(update.seq, time.monotonic_ns() + lasts_ns, is_newer)
+        self._activities[who] = _Activity(update.seq, time.monotonic_ns() + lasts_ns, is_newer)
 
     def _note(self, token: str, *, present: bool) -> None:
         # Its own session is in all of its tokens, those that it has withdrawn too.
@@ -279,7 +279,7 @@ class Presence:
             self._others[token] = Claim.read(token)
         elif not present:
             self._others.pop(token, None)
-            self._voices.pop(Claim.read(token).session, None)
+            self._activities.pop(Claim.read(token).session, None)
 
     def _claim(self) -> None:
         component = self._component

@@ -1,4 +1,4 @@
-"""What the fusion and the intake have noticed in; what a person should change, in words, out.
+"""Says in words what a person should change, from what the fusion and the intake have noticed.
 
 A problem is said once in the log when it begins, once when it ends, and is in the Status until then.
 """

@@ -1,4 +1,4 @@
-"""Queries in, replies out: ``query/snapshot | status | config | affinity | schema | forget | accounts``.
+"""Answers queries: ``query/snapshot | status | config | affinity | schema | forget | accounts``.
 
 | name | parameters | reply | encoding |
 |---|---|---|---|

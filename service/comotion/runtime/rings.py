@@ -1,4 +1,4 @@
-"""Zenoh samples of observations in, one bounded queue of them per source out.
+"""Keeps the samples of each source in a bounded queue of its own.
 
 With a ring per source, a source that floods cannot displace the others' data. What its ring displaces shows
 as a gap in `seq`, and is counted as overflow. Rings count samples: a thread empties them all the time, while
@@ -25,7 +25,7 @@ from .tokens import Tokens
 
 # The ring of a source that has left is closed after this time without data.
 IDLE_NS = 60_000_000_000
-# A source that has sent nothing for this long makes room for another.
+# A source that has sent nothing for this long gives way to another.
 _SILENT_NS = 1_000_000_000
 # Batches: a source of 1 kHz may wait a quarter of a second, more than two default periods.
 _MOST_BATCHES = 256
@@ -61,7 +61,7 @@ class Ring:
     pending, size
         What waits, and its bytes.
     displaced
-        Samples that made room for later ones and are not accounted yet.
+        Samples that gave way to later ones and are not accounted yet.
     """
 
     subscriber: Any
@@ -185,7 +185,7 @@ class Rings:
         until_ns, is_full, found = time.monotonic_ns() + _OPENING_NS, False, True
         while found:
             # What came before a new ring was open is in the discovery ring alone: look again.
-            # What comes later is in both rings: time stamps tell which was already returned.
+            # What comes later is in both rings: time stamps show which was already returned.
             self._drain_discovery(opened)
             found = False
             for name in dict.fromkeys(name for name, _ in self._early if name not in self.of):
@@ -201,7 +201,7 @@ class Rings:
         return self._sort_early(is_full=is_full)
 
     def _open_expected(self, monotonic_ns: int) -> set[str]:
-        """Open rings for sources that have said that they are here, if there is room and time."""
+        """Open rings for sources that have said that they are here, if the limits and the time allow."""
         until_ns, opened = time.monotonic_ns() + _OPENING_NS, set()
         self._expected |= dict.fromkeys(self._tokens.follow(monotonic_ns))
         while self._expected and len(self.of) < self._most and time.monotonic_ns() < until_ns:

@@ -1,4 +1,4 @@
-"""Options in; a fusion service on the wire out: the loop between Zenoh and the core.
+"""Runs the fusion service: the loop between Zenoh and the core.
 
 Every turn of the loop takes in what has arrived, and either fuses ahead of time or, when a deadline is
 near, computes the next update and publishes it at the deadline. Everything runs on the loop's thread but
@@ -233,7 +233,7 @@ class _Loop:
             self._last = self._publish(update)
         with self._guard("housekeeping"):
             for fault in self._fusion.faults():
-                self._guard.tell(fault.what, fault.error, fault.trace)
+                self._guard.log(fault.what, fault.error, fault.trace)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:

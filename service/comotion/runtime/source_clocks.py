@@ -1,4 +1,4 @@
-"""Statuses of sources in; how far their clocks are ahead of the service's out; if wanted, corrected batches.
+"""Measures how far the clocks of sources are ahead of the service's; corrects batches if wanted.
 
 Each source sends a Status a second, stamped by its host's clock. With the round trip of a query to the cache
 of that publisher, it tells the difference of the clocks within half of the round trip. Stamps of observations
@@ -20,7 +20,7 @@ from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
 _ASK_S = 2.0  # between two rounds of queries
-_ANSWER_S = 1.0  # a source that is slower is asked again with the next round
+_ANSWER_S = 1.0  # a source that is slower is queried again with the next round
 _FORGET_S = 60.0  # after the last token or Status of a source
 # A step is worth a note for so long.
 _NOTED_S = 60.0

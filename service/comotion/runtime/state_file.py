@@ -1,4 +1,4 @@
-"""A state file in, a fusion that continues from it out; and how such a file is written in one step.
+"""Restores a fusion from its state file, and writes such a file in one step.
 
 `FILE` holds the snapshot; `FILE.ids` holds an id that no hypothesis has had, for the day `FILE` is lost.
 Both are replaced in one step and readable by their owner alone.
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 def default_path(scene: str, endpoints: Iterable[str]) -> Path:
-    """Where the state of a scene is kept unless something else is asked for.
+    """Where the state of a scene is kept unless an option says otherwise.
 
     Parameters
     ----------

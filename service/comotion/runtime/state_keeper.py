@@ -1,4 +1,4 @@
-"""A running fusion in, its state in a file out, serialised and written beside the loop."""
+"""Writes the state of a running fusion to a file, beside the loop."""
 
 import logging
 import threading

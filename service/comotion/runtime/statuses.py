@@ -1,4 +1,4 @@
-"""Statuses of a scene's components in; out come those worth reading, and what sources say they have sent.
+"""Reads the Statuses of a scene's components, and what sources say they have sent.
 
 A Status is believed about the component of its own key alone. Of a storm of them each component's newest is
 read, twice a second at most, and some in a turn of the loop: what one component sends costs nobody else.

@@ -1,4 +1,4 @@
-"""A period and durations in; deadlines that neither drift nor bunch, and when to start for them, out."""
+"""Sets deadlines that neither drift nor bunch, and when to start for them."""
 
 from collections import deque
 

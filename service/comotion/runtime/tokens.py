@@ -1,4 +1,4 @@
-"""Liveliness tokens of sources in; which sources are there, out."""
+"""Knows which sources are present, by their liveliness tokens."""
 
 import logging
 from typing import Any
@@ -62,7 +62,7 @@ class Tokens:
         return came
 
     def reconcile(self) -> None:
-        """Forget tokens whose end was not heard, by what the last call asked for; and ask again."""
+        """Forget tokens whose end was not heard, by what the last call queried; and query again."""
         if self._query is not None:
             there, replies = set(), 0
             while replies < 4 * self._most and (reply := _next(self._query)) is not None:

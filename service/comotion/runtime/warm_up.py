@@ -1,4 +1,4 @@
-"""Fusion parameters in; out comes a process in which everything a method needs is imported and compiled.
+"""Imports and compiles all that a method needs, in a process of its own.
 
 Compiling takes many seconds on the first start on a machine, and is kept on disk from then on. Without
 this, the first updates would be late by as much.
@@ -81,8 +81,8 @@ def _compiled_apart(config: FusionConfig) -> Iterator[None]:
     except OSError:
         return
     with process:
-        assert process.stdin is not None  # noqa: S101 - as asked
-        assert process.stdout is not None  # noqa: S101 - as asked
+        assert process.stdin is not None  # noqa: S101 - it was opened with a pipe
+        assert process.stdout is not None  # noqa: S101 - it was opened with a pipe
         with suppress(OSError):
             process.stdin.write(config.model_dump_json())
             process.stdin.close()

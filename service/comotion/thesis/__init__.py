@@ -1,1 +1,1 @@
-"""The method of the thesis: trajectories in, a partition by affinity out."""
+"""The method of the thesis: a partition by affinity."""

@@ -72,7 +72,7 @@ def count_clusters(eigenvalues: Floats) -> int:
 
 def _assign(embedding: Floats, clusters: int) -> NDArray[np.intp]:
     with warnings.catch_warnings():
-        # Rows that coincide leave fewer clusters than asked for, which is as it should be.
+        # Rows that coincide leave fewer clusters than wanted, which is as it should be.
         warnings.simplefilter("ignore", ConvergenceWarning)
         labels: NDArray[np.intp] = KMeans(clusters, n_init=10, random_state=0).fit_predict(embedding)
     return labels

@@ -1,4 +1,4 @@
-"""Samples in, sums of every pair of trajectories and affinities out: (3.3) and (3.4) without the history.
+"""Sums over every pair of trajectories, and affinities from them: (3.3) and (3.4) without the history.
 
 Each trajectory has a row. 64 consecutive rows are a strip, and two strips make a block of 64 x 64 pairs. The
 blocks of the lower triangle lie one after the other, so that an update goes through memory once, however
@@ -65,17 +65,17 @@ class BlockSums:
         return int(_triangle(self.strips))
 
     def fit(self, strips: int) -> None:
-        """Make room for so many strips."""
+        """Hold so many strips."""
         if strips <= self.strips:
             return
         self.strips = strips
         if self.blocks > len(self.sums):
             # A quarter more at once: growing copies everything.
-            room = int(_triangle(strips + strips // 8))
-            grown = aligned_zeros((room, *self.sums.shape[1:]), self.dtype)
+            blocks = int(_triangle(strips + strips // 8))
+            grown = aligned_zeros((blocks, *self.sums.shape[1:]), self.dtype)
             grown[: len(self.sums)] = self.sums
             self.sums = grown
-            extra = room - len(self._peak)
+            extra = blocks - len(self._peak)
             self._peak, self._settled = np.pad(self._peak, (0, extra)), np.pad(self._settled, (0, extra))
 
     def add(self, samples: SampleBuffer) -> None:
@@ -119,7 +119,7 @@ class BlockSums:
 
     def compare(self, blocks: Slots, sigma_switch: float, place: Slots, out: Floats32) -> None:
         """Write the logarithms of some blocks again, after they have been recomputed."""
-        nothing = SampleBuffer(self.strips, self.dtype, room=0)
+        nothing = SampleBuffer(self.strips, self.dtype, capacity=0)
         where = blocks, *_strips_of(blocks)
         _, self._settled[blocks] = self._update(where, nothing, _log_rate(sigma_switch), place, out)
 

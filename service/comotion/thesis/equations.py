@@ -1,4 +1,4 @@
-"""Two trajectories in, their affinity out: equations (3.2) to (3.5) of the thesis, as they stand.
+"""Affinity of two trajectories: equations (3.2) to (3.5) of the thesis, as they stand.
 
 The thesis is "Inferring Object Hypotheses Based on Feature Motion from Different Sources". Nothing is carried
 along from one update to the next here: :mod:`~comotion.thesis.pair_sums` computes the same for all pairs,

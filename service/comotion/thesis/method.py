@@ -1,4 +1,4 @@
-"""The method of the thesis (``method = "thesis"``): trajectories in, a partition by affinity out.
+"""The method of the thesis (``method = "thesis"``): groups trajectories by affinity.
 
 To be read beside "Inferring Object Hypotheses Based on Feature Motion from Different Sources":
 

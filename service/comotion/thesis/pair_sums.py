@@ -1,4 +1,4 @@
-"""Changes of the window in, affinities of all pairs out: :mod:`~comotion.thesis.equations`, incrementally.
+"""Affinities of all pairs by :mod:`~comotion.thesis.equations`, computed incrementally.
 
 Nothing is computed when an observation comes in: the samples (3.5) that it brings follow from what the window
 holds and from how much of it has been taken in already. They are taken into the sums of (3.3) all at once,
@@ -45,7 +45,7 @@ class RowIndex:
         self._occupied: list[int] = []
 
     def fit(self, slots: int) -> None:
-        """Make room for slots below a number."""
+        """Hold slots below a number."""
         self.of = np.pad(self.of, (0, slots - len(self.of)), constant_values=NO_ROW)
 
     def assign(self, slots: Slots, sources: Slots) -> None:
@@ -250,10 +250,10 @@ class PairSums:
     def _enqueue(self, window: Window, who: Participants, stamps: Stamps, sign: int) -> None:
         """Have samples wait for the next pass over the sums; a full buffer goes there at once."""
         while len(stamps):
-            if not self._pending.room:
+            if not self._pending.free:
                 self.sums.add(self._pending)
                 self._pending.count = 0
-            part, stamps = stamps[: self._pending.room], stamps[self._pending.room :]
+            part, stamps = stamps[: self._pending.free], stamps[self._pending.free :]
             self._pending.add(window, who, part, sign=sign, v_move=self._v_move)
 
     def _recompute(self, window: Window, blocks: Slots) -> None:

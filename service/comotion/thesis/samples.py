@@ -1,4 +1,4 @@
-"""Window and instants in, distance samples of pairs out: who has a state when, and which pairs it concerns.
+"""Samples the distances of pairs: which trajectories have a state when, and which pairs it concerns.
 
 At an instant at which trajectory i was observed, i and j have one distance sample if j has a state there: it
 is observed too, or inside a segment (between two observations) that is short enough to interpolate (3.5).
@@ -71,7 +71,7 @@ class Participants(NamedTuple):
 
 
 class SampleBuffer:
-    """Samples of T instants among the rows of some strips, with room for a few more instants.
+    """Samples of T instants among the rows of some strips, with space for a few more instants.
 
     The status of a row at an instant is ABSENT without a state there, or else the sum of OBSERVED and
     CHANGING. Two rows are partners in a sample if one of them is observed and one of them is changing.
@@ -82,7 +82,7 @@ class SampleBuffer:
         Number of strips, each of STRIP rows.
     dtype
         Of `values`.
-    room
+    capacity
         Most instants.
 
     Attributes
@@ -90,20 +90,20 @@ class SampleBuffer:
     count
         T.
     values
-        [strips, room, 8, STRIP], a strip and instant in one piece: x, y and z (zero beyond the space's
+        [strips, capacity, 8, STRIP], a strip and instant in one piece: x, y and z (zero beyond the space's
         dimension), the weight, and for each status of a partner 1, -1 where the sample is taken out, or 0
         where there is none. The first four planes mean nothing where a row is ABSENT.
     status
-        int8 [strips, room, STRIP].
+        int8 [strips, capacity, STRIP].
     any_partner
-        bool [strips, room, 4]: whether any row of a strip is a partner for rows of a status.
+        bool [strips, capacity, 4]: whether any row of a strip is a partner for rows of a status.
     """
 
-    def __init__(self, strips: int, dtype: np.dtype[Any], room: int = MOST_INSTANTS) -> None:
+    def __init__(self, strips: int, dtype: np.dtype[Any], capacity: int = MOST_INSTANTS) -> None:
         self.count = 0
-        self.values: Array = aligned_zeros((strips, room, SIGN + STATUSES, STRIP), dtype)
-        self.status: Array = np.full((strips, room, STRIP), ABSENT, np.int8)
-        self.any_partner: Array = np.zeros((strips, room, STATUSES), np.bool_)
+        self.values: Array = aligned_zeros((strips, capacity, SIGN + STATUSES, STRIP), dtype)
+        self.status: Array = np.full((strips, capacity, STRIP), ABSENT, np.int8)
+        self.any_partner: Array = np.zeros((strips, capacity, STATUSES), np.bool_)
 
     @property
     def strips(self) -> int:
@@ -111,12 +111,12 @@ class SampleBuffer:
         return len(self.status)
 
     @property
-    def room(self) -> int:
-        """For how many more instants there is room."""
+    def free(self) -> int:
+        """How many more instants fit."""
         return int(self.status.shape[1]) - self.count
 
     def fit(self, strips: int) -> None:
-        """Make room for so many strips; the rows of new ones are absent."""
+        """Hold so many strips; the rows of new ones are absent."""
         if strips <= self.strips:
             return
         wider, t, old = SampleBuffer(strips, self.values.dtype), self.count, self.strips
@@ -142,7 +142,7 @@ class SampleBuffer:
         who
             The trajectories that have samples.
         stamps
-            int64 [T] ns, ascending; T of `room` or less.
+            int64 [T] ns, ascending; T of `free` or less.
         sign
             1 or -1.
         v_move

@@ -1,1 +1,1 @@
-"""Trajectories: released instants in, the observations of every feature inside the window out."""
+"""Trajectories: the observations of every feature inside the window."""

@@ -1,4 +1,4 @@
-"""Window and times in, states of trajectories out: f_i(t) of the thesis, at observations and between them.
+"""States of trajectories at and between observations: f_i(t) of the thesis.
 
 Compiled code that needs states one by one calls :func:`~comotion.trajectories.kernels.segment_at` itself.
 """

@@ -1,4 +1,4 @@
-"""Ids of features in, the slots of their trajectories in a window out."""
+"""Finds the slots of trajectories in a window by the ids of their features."""
 
 from collections.abc import Iterable
 from itertools import islice

@@ -145,7 +145,7 @@ class Window:
         NDArray[bool]
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
-        self._make_room(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
+        self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
         stamps = np.full(len(slots), stamps)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
@@ -219,7 +219,7 @@ class Window:
         columns: list[NDArray[Any]] = [self.times, self.positions, self.speed, self.sigma]
         return columns if self.quaternions is None else [*columns, self.quaternions]
 
-    def _make_room(self, slots: Slots, more: int) -> None:
+    def _reserve(self, slots: Slots, more: int) -> None:
         """Make sure that every slot can take some more observations."""
         slots = np.unique(slots) if more > 1 else slots
         due = due_for_compaction(slots, self.start, self.stop, self._rows, more)

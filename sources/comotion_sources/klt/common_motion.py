@@ -1,4 +1,4 @@
-"""Points before and after in, the points before moved by what most of them have in common out."""
+"""Compensates points for the motion that most of them have in common."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -37,14 +37,14 @@ def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usa
     -------
     float32 [M, 2], sub-pixel corners, best first within a tile.
     """
-    room = config.max_features - len(present)
-    room = room if config.spawn_limit is None else min(room, config.spawn_limit)
-    if room <= 0:
+    free = config.max_features - len(present)
+    free = free if config.spawn_limit is None else min(free, config.spawn_limit)
+    if free <= 0:
         return np.empty((0, 2), np.float32)
     candidates = _best_per_cell(_corners(grey, config), present, grey.shape, config)
     if usable is not None and len(candidates):
         candidates = candidates[usable(candidates)]
-    chosen = candidates[_balanced_order(candidates, present, grey.shape, config)[:room]]
+    chosen = candidates[_balanced_order(candidates, present, grey.shape, config)[:free]]
     return _apart(_refined(grey, chosen, config), present, config.min_distance)
 
 

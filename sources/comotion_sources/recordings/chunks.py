@@ -1,4 +1,4 @@
-"""Chunks of an MCAP file in; an error out where one would unpack to more than a recorder writes."""
+"""Refuses chunks of an MCAP file that would unpack to more than a recorder writes."""
 
 import io
 import struct
@@ -40,7 +40,7 @@ def require_bounded(file: BinaryIO, chunks: Iterable[ChunkIndex]) -> None:
 
 
 def _unpacked(compression: bytes, start: bytes) -> int:
-    """Bytes that compressed data unpacks to, as far as its first bytes tell; 0: as much as is asked for."""
+    """Bytes that compressed data unpacks to, as far as its first bytes say; 0: as much as they claim."""
     try:
         if compression == b"zstd":
             size: int = zstandard.get_frame_parameters(start).content_size

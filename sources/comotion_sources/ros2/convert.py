@@ -108,7 +108,7 @@ def _poses(kind: str, message: Any) -> Iterator[tuple[str, Any, Any, Any]]:
 
 
 def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list[float]]]) -> Observed:
-    """Poses of one instant; of one that is told twice, the last."""
+    """Poses of one instant; of a name that occurs twice, the last."""
     last = {number: (place, turn) for number, place, turn in rows}
     turns = np.array([turn for _, turn in last.values()], np.float64)
     lengths = np.linalg.norm(turns, axis=1)

@@ -1,4 +1,4 @@
-"""Spaces as of an update in, the joints between their hypotheses and the events of joints out.
+"""Joints between the hypotheses of all metric spaces, and their events.
 
 Every pair of confirmed hypotheses that may touch is judged in turn, a few at an update. What is published of
 a joint between two judgements follows from the poses and velocities of its hypotheses.
@@ -23,7 +23,7 @@ from .states import States
 
 Key = tuple[int, int]
 MotionsOf = Callable[[Collection[int]], dict[int, BodyMotion]]
-# Between judgements: motion that tells joints takes longer than this, and updates must not.
+# Between judgements: motion that shows joints takes longer than this, and updates must not.
 _REST_NS = 150_000_000
 
 
@@ -143,7 +143,7 @@ class Joints:
 
 
 def _merged(events: list[Event]) -> list[Event]:
-    """One event for each parent and kind: that is how clients tell events apart."""
+    """One event for each parent and kind: by which clients distinguish events."""
     found: dict[tuple[str, int], Event] = {}
     for event in events:
         name = event.kind, event.hypothesis

@@ -1,0 +1,59 @@
+"""docs/architecture.md names every file and folder of each package once."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+SECTIONS = re.findall(r"^### `(\S+)`\n(.*?)(?=^##)", PAGE, re.MULTILINE | re.DOTALL)
+UNNAMED = {"__init__.py", "__main__.py", "py.typed", "__pycache__"}
+
+
+def named(section: str) -> list[str]:
+    """Files, folders (with a slash) and patterns in the first column of the table."""
+    rows = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+    return [name for row in rows for name in re.findall(r"`(\S+)`", row)]
+
+
+def children(folder: Path) -> list[str]:
+    """Modules and folders in a package, as the page names them."""
+    found = [path for path in folder.iterdir() if path.name not in UNNAMED]
+    # A folder that git does not know may hold nothing but compiled files.
+    return [f"{path.name}/" if path.is_dir() else path.name for path in found if any_file(path)]
+
+
+def any_file(path: Path) -> bool:
+    return path.is_file() or any(p.is_file() and p.suffix != ".pyc" for p in path.rglob("*"))
+
+
+def test_every_package_has_its_table() -> None:
+    packages = {str(path.parent.relative_to(ROOT)) for path in ROOT.glob("[!t]*/comotion*/__init__.py")}
+    assert {folder for folder, _ in SECTIONS} == packages
+
+
+@pytest.mark.parametrize(("folder", "section"), SECTIONS, ids=[folder for folder, _ in SECTIONS])
+def test_each_file_is_in_one_row(folder: str, section: str) -> None:
+    names = named(section)
+    for child in children(ROOT / folder):
+        matching = [name for name in names if Path(child).match(name.rstrip("/"))]
+        assert len(matching) == 1, f"{folder}/{child} is in {len(matching)} rows of docs/architecture.md"
+
+
+@pytest.mark.parametrize(("folder", "section"), SECTIONS, ids=[folder for folder, _ in SECTIONS])
+def test_each_row_names_what_is_there(folder: str, section: str) -> None:
+    present = children(ROOT / folder)
+    for name in named(section):
+        assert any(Path(child).match(name.rstrip("/")) for child in present), f"{folder} has no {name}"
+
+
+def test_a_batch_passes_files_that_are_there() -> None:
+    way = PAGE[PAGE.index("## One batch on its way") : PAGE.index("## What holds everywhere")]
+    for row in re.findall(r"^\| \d+ \| (.*?) \|", way, re.MULTILINE):
+        folder = None
+        for name in re.findall(r"`(\S+)`", row):
+            path = ROOT / name if name.startswith("schemas/") else ROOT / "service" / "comotion" / name
+            alone = folder is not None and "/" not in name
+            assert (folder / name if alone else path).exists(), name
+            folder = folder if alone else path.parent
