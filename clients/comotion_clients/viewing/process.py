@@ -198,7 +198,8 @@ class _Feed:
 
     def close(self) -> None:
         """Undeclare everything."""
-        for subscription in (self._presence, *self._subscriptions):
+        self._presence.close()
+        for subscription in self._subscriptions:
             subscription.close()
 
 
