@@ -116,7 +116,11 @@ def first_hour(folder: Path) -> list[Step]:
         "comotion segment mine.avi": [comotion, "segment", "mine.avi", "--out", "out.mp4"],
         "comotion demo --duration 10": [comotion, "demo", "--duration", "10"],
     }
-    return steps + [run(name, command, folder, environment) for name, command in commands.items()]
+    for name, command in commands.items():
+        steps.append(run(name, command, folder, environment))
+        if name.startswith("pip") and steps[-1].status:
+            break  # what follows needs it
+    return steps
 
 
 def report(steps: list[Step]) -> str:
