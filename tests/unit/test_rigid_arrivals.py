@@ -37,11 +37,11 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         key=np.arange(n),
-        life=(w > 0).sum(1),
+        life=(w > 0).sum(1) / 15,
         current=current,
     )
     nobody = np.zeros(n, bool)
-    return Scene(frames, places, frames.life >= 5, before, 1, np.zeros(n), nobody, nobody, nobody)
+    return Scene(frames, places, frames.life >= 0.3, before, 1, np.zeros(n), nobody, nobody, nobody)
 
 
 @pytest.mark.parametrize("nearest", [0, 1])

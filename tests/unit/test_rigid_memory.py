@@ -24,7 +24,7 @@ def frames_at(stamp_ns, keys=KEYS):
     ones, stamps = np.ones(n), stamp_ns - np.arange(29, -1, -1) * SECOND // 15
     noise = ones, ones, np.tile(ROUND, (n, 1)), np.tile([1.0, 0.0, 0.0], (n, 1))
     y, w = np.zeros((n, 30, 3)), np.ones((n, 30))
-    return Frames(3, stamps, y, w, np.arange(n), ones, *noise, keys, np.full(n, 30), np.ones(n, bool))
+    return Frames(3, stamps, y, w, np.arange(n), ones, *noise, keys, np.full(n, 2.0), np.ones(n, bool))
 
 
 def result_of(body_costs):
@@ -48,7 +48,7 @@ def learnt(*steps):
 
 def scene_of(belief, before=BEFORE, keys=KEYS):
     frames = frames_at(10**15, keys)
-    return belief.scene(frames, np.zeros((len(keys), 3)), before, 7, RigidConfig().min_samples)
+    return belief.scene(frames, np.zeros((len(keys), 3)), before, 7, RigidConfig().min_life)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def frames_of(y, w=None, noise=1e-6, dim=3):
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         key=np.arange(n),
-        life=(w > 0).sum(1),
+        life=(w > 0).sum(1) / 15,
         current=np.ones(n, bool),
     )
 

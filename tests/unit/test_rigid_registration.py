@@ -43,7 +43,7 @@ def frames_of(seconds, seen=NONE, moving=1.0, seed=0, dim=3):
         dim=dim, stamps=(t * 1e9).astype(np.int64), y=y, w=np.ones((16, n)), owner=np.arange(16),
         weight=np.ones(16), noise=variance, tolerance=variance, metric=np.tile(ROUND, (16, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (16, 1)),
-        key=np.arange(16), life=np.full(16, n), current=np.ones(16, bool),
+        key=np.arange(16), life=np.full(16, n / 15), current=np.ones(16, bool),
     )  # fmt: skip
 
 

@@ -134,7 +134,7 @@ def frames_of(count, length, seed=0):
     steps = np.cumsum(rng.normal(0, 0.01, (length, 3)), 0)
     y[: count // 2] += steps
     stamps = np.arange(length, dtype=np.int64) * (10**9 // RATE)
-    owner, life = np.arange(count), (w > 0).sum(1)
+    owner, life = np.arange(count), (w > 0).sum(1) / RATE
     current, ones = np.ones(count, np.bool_), np.ones(count)
     white = np.tile([1.0, 0.0, 0.0], (count, 1))
     terms = np.tile(ROUND, (count, 1)), white, np.arange(count)

@@ -50,10 +50,6 @@ class Rule:
                 setattr(module, attribute, value)
 
 
-def _nothing(*_: Any, **__: Any) -> list[Any]:
-    return []
-
-
 def _no_costs(scene: Any, owners: list[Any], *_: Any) -> Any:
     return np.zeros((len(scene.before), len(owners)))
 
@@ -70,14 +66,14 @@ def _as_they_are(_scene: Any, labels: Any) -> Any:
     return labels
 
 
-def _unsettled(_frames: Any, body: Any) -> Any:
+def _unsettled(_frames: Any, body: Any, _config: Any) -> Any:
     return body
 
 
 RULES: dict[str, Rule] = {
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
     "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
-    "clear_members": Rule("price of leaving for clear members", {"method.leaving_costs": _no_costs}),
+    "clear_members": Rule("price of leaving for clear members", {"method.carried_costs": _no_costs}),
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
@@ -87,7 +83,6 @@ RULES: dict[str, Rule] = {
     "sliding": Rule("features that slide", {"costs.with_sliders": _no_sliders}),
     "arrivals": Rule("newborn amid newborn wait", {"method.undecided": _as_they_are}),
     "settled": Rule("one pose for each rest", {"method.settled": _unsettled}),
-    "strays": Rule("strays joined to bodies", {"candidates.join_strays": _nothing}),
     "motion_gain": Rule(
         "in large scenes, worth by motion alone",
         {"method.moving_bodies": lambda _f, b, *_: list(range(len(b)))},

@@ -52,6 +52,7 @@ class RigidConfig(BaseModel):
         default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
     )
     prior_floor: Positive = Field(default=6.0, description="nat; most that the spatial prior may cost")
-    min_samples: Annotated[int, Field(ge=2, le=100)] = Field(
-        default=5, description="frames from which on a trajectory takes part in finding hypotheses"
+    min_life: Annotated[float, Field(ge=0.1, le=10)] = Field(
+        default=0.3,
+        description="s of observation from which on a trajectory takes part in finding hypotheses",
     )

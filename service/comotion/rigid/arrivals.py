@@ -10,9 +10,9 @@ from .subset import Scene
 
 # Neighbours that are asked, and how many of them must be newborn too.
 _ASKED, _NEWBORN = 4, 2
-# Features that a hypothesis loses at once, at least, so that it may return: so many, and so large a share of
-# those that it had so many frames before.
-_LEAST_LOST, _MOST_OF, _BEFORE = 3, 0.6, 8
+# Features that a hypothesis loses within so many s, at least, so that it may return: so many, and so large a
+# share of those that it had so many s before.
+_AT_ONCE, _LEAST_LOST, _MOST_OF, _BEFORE = 0.08, 3, 0.6, 0.55
 
 
 def undecided(scene: Scene, labels: Ints) -> Ints:
@@ -47,8 +47,9 @@ def _any_lost(scene: Scene) -> bool:
         if one == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
             continue
         w = frames.w[first[np.searchsorted(rows, members)]]
-        last = w.shape[1] - 1 - np.argmax(w[:, ::-1] > 0, axis=1)
-        at_once = np.count_nonzero(last >= last.max() - 1)
-        if at_once >= max(_LEAST_LOST, _MOST_OF * np.count_nonzero(last >= last.max() - _BEFORE)):
+        last = frames.stamps[w.shape[1] - 1 - np.argmax(w[:, ::-1] > 0, axis=1)]
+        earlier = (last.max() - last) * 1e-9
+        at_once = np.count_nonzero(earlier <= _AT_ONCE)
+        if at_once >= max(_LEAST_LOST, _MOST_OF * np.count_nonzero(earlier <= _BEFORE)):
             return True
     return False

@@ -16,8 +16,6 @@ from .resampling import Frames
 
 OUTLIER = -1
 """Label of a trajectory that belongs to no body."""
-LEAST_ENDED_FRAMES = 8
-"""An ended trajectory counts only if it was observed in so many frames."""
 # Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
 _ROUNDS = 3
 # s; a trajectory has its full weight in the density of its body after so long; chosen on the scenes of
@@ -98,7 +96,7 @@ def assign(
     unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
     if not len(unclear):
         return Assignment(labels, evidence)
-    weight = _weight(frames, config)
+    weight = _weight(frames)
     x = np.ascontiguousarray(position[:, : frames.dim])
     distance = _spacing(x[weight > 0])
     # At first a trajectory counts for its body as far as its evidence is clear.
@@ -158,11 +156,9 @@ def _margin(evidence: Floats) -> Floats:
     return np.asarray(np.maximum(ordered[:, 1] - ordered[:, 0], 0))
 
 
-def _weight(frames: Frames, config: RigidConfig) -> Floats:
+def _weight(frames: Frames) -> Floats:
     """Weight of each trajectory in the density of its body, 0 to 1, float64 [N]."""
-    full = _FULL_WEIGHT_AFTER * config.frame_rate
-    counts = frames.current | (frames.life >= LEAST_ENDED_FRAMES)
-    return np.where(counts, np.minimum(frames.life, full) / full, 0.0)
+    return np.where(frames.telling, np.minimum(frames.life / _FULL_WEIGHT_AFTER, 1.0), 0.0)
 
 
 def _log_prior(x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float) -> Floats:

@@ -103,7 +103,9 @@ class Belief:
         self._keys, self._ids, self._member_of = frames.key, ids, member_of
         self._cost, self._excess = evidence.body, result.excess
 
-    def scene(self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: int) -> Scene:
+    def scene(
+        self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: float
+    ) -> Scene:
         """The scene of an update.
 
         Parameters
@@ -113,7 +115,7 @@ class Belief:
         static
             Hypothesis that was the static one.
         least
-            Frames from which on a trajectory is judged.
+            s of observation from which on a trajectory is judged.
         """
         present = set(before.tolist())
         self.records = {one: record for one, record in self.records.items() if one in present}

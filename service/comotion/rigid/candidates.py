@@ -6,7 +6,7 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Bools, Floats, Ints
 from ..partition import NO_HYPOTHESIS
-from .kernels.distances import deviation_from, distance_deviation
+from .kernels.distances import distance_deviation
 from .resampling import Frames
 from .subset import Scene
 
@@ -15,32 +15,24 @@ from .subset import Scene
 CUTS = (1.0, 2.0, 4.5)
 # Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
 _UNKNOWN = 3.0
-# Rows up to which a hypothesis may leave a rotation of its body open, so that a stray could belong to it
-# unnoticed.
-_SMALL = 3
 
 
 def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
     """Rows of every candidate but the static body.
 
-    These are the hypotheses of the last update, small ones joined by a stray, and clusters. A cluster
-    inside one hypothesis that has no unexplained member is not a candidate: it would only split what is
-    explained.
+    These are the hypotheses of the last update, and clusters. A cluster inside one hypothesis that has no
+    unexplained member is not a candidate: it would only split what is explained.
 
     Parameters
     ----------
     few
         The frames of the scene, thinned.
     unexplained
-        bool [N], trajectories that no hypothesis explains. If they are all, strays are joined to large
-        hypotheses too.
+        bool [N], trajectories that no hypothesis explains.
     """
     frames, before = scene.frames, scene.before
     known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, scene.static)]
     groups = [rows for h in known if len(rows := frames.rows_of(before == h)) >= 2]
-    strays = np.flatnonzero((before == NO_HYPOTHESIS) & few.current & scene.judged)
-    open_to_strays = groups if unexplained.all() else [rows for rows in groups if len(rows) <= _SMALL]
-    groups += join_strays(few, open_to_strays, strays)
     explained_by = np.where(unexplained, NO_HYPOTHESIS, before)[frames.owner]
     for rows in clusters(few, few.rows_of(few.current & scene.judged)):
         by = explained_by[rows]
@@ -65,38 +57,6 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
         return []
     condensed = squareform(_normalised_deviation(frames, rows), checks=False)
     return [rows[members] for members in _cut_clusters(linkage(condensed, "average"))]
-
-
-def join_strays(frames: Frames, bodies: list[Ints], strays: Ints) -> list[Ints]:
-    """For each stray trajectory, its rows and those of the body from which its distance deviates least.
-
-    A pair may turn freely about its axis, so that its motion does not constrain a third member: only a fit
-    to all three can tell whether they are one body.
-
-    Parameters
-    ----------
-    bodies
-        Rows of each body, intp [m] each.
-    strays
-        intp [n], trajectories that belong to no body.
-
-    Returns
-    -------
-    Rows of a candidate for each stray; none where there are no bodies.
-    """
-    if not bodies:
-        return []
-    found = []
-    body = np.repeat(np.arange(len(bodies)), [len(rows) for rows in bodies])
-    rows = np.concatenate(bodies)
-    first = np.argsort(frames.owner, kind="stable")
-    first = first[np.searchsorted(frames.owner[first], strays)]
-    for stray, row in zip(strays.tolist(), first.tolist(), strict=True):
-        deviation = deviation_from(frames.y, frames.w, row, rows)
-        deviation /= np.sqrt(frames.tolerance[row] + frames.tolerance[rows])
-        distances = np.bincount(body, np.nan_to_num(deviation, nan=_UNKNOWN)) / np.bincount(body)
-        found.append(np.union1d(bodies[int(np.argmin(distances))], frames.rows_of(np.array([stray]))))
-    return found
 
 
 def _cut_clusters(tree: Floats) -> list[Ints]:

@@ -29,8 +29,8 @@ _DELAY = 0.02
 # on the scenes of docs/research/accuracy.md.
 _MOST_OFFSET = 30.0
 _MOST_RESIDUAL = 3.0
-LEAST_FRAMES = 8
-"""A trajectory takes part if it is observed in so many frames."""
+# Frames that a row and a body share at least.
+_LEAST_FRAMES = 8
 # Unknowns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
 # Residuals of successive frames are correlated: so many count as one, as in the assignment.
@@ -218,7 +218,7 @@ def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats)
     left, right = np.zeros((REGISTRATION_UNKNOWNS, REGISTRATION_UNKNOWNS)), np.zeros(REGISTRATION_UNKNOWNS)
     frames = view.frames
     poses = view.bodies[k].poses, view.information[k]
-    terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, LEAST_FRAMES
+    terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, _LEAST_FRAMES
     squared, coordinates = normal_equations(*terms, left, right)
     some, share = view.unknowns, float(frames.independent[rows].mean()) / _TEMPERATURE
     left, right = left[np.ix_(some, some)], right[some]

@@ -41,7 +41,6 @@ from ..trajectories.window import Window
 from .anchored import anchored_motions
 from .arrivals import undecided
 from .assignment import (
-    LEAST_ENDED_FRAMES,
     OUTLIER,
     SearchResult,
     assign,
@@ -125,7 +124,7 @@ class RigidMethod(Method):
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous)
         result, due = self._grouped(scene)  # 5 to 9
-        described = describe_bodies(tracks, frames, result, self._config)  # 10
+        described = describe_bodies(tracks, frames, result)  # 10
         groups = result.assignment.labels
         if due:
             self._registration.learn(tracks, frames, groups)  # 2, for the next update
@@ -197,7 +196,7 @@ class RigidMethod(Method):
         if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
             self._belief.learn(self._last[2], self._last[1], previous.ids)
         before = previous.labels[tracks.slot]
-        return self._belief.scene(frames, tracks.newest, before, static, self._config.min_samples)
+        return self._belief.scene(frames, tracks.newest, before, static, self._config.min_life)
 
 
 def follow(scene: Scene, belief: Belief, config: RigidConfig) -> SearchResult:
@@ -266,7 +265,7 @@ def _compare_all(
     frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
-    still = [settled(frames, body) for body in bodies]
+    still = [settled(frames, body, config) for body in bodies]
     found = costs(frames, still, config, stride=stride, given=far)  # 7
     if not exact:
         worth = moving_bodies(frames, still, found, config)
@@ -313,7 +312,7 @@ def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: 
     frames = scene.frames
     # Newborn members hold poses where few others are left.
     known = scene.judged | (scene.before != NO_HYPOTHESIS)
-    telling = known & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
+    telling = known & frames.telling
     found = []
     for k, body in enumerate(bodies[1:], 1):
         rows = frames.rows_of((labels == k) & telling)

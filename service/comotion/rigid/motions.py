@@ -9,7 +9,6 @@ from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
 from ..arrays import Floats, Stamps
-from ..config import RigidConfig
 from ..partition import Group, PoseReference
 from .assignment import SearchResult
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
@@ -21,17 +20,17 @@ from .tracks import Tracks
 _LEAST_STATIC_TIME = 1.0
 
 
-def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult, config: RigidConfig) -> list[Group]:
+def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult) -> list[Group]:
     """Describe every body of a search; one without a trajectory is left undetermined."""
     labels = found.assignment.labels
     groups = []
     for k in range(len(found.bodies)):
         members = labels == k
-        groups.append(_describe(tracks, frames, found, k, config) if members.any() else Group())
+        groups.append(_describe(tracks, frames, found, k) if members.any() else Group())
     return groups
 
 
-def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> Group:
+def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int) -> Group:
     body = found.bodies[k]
     members = np.flatnonzero((found.assignment.labels == k) & tracks.current)
     rows = frames.rows_of(members)
@@ -43,7 +42,7 @@ def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int, confi
     if not len(members):
         return Group(static=body.static, pose_since=since)
     return Group(
-        state=_state(frames, found, k, config),
+        state=_state(frames, found, k),
         static=body.static,
         twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
         noise=_noise(found.evidence.squared[rows, k], frames.dim),
@@ -73,12 +72,11 @@ def _pose_since(
     return as_pose(reference.R, reference.t, frames.dim)
 
 
-def _state(frames: Frames, found: SearchResult, k: int, config: RigidConfig) -> HypothesisState:
+def _state(frames: Frames, found: SearchResult, k: int) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
     members = found.assignment.labels == k
     if found.bodies[k].static:
-        watched = frames.life[members].max(initial=0) / config.frame_rate
-        return "static" if watched >= _LEAST_STATIC_TIME else "undetermined"
+        return "static" if frames.life[members].max(initial=0.0) >= _LEAST_STATIC_TIME else "undetermined"
     costs = found.evidence
     gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
     return "moving" if gain > costs.restless[k] else "undetermined"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Ints
-from .explanations import LEAST_FRAMES, Groups, Offset, View, explained
+from .explanations import Groups, Offset, View, explained
 from .kernels.resampling import spread
 from .procrustes import fit_body
 from .resampling import Frames
@@ -22,6 +22,8 @@ from .tracks import Tracks
 # the work of an update; chosen on made-up crowds of thousands of features.
 _REPRESENTATIVES = 12
 _STRIDE = 3
+# s; a trajectory takes part if it is observed for so long.
+_LEAST_LIFE = 0.5
 # Mean squared displacement of a group, in tolerances and per dimension, below which it does not move: the
 # poses of a body at rest are noise, which would look like motion that constrains an offset.
 _LEAST_MOTION = 9.0
@@ -99,7 +101,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
     """Rows of one source on each moving body, where they are enough for a pose."""
     found = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
-        members = (labels == k) & (tracks.source == source) & (frames.life >= LEAST_FRAMES)
+        members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_LIFE)
         if members.sum() >= frames.dim:
             large = len(frames.owner) > SUBSET_ROWS
             some = representatives(frames, tracks.newest, members, _REPRESENTATIVES) if large else members

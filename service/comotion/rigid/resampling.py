@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps
@@ -24,6 +23,8 @@ _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
 _ARM_WEIGHT = 0.5
 # Names of rows: the key of the trajectory times this, plus the place among its rows.
 _ROWS_PER_TRACK = 8
+# s; an ended trajectory counts only if it was observed for so long.
+_LEAST_ENDED = 0.5
 # Slack for the rounding of stamps and periods; far below any period.
 _ROUNDING_NS = 2_000
 
@@ -59,7 +60,7 @@ class Frames:
     key
         int64 [N], stable number of each trajectory, ascending.
     life
-        intp [N], number of frames in which a trajectory is observed.
+        float64 [N], s, for how long a trajectory is observed.
     current
         bool [N], whether a trajectory goes on at the watermark.
     """
@@ -75,7 +76,7 @@ class Frames:
     metric: Floats
     spectrum: Floats
     key: Stamps
-    life: NDArray[np.intp]
+    life: Floats
     current: Bools
 
     @cached_property
@@ -86,6 +87,11 @@ class Frames:
         place = np.zeros(len(owner), np.int64)
         place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
         return self.key[self.owner] * _ROWS_PER_TRACK + place
+
+    @property
+    def telling(self) -> Bools:
+        """Which trajectories tell how a body moves, bool [N]: those that go on, or were seen for a while."""
+        return self.current | (self.life >= _LEAST_ENDED)
 
     @property
     def arrays(self) -> RowArrays:
@@ -185,8 +191,8 @@ def make_frames(
     y, w, covariance = _interpolated(tracks, curves, stamps, limits)
     seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
     spread(y, w, seen, squared)
-    life = np.zeros(len(tracks.key), np.intp)
-    np.maximum.at(life, owner, seen)
+    life = np.zeros(len(tracks.key))
+    np.maximum.at(life, owner, seen / config.frame_rate)
     weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
     noise = _mean_variance(covariance, tracks.dim)
     covariance += _deformation(squared, tracks.extent, config)[:, None, None] * np.eye(3)

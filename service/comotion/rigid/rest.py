@@ -9,12 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..config import RigidConfig
 from .kernels.rest import settle
 from .procrustes import Body
 from .resampling import Frames
 
+# s that a rest takes at least.
+_LEAST_REST = 0.5
 
-def settled(frames: Frames, body: Body) -> Body:
+
+def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
     """The body with one pose for each rest."""
     if body.static:
         return body
@@ -23,5 +27,6 @@ def settled(frames: Frames, body: Body) -> Body:
     # Not the tolerance: what moves slowly, within its slack, does not rest.
     noise = 1 / frames.noise[body.rows], frames.metric[body.rows]
     template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
-    runs = settle(w, *noise, template, frames.dim, body.dof, still.poses, rests)
+    least = _LEAST_REST * config.frame_rate
+    runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
     return replace(still, free=body.free - int(rests.sum()) + runs, rests=bool(rests[-1]))

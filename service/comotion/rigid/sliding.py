@@ -17,9 +17,9 @@ from .resampling import Frames
 # so many of them, and they cost at most so many times what the noise does.
 _LEAST_OWNERS, _EXPLAINED = 4, 1.5
 # Half nats that the degree of freedom of a frame must gain beyond the noise that it fits: the more, the more
-# limbs with two markers stay bodies. Frames that this takes at least: bodies that begin to move slide on each
+# limbs with two markers stay bodies. s that this takes at least: bodies that begin to move slide on each
 # other at first.
-_PRICE, _LEAST_FRAMES = 1.6, 22
+_PRICE, _LEAST_TIME = 1.6, 1.45
 # Most that a feature slides, rms, in rms radii of its host, and its variance across the line, in that of the
 # noise. All were chosen on stress scenes of even seeds, so that the markers keep their figures.
 _REACH, _ACROSS = 0.5, 1.5
@@ -45,7 +45,7 @@ def with_sliders(
     """
     # What slides on a body at rest would slide on the static one, which hosts none.
     hosts = [k for k, one in enumerate(bodies) if one.free > 1 and _count(frames, one) >= _LEAST_OWNERS]
-    rows = _unexplained(frames, bodies, hosts, body / stretch, seen)
+    rows = _unexplained(frames, bodies, hosts, body / stretch, seen, config)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
     mine, found = frames.owner[rows], body.copy()
@@ -58,11 +58,13 @@ def _count(frames: Frames, body: Body) -> int:
     return int(np.count_nonzero(np.bincount(frames.owner[body.rows])))
 
 
-def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats) -> Ints:
+def _unexplained(
+    frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats, config: RigidConfig
+) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
     large = [k for k, one in enumerate(bodies) if one.static or k in hosts]
     due = 0.5 * _EXPLAINED * frames.dim * seen
-    asked = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_FRAMES)
+    asked = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_TIME * config.frame_rate)
     asked &= np.bincount(frames.owner, minlength=len(seen)) == 1
     return frames.rows_of(thinned(np.flatnonzero(asked), _MOST))
 
@@ -81,5 +83,5 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     cost = 0.5 * (paid + (1 + _PRICE) * held + cap * (seen - held))
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
     near = (w * along**2).sum(1) / total <= _REACH**2 * radius
-    possible = near & (held >= LEAST_COVERED * seen) & (held >= _LEAST_FRAMES)
+    possible = near & (held >= LEAST_COVERED * seen) & (held >= _LEAST_TIME * config.frame_rate)
     return np.where(possible, cost, np.inf)

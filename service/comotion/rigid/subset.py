@@ -13,7 +13,7 @@ from ..arrays import Bools, Floats, Ints, Labels
 from ..config import RigidConfig
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
-from .assignment import LEAST_ENDED_FRAMES, OUTLIER
+from .assignment import OUTLIER
 from .costs import costs, excess_costs
 from .kernels.distances import farthest_points
 from .procrustes import static_body
@@ -160,8 +160,9 @@ def known_rows(scene: Scene) -> dict[int, Ints]:
     """Rows to fit each known hypothesis but the static one to, by hypothesis; two at least."""
     known = np.setdiff1d(scene.before, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
     frames = scene.frames
-    telling = frames.current | (frames.life >= LEAST_ENDED_FRAMES)
-    found = {one: _rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()}
+    found = {
+        one: _rows_of_representatives(scene, (scene.before == one) & frames.telling) for one in known.tolist()
+    }
     return {one: rows for one, rows in found.items() if len(rows) >= 2}
 
 
@@ -198,7 +199,7 @@ def representatives(frames: Frames, newest: Floats, members: Bools, count: int) 
 
     An ended trajectory must have been observed long enough.
     """
-    telling = members & (frames.current | (frames.life >= LEAST_ENDED_FRAMES))
+    telling = members & frames.telling
     current, ended = np.flatnonzero(telling & frames.current), np.flatnonzero(telling & ~frames.current)
     if len(current) + len(ended) <= count:
         return np.flatnonzero(telling)

@@ -31,15 +31,6 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
 
 
 @compiled()
-def deviation_from(y: Floats, w: Floats, row: int, others: Ints) -> Floats:
-    """Standard deviation of the distance of one row from each of `others` intp [n], float64 [n]."""
-    found = np.empty(len(others))
-    for k in range(len(others)):
-        found[k] = _deviation(y[row], y[others[k]], w[row], w[others[k]])
-    return found
-
-
-@compiled()
 def _deviation(a: Floats, b: Floats, wa: Floats, wb: Floats) -> float:
     """Standard deviation of the distance of two rows; NaN where they share fewer than two frames."""
     count, shift, total, squares = 0, 0.0, 0.0, 0.0

@@ -58,30 +58,46 @@ def body_costs(
         wider tolerance of each body whose cost is computed. Else empty.
     """
     y, w, tolerance, spectrum, metric = arrays
-    count = w.shape[1]
+    count, bodies = w.shape[1], len(poses)
     row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
-    some = np.ascontiguousarray(poses[:, ::stride])
+    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.zeros(bodies, np.bool_)
     for n in range(len(rows)):
         i = rows[n]
         first, stop = observed_span(w[i])
-        asked, scale = np.isnan(cost[n]), (1.0 / (tolerance[i] + wider), dim, cap, unposed)
+        scale = tolerance[i], wider, dim, cap, unposed
+        for k in range(bodies):
+            asked[k] = np.isnan(cost[n, k])
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
             _filter_gains(w[i], spectrum[i], stride, gains)
             span, noise = (0, some.shape[1]), (metric[i], persistence)
             _row_costs(row, some, span, asked, scale, noise, x, gains, cost[n], squared[n])
-            cost[n][asked] *= _copy_row(y[i], w[i], 1, row) / max(seen, 1)
             if seen > 0:
-                asked &= cost[n] < _NEAR_FACTOR * cost[n].min() + _NEAR_NATS
+                _keep_near(cost[n], asked, _copy_row(y[i], w[i], 1, row) / seen)
         _copy_row(y[i], w[i], 1, row)
         _filter_gains(w[i], spectrum[i], 1, gains)
-        loose = asked & (wider > 0)
-        asked[0] |= gain.size > 0 and loose.any()
+        loose = False
+        for k in range(bodies):
+            loose |= gain.size > 0 and asked[k] and wider[k] > 0
+        # The gain by a wider tolerance follows from the residuals at rest.
+        asked[0] |= loose
         span, noise = (first, stop), (metric[i], spectrum[i, 2])
         _row_costs(row, poses, span, asked, scale, noise, x, gains, cost[n], squared[n])
-        if gain.size > 0:
-            for k in np.flatnonzero(loose):
+        for k in range(1, bodies):
+            if loose and asked[k] and wider[k] > 0:
                 gain[n, k] = _wider_gain(x, stop - first, tolerance[i], wider[k], cap * dim)
+
+
+@compiled()
+def _keep_near(cost: Floats, asked: Bools, factor: float) -> None:
+    """Scale the estimates [K] that were asked for, and ask on for those that are near the least."""
+    least = np.inf
+    for k in range(len(cost)):
+        if asked[k]:
+            cost[k] *= factor
+        least = min(least, cost[k])
+    for k in range(len(cost)):
+        asked[k] = asked[k] and cost[k] < _NEAR_FACTOR * least + _NEAR_NATS
 
 
 @compiled()
@@ -90,7 +106,7 @@ def _row_costs(
     poses: Floats,
     span: tuple[int, int],
     asked: Bools,
-    scale: tuple[Floats, int, float, float],
+    scale: tuple[float, Floats, int, float, float],
     noise: tuple[Floats, float],
     x: Floats,
     gains: Floats,
@@ -98,11 +114,12 @@ def _row_costs(
     squared: Floats,
 ) -> None:
     """Cost and mean squared residual of a row under the bodies that are asked for, the first body last."""
-    (inverse, dim, cap, unposed), (metric, persistence), (first, stop) = scale, noise, span
+    (tolerance, wider, dim, cap, unposed), (metric, persistence), (first, stop) = scale, noise, span
     for k in range(len(poses) - 1, -1, -1):
         if asked[k]:
+            inverse = 1.0 / (tolerance + wider[k])
             cost[k], squared[k] = _body_cost(
-                row, poses[k], first, stop, inverse[k], dim, cap, unposed, metric, x, gains, persistence
+                row, poses[k], first, stop, inverse, dim, cap, unposed, metric, x, gains, persistence
             )
 
 

@@ -8,8 +8,6 @@ from .metric import quadratic
 from .procrustes import weighted_pose
 from .records import PoseArrays
 
-# Frames that a rest takes at least; at 15 Hz, half a second.
-_LEAST_FRAMES = 8
 # What one pose may cost beyond what poses of their own gain by fitting noise: so many standard deviations of
 # that gain, and so many nats. Chosen on stress scenes of even seeds.
 _DEVIATIONS, _NATS = 2.0, 6.0
@@ -23,6 +21,7 @@ def settle(
     b: Floats,
     dim: int,
     dof: int,
+    least: float,
     poses: PoseArrays,
     rests: Bools,
 ) -> int:
@@ -36,8 +35,8 @@ def settle(
     w, inverse, metric, b
         float64 [F, m] (0: unobserved), [m], inverse variance of the noise, [m, 6], its metric, and [3, m],
         template.
-    dof
-        Degrees of freedom of a pose.
+    dof, least
+        Degrees of freedom of a pose, and frames that a rest takes at least.
     poses
         Those of each frame.
     rests
@@ -56,7 +55,7 @@ def settle(
     stop, runs = count, 0
     while stop > 0:
         begin, length = _run_before(places, w, inverse, metric, dof, posed, stop)
-        if length >= _LEAST_FRAMES:
+        if length >= least:
             _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
             runs += 1
