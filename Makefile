@@ -49,7 +49,7 @@ format: setup  ## apply lint fixes and formatting
 
 schemas: setup  ## export the JSON Schema of every message header, the tables of parameters, and the list of kernels
 	$(BIN)/python -m comotion_schemas.export schemas
-	$(BIN)/python -m comotion_deploy.parameter_table docs/parameters.md
+	PYTHONPATH=tests $(BIN)/python -m comotion_tools.parameter_table docs/parameters.md
 	$(BIN)/python -m comotion.runtime.kernel_list
 
 docs: setup  ## the site in out/site, with the API; broken links and warnings are errors

@@ -6,10 +6,8 @@ world. What is drawn beside the features needs the pose in the same axes as they
 
 from dataclasses import replace
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
-
-from comotion_schemas import HypothesisUpdate, Pose
+from comotion_schemas import HypothesisUpdate
+from comotion_schemas.rigid import pose_of, transform
 
 
 def poses_in_space(update: HypothesisUpdate) -> HypothesisUpdate:
@@ -25,21 +23,7 @@ def poses_in_space(update: HypothesisUpdate) -> HypothesisUpdate:
     turned = [
         one
         if one.pose is None or one.space not in back
-        else replace(one, pose=_moved(back[one.space], one.pose))
+        else replace(one, pose=pose_of(back[one.space] * transform(one.pose), len(one.centroid)))
         for one in update.hypotheses
     ]
     return replace(update, hypotheses=turned)
-
-
-def transform(pose: Pose) -> RigidTransform:
-    """A pose in space; one in the plane becomes that in z = 0."""
-    turn = pose.rotation
-    rotation = Rotation.from_quat(turn) if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn])
-    return RigidTransform.from_components(np.array([*pose.translation, 0.0][:3]), rotation)
-
-
-def _moved(frame: RigidTransform, pose: Pose) -> Pose:
-    shift, turn = (frame * transform(pose)).as_components()
-    dim = len(pose.translation)
-    rotation = turn.as_quat().tolist() if dim == 3 else float(turn.as_rotvec()[2])
-    return Pose(translation=shift[:dim].tolist(), rotation=rotation)

@@ -11,13 +11,13 @@ from typing import Any, TypeAlias
 import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
-from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.component import viewer
 from comotion_schemas.errors import KnownError
+from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
 from .joint_rows import plain
 from .metrics import Score, Truth
-from .progress import reporting
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
 from .subscription import Subscription
 from .watch_columns import number
@@ -125,15 +125,10 @@ def evaluate(
         If no update was received, or none could be scored because no source publishes truth.
     """
     options = options or EvaluateOptions()
-    presence = Component(
-        role="viewer",
-        name=viewer_name("evaluate", settings),
-        scene=scene,
-        settings=settings,
-        ready_file=options.ready_file,
-        connect_timeout=None if options.duration is None else FIRST_UPDATE_TIMEOUT_S,
-    )
-    with presence as component:
+    timeout = None if options.duration is None else FIRST_UPDATE_TIMEOUT_S
+    with viewer(
+        "evaluate", scene, settings, ready_file=options.ready_file, connect_timeout=timeout
+    ) as component:
         feed = _Feed(component.session, scene, options.on_update)
         if options.ready_file is not None:
             component.ready()

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Hypothesis, Joint
+from comotion_schemas.rigid import three
 
 _PIECES = 16
 # rad; a hinge that has hardly turned still has a visible arc.
@@ -31,12 +32,12 @@ def joint_lines(joint: Joint, child: Hypothesis, length: float) -> Lines:
     dim = len(child.centroid)
     if joint.point is None or joint.position is None or joint.lower is None or joint.upper is None:
         return np.zeros((0, 2, dim), np.float32)
-    point, low, high = _in_space(joint.point), joint.lower - joint.position, joint.upper - joint.position
-    axis = np.array([0.0, 0.0, 1.0]) if joint.axis is None else _in_space(joint.axis)
+    point, low, high = three(joint.point), joint.lower - joint.position, joint.upper - joint.position
+    axis = np.array([0.0, 0.0, 1.0]) if joint.axis is None else three(joint.axis)
     if joint.kind == "prismatic":
         strips = [point + np.outer([low, high], axis), point + np.outer([-length, length], axis) / 4]
     else:
-        strips = [*_arc(axis, point, _in_space(child.centroid), low, high)]
+        strips = [*_arc(axis, point, three(child.centroid), low, high)]
         if dim == 3:
             strips.append(point + np.outer([-length, length], axis))
     pieces = [np.stack([strip[:-1], strip[1:]], axis=1) for strip in strips]
@@ -58,7 +59,3 @@ def _arc(
     angles = np.linspace(min(low, -_LEAST_ARC), max(high, _LEAST_ARC), _PIECES)
     arc = base + Rotation.from_rotvec(angles[:, None] * axis).apply(arm)
     return [arc, np.stack([base, centre])]
-
-
-def _in_space(values: list[float]) -> NDArray[np.float64]:
-    return np.array([*values, 0.0][:3])

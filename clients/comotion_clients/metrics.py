@@ -206,18 +206,28 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
 def labelled(
     update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Hypothesis and true object of the tracks of an update, int64 [N] and int32 [N].
+    """As :func:`labels_of`, where linked hypotheses of different spaces have one label."""
+    labels, objects = labels_of(update, truth, observed)
+    bodies = bodies_of(update)
+    if bodies:
+        labels = np.array([bodies.get(one, one) for one in labels.tolist()], np.int64)
+    return labels, objects
 
-    Parameters as in :func:`score_update`.
+
+def labels_of(
+    update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Hypothesis, int64 [N], and true object, int32 [N], of every track, in the order of `observed`.
+
+    The arguments are those of :func:`score_update`; a track that is not in the update is undetermined.
     """
-    listed, bodies = tracks_of(update), bodies_of(update)
+    listed = tracks_of(update)
     if observed is None:
         observed = {key: np.array(list(table), np.uint64) for key, table in listed.items()}
     labels, objects = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
     for key, ids in observed.items():
         table = listed.get(key, {})
-        ours = (table.get(i, UNDETERMINED) for i in ids.tolist())
-        labels.append(np.fromiter((bodies.get(one, one) for one in ours), np.int64, len(ids)))
+        labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
         objects.append(truth.objects(key, ids))
     return np.concatenate(labels), np.concatenate(objects)
 

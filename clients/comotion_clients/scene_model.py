@@ -5,8 +5,6 @@ clock in nanoseconds.
 """
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
 from typing import get_args
 
 import numpy as np
@@ -14,13 +12,12 @@ import numpy as np
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import OF_BODIES, EventKind
-from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, token_name
 from comotion_schemas.naming import Names, named
-from comotion_schemas.sequence import SequenceCounter
-from comotion_schemas.text import shown
+from comotion_schemas.rigid import rotation
 
 from .feature_names import HypothesisNames
 from .joint_rows import joint_row
+from .scene_heard import Heard, Seen, in_cell, in_line
 from .scene_rows import (
     EventRow,
     HypothesisRow,
@@ -32,77 +29,12 @@ from .scene_rows import (
     SourceState,
 )
 
-RATE_SPAN_S = 3.0
-"""A rate is the mean over this time."""
-RATE_MIN_SPAN_S = 0.5
-"""Without arrivals over this time the rate is unknown: the first messages may come in a burst."""
-STALL_S = 1.0
-"""A stream is stalled after this time or :data:`STALL_PERIODS` periods, whichever is longer."""
-STALL_PERIODS = 3
-LOSS_SHOWN_S = 10.0
-"""How long a loss is highlighted."""
 GONE_SHOWN_S = 60.0
 """How long a source that has left remains in the list."""
 EVENTS_KEPT = 100
-_MOST_SOURCES = 4096
-# Bounds on what texts of one component may take of a screen.
-_MOST_CHARACTERS, _MOST_TEXT = 80, 500
 
 
-@dataclass
-class Stream:
-    """Arrivals of one publisher: rate, age and number of lost messages."""
-
-    lost: int = 0
-    lost_at: float = -np.inf
-    arrivals: deque[float] = field(default_factory=deque)
-
-    def arrive(self, lost: int, now: float) -> None:
-        """Take note of a message with which `lost` more are missing than before, or -1 for one less."""
-        self.lost += lost
-        if lost > 0:
-            self.lost_at = now
-        self.arrivals.append(now)
-        while now - self.arrivals[0] > RATE_SPAN_S and len(self.arrivals) > 2:
-            self.arrivals.popleft()
-
-    def age(self, now: float) -> float:
-        """Seconds since the last arrival."""
-        return max(now - self.arrivals[-1], 0.0) if self.arrivals else float("inf")
-
-    def period(self) -> float:
-        """Mean seconds between the recent arrivals; 0 until there are two."""
-        if len(self.arrivals) < 2:
-            return 0.0
-        return (self.arrivals[-1] - self.arrivals[0]) / (len(self.arrivals) - 1)
-
-    def stalled(self, now: float) -> bool:
-        """Whether the last arrival is too long ago for the period of the stream."""
-        return self.age(now) > max(STALL_S, STALL_PERIODS * self.period())
-
-    def rate(self, now: float) -> float:
-        """Messages per second; 0 while stalled or unknown."""
-        known = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_MIN_SPAN_S
-        return 1.0 / self.period() if known and not self.stalled(now) else 0.0
-
-    def losing(self, now: float) -> bool:
-        """Whether a message was lost in the last 10 s."""
-        return now - self.lost_at < LOSS_SHOWN_S
-
-
-@dataclass
-class _Source:
-    stream: Stream = field(default_factory=Stream)
-    space: str = ""
-    lag: float = float("nan")
-    gone_at: float | None = None
-
-    def age(self, now: float, reported: float) -> float:
-        """Seconds since the last batch; `reported` by the service if none was received here."""
-        return self.stream.age(now) if self.stream.arrivals else reported
-
-
-class SceneModel:
+class SceneModel(Heard):
     """Accumulates the messages of one scene.
 
     Parameters
@@ -116,44 +48,31 @@ class SceneModel:
     """
 
     def __init__(self, scene: str, names: Names | None = None, *, all_events: bool = False) -> None:
-        self.scene = scene
+        super().__init__(scene)
         self._kinds = frozenset(get_args(EventKind)) if all_events else OF_BODIES
         self.names = HypothesisNames(names)
         self.palette = Palette()
-        self._sources: dict[str, _Source] = {}
         self._units: dict[str, str] = {}
-        self._updates = Stream()
-        self._sequences = SequenceCounter()
-        self._update: HypothesisUpdate | None = None
-        self._service: Status | None = None
-        self._services: set[str] = set()
         self._service_gone = False
         self._events: dict[tuple[int, str, int], Event] = {}
 
     @property
     def seen(self) -> bool:
         """Whether any message of the scene was received."""
-        return bool(self._sources) or self._update is not None or self._service is not None
-
-    @property
-    def update(self) -> HypothesisUpdate | None:
-        """The newest update."""
-        return self._update
+        return self._update is not None or self.service is not None or bool(self._sources())
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""
-        source = self._source(batch.source)
-        lost = self._sequences.sight(f"obs/{batch.source}", batch.session, batch.seq).lost
-        source.stream.arrive(lost, arrived)
-        source.space, source.gone_at = shown(batch.space, _MOST_CHARACTERS), None
+        source = self._of(batch.source)
+        source.stream.arrive(self._sequences.sight(batch.source, batch.session, batch.seq).lost, arrived)
+        source.space, source.gone_at = in_cell(batch.space), None
         source.lag = (wall_ns - batch.stamp_ns) / 1e9
         self._units[batch.space] = batch.unit
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
         """Add an update; returns the events that no earlier update had."""
-        lost = self._sequences.sight("hypotheses", update.session, update.seq).lost
-        self._updates.arrive(lost, arrived)
-        self._update, self._service_gone = update, False
+        self.hear_update(update, arrived)
+        self._service_gone = False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
         told = [e for e in update.events if e.kind in self._kinds]
@@ -163,35 +82,23 @@ class SceneModel:
             del self._events[key]
         return new
 
-    def on_status(self, status: Status) -> None:
-        """Add a Status; the one of the service that speaks also names sources that sent nothing yet.
-
-        Where services have tokens, who has none is no service.
-        """
+    def on_status(self, status: Status, arrived: float = 0.0) -> None:
+        """Add a Status, which may name the features of a source."""
+        super().on_status(status, arrived)
         self.names.on_status(status)
-        short = status.component[:TOKEN_NAME_CHARACTERS]
-        holds = any(token in (status.component, short) for token in map(token_name, self._services))
-        if status.role == "service" and status.replica != "standby" and (holds or not self._services):
-            self._service = status
-            for name in status.ages:
-                self._source(name)
 
-    def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
+    def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
         """Process that a component entered or left the scene."""
+        super().on_presence(role, token, alive=alive, now=now)
         if role == "service":
-            (self._services.add if alive else self._services.discard)(name)
-            self._service_gone = not self._services
-        elif role == "source":
-            if alive:
-                self._source(name).gone_at = None
-            elif name in self._sources:
-                self._sources[name].gone_at = now
+            held = any(seen.present for seen in self._seen.values() if "service" in seen.tokens)
+            self._service_gone = not held
 
-    def _source(self, name: str) -> _Source:
-        """What is known of a source; one too many is not remembered."""
-        if len(self._sources) >= _MOST_SOURCES and name not in self._sources:
-            return _Source()
-        return self._sources.setdefault(name, _Source())
+    def _sources(self) -> dict[str, Seen]:
+        """Sources that have a token or have sent something, and those that the service knows."""
+        named = self.service.ages if self.service is not None else {}
+        own = {n: s for n, s in self._seen.items() if "source" in s.tokens or s.stream.arrivals}
+        return {name: self._seen.get(name) or Seen() for name in sorted({*own, *named})}
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""
@@ -210,7 +117,7 @@ class SceneModel:
         )
 
     def _service_row(self, now: float) -> ServiceRow:
-        status, update = self._service, self._update
+        status, update = self.service, self._update
         return ServiceRow(
             state=self._service_state(now),
             rate=self._updates.rate(now),
@@ -219,30 +126,32 @@ class SceneModel:
             lost=self._updates.lost,
             losing=self._updates.losing(now),
             seq=-1 if update is None else update.seq,
-            message="" if status is None else shown(status.message, _MOST_TEXT),
+            message="" if status is None else in_line(status.message),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
             problems=[]
             if status is None
-            else [ProblemRow(one.kind, one.source, shown(one.text, _MOST_TEXT)) for one in status.problems],
+            else [ProblemRow(one.kind, one.source, in_line(one.text)) for one in status.problems],
         )
 
     def _service_state(self, now: float) -> ServiceState:
-        if self._service_gone or (self._update is None and self._service is None):
+        service = self.service
+        if self._service_gone or (self._update is None and service is None):
             return "absent"
         if self._update is None or self._updates.stalled(now):
             return "silent"
-        return "ok" if self._service is None else self._service.state
+        return "ok" if service is None else service.state
 
     def _source_rows(self, now: float) -> list[SourceRow]:
         tracks = self._tracks_per_source()
-        reported = {} if self._service is None else self._service.ages
-        clocks = {} if self._service is None else self._service.clock_offsets
+        service = self.service
+        reported = {} if service is None else service.ages
+        clocks = {} if service is None else service.clock_offsets
         rows = []
-        for name, source in sorted(self._sources.items()):
-            age = source.age(now, reported.get(name, float("inf")))
+        for name, source in self._sources().items():
+            age = source.stream.age(now) if source.stream.arrivals else reported.get(name, math.inf)
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
-                del self._sources[name]
+                del self._seen[name]
                 continue
             rows.append(
                 SourceRow(
@@ -278,7 +187,7 @@ class SceneModel:
             rows.append(
                 HypothesisRow(
                     id=h.id,
-                    space=shown(h.space, _MOST_CHARACTERS),
+                    space=in_cell(h.space),
                     unit=self._units.get(h.space) or _usual_unit(h),
                     state=h.state,
                     size=h.size,
@@ -318,18 +227,12 @@ def _usual_unit(hypothesis: Hypothesis) -> str:
     return "px" if len(hypothesis.centroid) == 2 else "m"
 
 
-def _rotation_vector(rotation: list[float] | float) -> list[float]:
+def _rotation_vector(turn: list[float] | float) -> list[float]:
     """Rotation vector [3] in rad of a quaternion (x, y, z, w); an angle is [1]."""
-    if not isinstance(rotation, list):
-        return [rotation]
-    axis, w = np.array(rotation[:3]), rotation[3]
-    sine = float(np.linalg.norm(axis))
-    # Of the two turns that a quaternion stands for, the one of at most half a circle.
-    angle = 2 * math.atan2(sine, abs(w)) * (1 if w >= 0 else -1)
-    return [0.0] * 3 if sine == 0 else (axis * (angle / sine)).tolist()
+    return rotation(turn).as_rotvec().tolist() if isinstance(turn, list) else [turn]
 
 
-def _source_state(source: _Source, age: float, now: float) -> SourceState:
+def _source_state(source: Seen, age: float, now: float) -> SourceState:
     if source.gone_at is not None:
         return "gone"
     if not source.stream.arrivals:

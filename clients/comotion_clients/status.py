@@ -123,7 +123,7 @@ class _Look:
         for arrived, message in self._statuses.drain():
             self.model.on_status(message, arrived + ahead_s)
         for arrived, update in self._updates.drain():
-            self.model.on_update(update, arrived + ahead_s)
+            self.model.hear_update(update, arrived + ahead_s)
         for role, token, alive in self._presence.drain():
             self.model.on_presence(role, token, alive=alive)
 

@@ -1,11 +1,11 @@
 """SceneStatus -> tables for a terminal. Pure; given texts are no markup."""
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from .scene_problems import ComponentRow
+from .scene_problems import ComponentRow, RouterRow
 from .scene_status import SceneStatus
+from .watch_columns import Column, table
 
 _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red"}
 
@@ -20,32 +20,9 @@ def show(found: SceneStatus, console: Console) -> None:
         console.print(Text("what to look at", "bold"))
     for problem in found.problems:
         console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
-    console.print(_components(found.components))
+    console.print(table(found.components, _COMPONENTS))
     if found.routers:
-        console.print(_routers(found))
-
-
-def _components(rows: list[ComponentRow]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for name in ("role", "name", "state", "host", "version"):
-        table.add_column(name)
-    for name in ("rate", "lag", "lost", "clock"):
-        table.add_column(name, justify="right")
-    table.add_column("replica")
-    for row in rows:
-        table.add_row(
-            row.role,
-            row.name,
-            Text(row.state, _STYLES.get(row.state, "white")),
-            Text(row.host),
-            Text(row.version),
-            "" if row.rate_hz is None else f"{row.rate_hz:.1f} Hz",
-            "" if row.lag_s is None else f"{1e3 * row.lag_s:.0f} ms",
-            str(row.lost) if row.role in {"service", "recorder", "viewer"} else "",
-            _clock(row),
-            f"{row.replica} {row.epoch}" if row.replica == "active" else row.replica,
-        )
-    return table
+        console.print(table(found.routers, _ROUTERS))
 
 
 def _clock(row: ComponentRow) -> str:
@@ -54,11 +31,27 @@ def _clock(row: ComponentRow) -> str:
     return f"{1e3 * row.clock_s:+.1f} ±{1e3 * row.clock_error_s:.1f} ms"
 
 
-def _routers(found: SceneStatus) -> Table:
-    table = Table("router", "host", "version", "listens at", box=None, pad_edge=False)
-    table.add_column("components", justify="right")
-    table.add_column("routers", justify="right")
-    for row in found.routers:
-        given = (row.label, row.host, row.version, " ".join(row.locators))
-        table.add_row(*map(Text, given), str(row.sessions), str(row.routers))
-    return table
+def _replica(row: ComponentRow) -> str:
+    return f"{row.replica} {row.epoch}" if row.replica == "active" else row.replica
+
+
+_COMPONENTS: tuple[Column[ComponentRow], ...] = (
+    Column("role", None, lambda r: r.role, left=True),
+    Column("name", None, lambda r: r.name, left=True),
+    Column("state", None, lambda r: Text(r.state, _STYLES.get(r.state, "white")), left=True),
+    Column("host", None, lambda r: r.host, left=True),
+    Column("version", None, lambda r: r.version, left=True),
+    Column("rate", None, lambda r: "" if r.rate_hz is None else f"{r.rate_hz:.1f} Hz"),
+    Column("lag", None, lambda r: "" if r.lag_s is None else f"{1e3 * r.lag_s:.0f} ms"),
+    Column("lost", None, lambda r: str(r.lost) if r.role in {"service", "recorder", "viewer"} else ""),
+    Column("clock", None, _clock),
+    Column("replica", None, _replica, left=True),
+)
+_ROUTERS: tuple[Column[RouterRow], ...] = (
+    Column("router", None, lambda r: r.label, left=True),
+    Column("host", None, lambda r: r.host, left=True),
+    Column("version", None, lambda r: r.version, left=True),
+    Column("listens at", None, lambda r: " ".join(r.locators), left=True),
+    Column("components", None, lambda r: str(r.sessions)),
+    Column("routers", None, lambda r: str(r.routers)),
+)

@@ -14,7 +14,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Generic, TypeAlias, overload
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
@@ -61,9 +60,7 @@ class Subscribing(Generic[M]):
             self._exit = stack.pop_all()
         return subscription
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._exit.close()
 
     async def __aenter__(self) -> Subscription[M]:

@@ -1,10 +1,9 @@
 """Subscription in an open session: Zenoh samples -> validated messages in a bounded inbox."""
 
-import threading
 import time
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Self, TypeVar
+from typing import Generic, Self, TypeVar, cast
 
 import zenoh
 
@@ -17,12 +16,11 @@ from comotion_schemas import (
     Preview,
     Status,
     TruthBatch,
-    decode_as,
+    decode_on,
 )
-from comotion_schemas.keys import last_chunk
-from comotion_schemas.qos import Kind
+from comotion_schemas.keys import Kind
 from comotion_schemas.sequence import SequenceCounter
-from comotion_schemas.transport import declare_subscriber
+from comotion_schemas.transport import Receiver
 
 from .active_session import ActiveSession
 from .inbox import Closed, Inbox
@@ -106,17 +104,12 @@ class Subscription(Generic[M]):
         self.counters = Counters()
         self.timeout = timeout
         self._message: type[M] = message
-        self._scene = scene
         self._sequences = SequenceCounter()
         self._read: dict[str, float] = {}
         self._active = ActiveSession()
         self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
-        key = keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
         size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(size)
-        self._subscriber = declare_subscriber(session, key, kind, ring)
-        self._thread = threading.Thread(target=self._receive, name=f"subscribe-{kind}", daemon=True)
-        self._thread.start()
+        self._receiver = Receiver(session, keys.messages(kind), kind, size, self._take, self._inbox.close)
 
     @property
     def dropped(self) -> int:
@@ -164,9 +157,7 @@ class Subscription(Generic[M]):
 
     def close(self) -> None:
         """Stop receiving; iteration ends after the messages received so far."""
-        if self._thread.is_alive():
-            self._subscriber.undeclare()
-            self._thread.join()
+        self._receiver.close()
 
     def __enter__(self) -> Self:
         return self
@@ -174,22 +165,11 @@ class Subscription(Generic[M]):
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _receive(self) -> None:
-        # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
-        samples = self._subscriber.handler
-        try:
-            while True:
-                try:
-                    sample = samples.recv()
-                except zenoh.ZError:  # undeclared, or the session is closed
-                    return
-                key = str(sample.key_expr)
-                if self._message is Status and self._is_storm(key):
-                    self.counters.stale += 1
-                    continue
-                self._accept(key, sample.payload.to_bytes())
-        finally:
-            self._inbox.close()
+    def _take(self, key: str, payload: bytes) -> None:
+        if self._message is Status and self._is_storm(key):
+            self.counters.stale += 1
+        else:
+            self._accept(key, payload)
 
     def _is_storm(self, key: str) -> bool:
         """Whether a Status follows another one of its component too soon to be worth reading."""
@@ -203,19 +183,15 @@ class Subscription(Generic[M]):
 
     def _accept(self, key: str, payload: bytes) -> None:
         try:
-            message = decode_as(self._message, payload)
-            if _publisher(message) != (
-                self._scene if isinstance(message, HypothesisUpdate) else last_chunk(key)
-            ):
-                raise DecodeError("source-mismatch", f"published on {key}")
+            message = cast("M", decode_on(key, payload))
         except DecodeError as error:
             self.counters.invalid[error.reason] = self.counters.invalid.get(error.reason, 0) + 1
             return
-        if self._is_new(message):
+        if self._is_new(key, message):
             self.counters.received += 1
             self._inbox.put((time.monotonic(), message))
 
-    def _is_new(self, message: M) -> bool:
+    def _is_new(self, key: str, message: M) -> bool:
         """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
@@ -223,20 +199,9 @@ class Subscription(Generic[M]):
         if isinstance(message, HypothesisUpdate) and not self._active.accepts(message, time.monotonic()):
             self.counters.stale += 1
             return False
-        lost, order = self._sequences.sight(_publisher(message), message.session, message.seq)
+        lost, order = self._sequences.sight(key, message.session, message.seq)
         self.counters.lost += lost
         if order == "newest" or isinstance(message, ObservationBatch):
             return True
         self.counters.stale += 1
         return False
-
-
-def _publisher(message: HypothesisUpdate | ObservationBatch | TruthBatch | Status | Preview) -> str:
-    """Name of the publisher in a message, which must equal the name in its key."""
-    match message:
-        case HypothesisUpdate():
-            return message.scene
-        case Status():
-            return message.component
-        case _:
-            return message.source

@@ -9,10 +9,9 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-from scipy.spatial.transform import Rotation
-
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint
 from comotion_schemas.errors import KnownError
+from comotion_schemas.rigid import rotation
 
 _MASS = 1.0
 # m; least size of a link, so that its inertia is above zero.
@@ -128,7 +127,10 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     link = ET.SubElement(robot, "link", name=link_name(body.id))
     box = body.box or Box(center=list(body.centroid), half=[_LEAST] * 3, rotation=[0.0, 0.0, 0.0, 1.0])
     size = [max(2 * half, _LEAST) for half in box.half]
-    place = {"xyz": _text(_minus(box.center, origin)), "rpy": _text(_rpy(box.rotation))}
+    place = {
+        "xyz": _text(_minus(box.center, origin)),
+        "rpy": _text(rotation(box.rotation).as_euler("xyz").tolist()),
+    }
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", place)
     ET.SubElement(inertial, "mass", value=_number(_MASS))
@@ -142,14 +144,6 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     visual = ET.SubElement(link, "visual")
     ET.SubElement(visual, "origin", place)
     ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_text(size))
-
-
-def _rpy(rotation: list[float] | float) -> list[float]:
-    """Roll, pitch and yaw of a quaternion."""
-    if not isinstance(rotation, list):
-        return [0.0, 0.0, rotation]
-    found: list[float] = Rotation.from_quat(rotation).as_euler("xyz").tolist()
-    return found
 
 
 def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:

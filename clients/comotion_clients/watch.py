@@ -1,12 +1,9 @@
 """Watch: running scene -> live table in a terminal, plain lines or JSON."""
 
-import contextlib
 import json
 import os
-import select
 import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -16,8 +13,9 @@ from rich.console import Console
 from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
-from comotion_schemas.component import Component, viewer_name
+from comotion_schemas.component import Component, viewer
 from comotion_schemas.naming import Names
+from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .presence import Presence
@@ -106,11 +104,7 @@ def watch(
     if options.once:
         _once(scene, settings, options)
         return
-    name = viewer_name("watch", settings)
-    presence = Component(
-        role="viewer", name=name, scene=scene, settings=settings, ready_file=options.ready_file
-    )
-    with presence as component:
+    with viewer("watch", scene, settings, ready_file=options.ready_file) as component:
         feed = _Feed(component.session, scene, options)
         if options.ready_file is not None:
             component.ready()
@@ -170,7 +164,7 @@ def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
 def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
     console = Console()
     sort, pose = options.sort, options.pose
-    with _keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:
+    with keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:
         while not component.stop.is_set():
             feed.poll()
             width, height = console.size
@@ -183,34 +177,6 @@ def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
                     sort = SORTS[(SORTS.index(sort) + 1) % len(SORTS)]
                 case "p":
                     pose = not pose
-
-
-@contextlib.contextmanager
-def _keyboard() -> Iterator[Callable[[float], str]]:
-    """Yield a function that waits up to a timeout for a key press and returns the key or ""."""
-    if not sys.stdin.isatty():
-        yield _no_key
-        return
-    import termios
-    import tty
-
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
-
-    def read_key(timeout: float) -> str:
-        ready, _, _ = select.select([descriptor], [], [], timeout)
-        return os.read(descriptor, 1).decode(errors="replace") if ready else ""
-
-    try:
-        yield read_key
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-def _no_key(timeout: float) -> str:
-    time.sleep(timeout)
-    return ""
 
 
 def _clock() -> str:

@@ -1,10 +1,11 @@
-"""Columns of the tables of ``comotion watch``: row -> cells."""
+"""Tables of ``comotion watch`` and ``comotion status``: columns and rows -> cells. Texts are no markup."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
+from rich.table import Table
 from rich.text import Text
 
 from comotion_schemas.colours import as_hex
@@ -25,13 +26,28 @@ STATE_STYLES = {
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A column of a table: title, width, content, and least terminal width at which it is shown."""
+    """A column of a table: title, width (None: as needed), content, least terminal width that shows it."""
 
     title: str
-    width: int
+    width: int | None
     cell: Callable[[Row], str | Text]
     left: bool = False
     from_width: int = 0
+
+
+def table(rows: Iterable[Row], columns: Sequence[Column[Row]], width: int | None = None) -> Table:
+    """A table of the columns that a terminal of a width in characters shows; None: of all."""
+    found = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
+    shown = [column for column in columns if width is None or width >= column.from_width]
+    for one in shown:
+        justify: Literal["left", "right"] = "left" if one.left else "right"
+        kept = one.width is not None
+        found.add_column(one.title, justify=justify, width=one.width, no_wrap=kept, overflow="ellipsis")
+    for row in rows:
+        cells = [column.cell(row) for column in shown]
+        # A table takes a plain string for markup.
+        found.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
+    return found
 
 
 def lost(count: int, *, losing: bool) -> Text:

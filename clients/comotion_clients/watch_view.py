@@ -23,6 +23,7 @@ from .watch_columns import (
     duration,
     lost,
     number,
+    table,
 )
 
 Sort = Literal["size", "name", "age"]
@@ -160,21 +161,10 @@ def _problem_lines(service: ServiceRow, *, whole: bool) -> list[Text]:
 def _table(
     title: str, rows: Sequence[Row], columns: Sequence[Column[Row]], height_left: int, width: int
 ) -> list[Table | Text]:
-    shown = [c for c in columns if width >= c.from_width]
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
-    for column in shown:
-        justify: Literal["left", "right"] = "left" if column.left else "right"
-        table.add_column(column.title, justify=justify, width=column.width, no_wrap=True, overflow="ellipsis")
     hidden = len(rows) - height_left
-    for row in rows[: height_left if hidden <= 0 else max(height_left - 1, 0)]:
-        table.add_row(*(_as_text(column.cell(row)) for column in shown))
+    shown = table(rows[: height_left if hidden <= 0 else max(height_left - 1, 0)], columns, width)
     more = [Text(f"... and {hidden + 1} more {title}", style="dim")] if hidden > 0 and height_left else []
-    return [table, *more]
-
-
-def _as_text(cell: str | Text) -> Text:
-    """A cell as it is: a table takes a plain string for markup."""
-    return cell if isinstance(cell, Text) else Text(cell)
+    return [shown, *more]
 
 
 def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:

@@ -1,38 +1,31 @@
 """The command ``comotion``: registers its commands and reports their errors."""
 
-import json
 import logging
 import sys
-import tomllib
 import warnings
 from collections.abc import Sequence
-from importlib import metadata
-from typing import Any
 
 import typer
 
-from .commands import (
-    calibrate,
-    config,
-    demo,
-    dev,
-    evaluate,
-    fleet,
-    joints,
-    pki,
-    record,
-    ros2,
-    router,
-    segment,
-    serve,
-    source,
-    status,
-    up,
-    view,
-    watch,
-)
+from .checkout import in_checkout
+from .commands import dev, fleet, pki, source
+from .commands.calibrate import Calibrate
+from .commands.config import Config
+from .commands.demo import Demo
+from .commands.evaluate import Evaluate
+from .commands.joints import Joints
+from .commands.record import Record
+from .commands.ros2 import Ros2
+from .commands.router import Router
+from .commands.segment import Segment
+from .commands.serve import Serve
+from .commands.status import Status
+from .commands.up import Up
+from .commands.view import View
+from .commands.watch import Watch
 from .errors import UserError, one_line
 from .folded_help import helped
+from .options import Command, add
 
 app = typer.Typer(
     name="comotion",
@@ -46,6 +39,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib import metadata
+
         print(f"comotion {metadata.version('comotion')}")
         raise typer.Exit
 
@@ -59,26 +54,22 @@ def _root(
     pass
 
 
-_PANELS: dict[str, dict[str, Any]] = {
-    "Start": {"demo": demo, "up": up},
-    "Run": {"router": router, "serve": serve, "source": source, "ros2": ros2},
-    "Look": {"watch": watch, "view": view, "status": status},
+_PANELS: dict[str, dict[str, type[Command] | typer.Typer]] = {
+    "Start": {"demo": Demo, "up": Up},
+    "Run": {"router": Router, "serve": Serve, "source": source.app, "ros2": Ros2},
+    "Look": {"watch": Watch, "view": View, "status": Status},
     "Data": {
-        "segment": segment,
-        "record": record,
-        "evaluate": evaluate,
-        "joints": joints,
-        "calibrate": calibrate,
+        "segment": Segment,
+        "record": Record,
+        "evaluate": Evaluate,
+        "joints": Joints,
+        "calibrate": Calibrate,
     },
-    "Operate": {"config": config, "pki": pki, "fleet": fleet},
-    "Develop": {"dev": dev},
+    "Operate": {"config": Config, "pki": pki.app, "fleet": fleet.app},
+    "Develop": {"dev": dev.app},
 }
 for _panel, _commands in _PANELS.items():
-    for _name, _module in _commands.items():
-        if hasattr(_module, "app"):
-            app.add_typer(_module.app, name=_name, rich_help_panel=_panel)
-        else:
-            app.command(_name, epilog=_module.EPILOG, rich_help_panel=_panel)(getattr(_module, _name))
+    add(app, _commands, _panel)
 
 
 def _present(arguments: Sequence[str]) -> list[str]:
@@ -100,6 +91,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
         return _fail(error, error)
+    except ImportError as error:
+        if in_checkout() or (error.name or "").partition(".")[0] != "comotion_experiments":
+            raise
+        return _fail("this needs a checkout of the repository: make setup, in a clone", error)
     except ValueError as error:
         if not _is_known(error):
             raise
@@ -112,6 +107,9 @@ def run(arguments: Sequence[str]) -> int:
 def _is_known(error: ValueError) -> bool:
     """Whether something given is wrong, as we or those who parse it for us say; any other is a defect."""
     # Importing these takes longer than to show the help.
+    import json
+    import tomllib
+
     from comotion_schemas.errors import KnownError
 
     validated = type(error).__module__.startswith("pydantic")

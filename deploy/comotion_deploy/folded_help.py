@@ -7,7 +7,7 @@ from typing import Any
 import typer
 
 COMMON = frozenset(
-    {"connect", "listen", "tls", "insecure", "_config", "_log_level", "_metrics", "ready_file"}
+    {"connect", "listen", "tls", "insecure", "config", "log_level", "metrics_port", "ready_file"}
 )
 """Parameters of the shared options; :mod:`.options` has them."""
 RARE = frozenset({"respawn_every", "tracker", "realtime", "reconnect", "share_preview", "clock_offset"})

@@ -1,40 +1,59 @@
 """The fusion parameters that a command line and its configuration file give."""
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import typer
-
+from .config_file import file_table, spelling
 from .errors import UserError
-from .options import file_table, spelling
+from .options import Command, setting
 
 if TYPE_CHECKING:
     from comotion import FusionConfig
 
 
-def fusion_config(
-    ctx: typer.Context, method: str | None = None, assignments: list[str] | None = None
-) -> "FusionConfig":
-    """Build the fusion parameters: ``[fusion]`` of the file, then ``--method``, then ``--set``.
+@dataclass(kw_only=True)
+class Assignments(Command):
+    """The option of a command that takes fusion parameters."""
 
-    Raises
-    ------
-    UserError
-        For an unknown parameter or a value out of bounds.
-    """
-    from comotion.config import put, read_config
+    set_: list[str] | None = setting(
+        None,
+        "Set a fusion parameter; may be repeated. 'null' is None; see 'comotion config'.",
+        metavar="NAME=VALUE",
+    )
 
-    table = _read_null(file_table(ctx, "fusion"))
-    values = {spelling(name): value for name, value in table.items()}
-    if method is not None:
-        values["method"] = method
-    for text in assignments or ():
-        name, value = _assignment(text)
-        put(values, name, value)
-    try:
-        return read_config(values)
-    except ValueError as error:
-        raise UserError(str(error)) from None
+    def fusion_config(self, method: str | None = None) -> "FusionConfig":
+        """Build the fusion parameters: ``[fusion]`` of the file, then `method`, then ``--set``.
+
+        Raises
+        ------
+        UserError
+            For an unknown parameter or a value out of bounds.
+        """
+        from comotion.config import put, read_config
+
+        table = _read_null(file_table(self.ctx, "fusion"))
+        values = {spelling(name): value for name, value in table.items()}
+        if method is not None:
+            values["method"] = method
+        for text in self.set_ or ():
+            name, value = _assignment(text)
+            put(values, name, value)
+        try:
+            return read_config(values)
+        except ValueError as error:
+            raise UserError(str(error)) from None
+
+
+@dataclass(kw_only=True)
+class Fusion(Assignments):
+    """Options of a command that groups features, by the method that it is given."""
+
+    method: str | None = setting(None, "Method: comotion or thesis.")
+
+    def fusion_config(self, method: str | None = None) -> "FusionConfig":
+        """Build the fusion parameters, with ``--method``."""
+        return super().fusion_config(method or self.method)
 
 
 def _read_null(value: Any) -> Any:

@@ -1,201 +1,282 @@
-"""Common options of the commands, and the sources of their values.
+"""Options of commands: a dataclass a command, whose fields are options and whose ``run`` does the work.
 
 A flag takes precedence over ``COMOTION_*`` in the environment, the environment over the file given by
-``--config``, and the file over the default. In the file, common options are top-level keys, options of a
-command are in the table of its name (``[serve]``, ``[source.simulator]``), fusion parameters in
-``[fusion]``, and settings of the router in ``[zenoh]``.
+``--config`` (:mod:`.config_file`), and the file over the default. Options that several commands share are in
+a class that they extend: those of processes and clients here, others beside the commands. A class attribute
+sets another default for an option that a command inherits.
 """
 
-import logging
+import inspect
 import re
 import socket
 import sys
-from enum import StrEnum
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import typer
 
-from .errors import UserError, missing_extra, one_line
+from .config_file import read_config
+from .errors import UserError, missing_extra
 from .network import OPEN_METRICS, require_closed, session_settings
 
-__all__ = ["session_settings"]
+if TYPE_CHECKING:
+    from comotion_schemas.transport import SessionSettings
 
-COMMON = frozenset({"scene", "connect", "listen", "tls", "insecure", "log_level", "json"})
-FREE_TABLES = frozenset({"fusion", "process", "zenoh"})
-_MAX_BYTES = 1_000_000
-_FILE = "comotion.config-file"
+_FROM_NAME = "COMOTION_"
 
 
-class LogLevel(StrEnum):
-    """Least severity of messages on standard error."""
+def option(default: Any, text: str, *names: str, env: str | None = None, **how: Any) -> Any:
+    """Define an option as a field of a command.
 
-    DEBUG = "debug"
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
+    Parameters
+    ----------
+    default
+        Its default; ``...``: it must be given.
+    text
+        Its help.
+    names
+        Its flags. Default: the name of the field, for a flag that is on also ``--no-NAME``.
+    env
+        Environment variable that sets it.
+    how
+        What :func:`typer.Option` takes: metavar, min, max, ...
+    """
+    metadata = {"names": names, "envvar": env, "help": text, **how}
+    return field(default=MISSING if default is ... else default, metadata=metadata)
 
 
-def _read_config(ctx: typer.Context, path: Path | None) -> Path | None:
-    if path is None:
-        return None
-    content = load_toml(path)
-    ctx.meta[_FILE] = content
-    ctx.default_map = {**(ctx.default_map or {}), **command_defaults(ctx, path, content)}
-    return path
+def setting(default: Any, text: str, *names: str, **how: Any) -> Any:
+    """Define an :func:`option` that the environment sets too: as ``COMOTION_NAME``, or what `env` says."""
+    return option(default, text, *names, **({"env": _FROM_NAME} | how))
 
 
-def _start_logging(ctx: typer.Context, level: LogLevel) -> LogLevel:
-    if not ctx.resilient_parsing:
+def argument(default: Any, metavar: str, text: str) -> Any:
+    """Define an argument as a field of a command; a default of ``...``: it must be given."""
+    metadata = {"names": None, "metavar": metavar, "help": text, "show_default": default not in (None, ...)}
+    return field(default=MISSING if default is ... else default, metadata=metadata)
+
+
+@dataclass(kw_only=True)
+class Command:
+    """A command: its docstring is the help, its fields are options, and :meth:`run` does the work."""
+
+    ctx: typer.Context
+    epilog: ClassVar[str] = ""
+
+    def prepare(self) -> None:
+        """Do what the shared options ask for, before :meth:`run`."""
+
+    def run(self) -> None:
+        """Do the work."""
+        raise NotImplementedError
+
+    def reject_flags(self, names: tuple[str, ...], why: str) -> None:
+        """Reject options on the command line that have no effect; environment and files may set them.
+
+        Parameters
+        ----------
+        names
+            Fields of the command.
+        why
+            End of the message, after the option.
+
+        Raises
+        ------
+        UserError
+            If one of the options is on the command line.
+        """
+        for name in names:
+            source = self.ctx.get_parameter_source(name)
+            if source is not None and source.name == "COMMANDLINE":
+                raise UserError(f"--{_words(name)} {why}")
+
+
+def as_function(kind: type[Command]) -> Callable[..., None]:
+    """Return a command as a function that typer understands, with a parameter for each option."""
+
+    def call(**values: Any) -> None:
+        command = kind(**values)
+        command.prepare()
+        command.run()
+
+    parameters = [
+        inspect.Parameter(
+            member.name, inspect.Parameter.KEYWORD_ONLY, annotation=member.type, **_default(kind, member)
+        )
+        for member in _in_order(kind)
+    ]
+    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    call.__doc__ = kind.__doc__
+    return call
+
+
+def add(app: typer.Typer, commands: Mapping[str, type[Command] | typer.Typer], panel: str = "") -> None:
+    """Add commands and groups of commands to an app by their names, in a panel of its help."""
+    for name, command in commands.items():
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name, rich_help_panel=panel or None)
+        else:
+            epilog = shown_epilog(command.epilog)
+            app.command(name, epilog=epilog, rich_help_panel=panel or None)(as_function(command))
+
+
+def shown_epilog(text: str) -> str:
+    """Return an epilog as typer wants it: with an empty line before each example, which is indented."""
+    return re.sub(r"\n(?=  \S)", "\n\n", text)
+
+
+def _in_order(kind: type[Command]) -> "list[Field[Any]]":
+    """Arguments as they are defined; then the options of a command, and then of each class it extends."""
+    left = {member.name: member for member in fields(kind)}
+    arguments = [member for member in left.values() if member.metadata.get("names", ()) is None]
+    names = dict.fromkeys(name for base in kind.__mro__ for name in inspect.get_annotations(base))
+    return arguments + [left[name] for name in names if name in left and left[name] not in arguments]
+
+
+def _default(kind: type[Command], member: "Field[Any]") -> dict[str, Any]:
+    """The default of a parameter, which tells typer all about it; none for the context."""
+    if not member.metadata:
+        return {}
+    how, default = dict(member.metadata), getattr(kind, member.name, ...)
+    names = how.pop("names")
+    if names is None:
+        return {"default": typer.Argument(default, **how)}
+    word = _words(member.name)
+    names = names or ((f"--{word}/--no-{word}",) if default is True else (f"--{word}",))
+    if how["envvar"] == _FROM_NAME:
+        flag = names[0].partition("/")[0]
+        how["envvar"] = _FROM_NAME + flag.removeprefix("--").replace("-", "_").upper()
+    return {"default": typer.Option(default, *names, **how)}
+
+
+def _words(name: str) -> str:
+    return name.rstrip("_").replace("_", "-")
+
+
+@dataclass(kw_only=True)
+class Logged(Command):
+    """The option of every command that logs."""
+
+    log_level: Literal["debug", "info", "warning", "error"] = setting(
+        "info", "Least severity of messages on standard error."
+    )
+
+    def prepare(self) -> None:
+        """Start logging."""
+        import logging
+
         from comotion_schemas.text import LogFormatter
 
         handler = logging.StreamHandler()
         handler.setFormatter(LogFormatter("%(levelname)s: %(message)s"))
-        logging.basicConfig(level=level.upper(), handlers=[handler])
-    return level
+        logging.basicConfig(level=self.log_level.upper(), handlers=[handler])
 
 
-def _expose_metrics(ctx: typer.Context, address: str | None) -> str | None:
-    if address is None or ctx.resilient_parsing:
-        return address
-    from comotion_schemas import metrics
+@dataclass(kw_only=True)
+class Tool(Logged):
+    """Options of a command that needs no scene."""
 
-    host, port = metrics.parse_address(address)
-    require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=bool(ctx.params.get("insecure")))
-    try:
-        port = metrics.expose(host, port)
-    except ImportError as error:
-        raise missing_extra("metrics", error) from None
-    # Not logged: the level of logging may not be known yet.
-    print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
-    return address
+    config: Path | None = setting(
+        None, "Read options from a TOML file.", metavar="FILE.toml", is_eager=True, callback=read_config
+    )
 
 
-Scene = Annotated[
-    str, typer.Option("--scene", envvar="COMOTION_SCENE", help="Scene: one service and its sources.")
-]
-Connect = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--connect",
-        envvar="COMOTION_CONNECT",
-        metavar="ENDPOINT",
-        help="Router to connect to; may be repeated. Default: tcp/127.0.0.1:7447.",
-    ),
-]
-Listen = Annotated[
-    list[str] | None,
-    typer.Option(
-        # Not from the environment, which is the router's: another process would take its port.
-        "--listen",
-        metavar="ENDPOINT",
-        help="Also act as a router, at this endpoint; may be repeated.",
-    ),
-]
-RouterListen = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--listen",
-        envvar="COMOTION_LISTEN",
-        metavar="ENDPOINT",
-        help="Endpoint of the router; may be repeated.",
-    ),
-]
-Tls = Annotated[
-    Path | None,
-    typer.Option(
-        "--tls",
-        envvar="COMOTION_TLS",
-        metavar="DIR/NAME",
-        is_eager=True,
-        help="Connect with the certificate in this folder, made by 'comotion pki issue'.",
-    ),
-]
-Insecure = Annotated[
-    bool,
-    typer.Option(
-        "--insecure",
-        envvar="COMOTION_INSECURE",
-        is_eager=True,
-        help="Allow to listen where other machines can connect, without certificates.",
-    ),
-]
-ConfigFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--config",
-        envvar="COMOTION_CONFIG",
-        metavar="FILE.toml",
-        is_eager=True,
-        callback=_read_config,
-        help="Read options from a TOML file.",
-    ),
-]
-Log = Annotated[
-    LogLevel,
-    typer.Option(
-        "--log-level",
-        envvar="COMOTION_LOG_LEVEL",
-        callback=_start_logging,
-        help="Least severity of messages on standard error.",
-    ),
-]
-Json = Annotated[bool, typer.Option("--json", envvar="COMOTION_JSON", help="Print the result as JSON.")]
-Metrics = Annotated[
-    str | None,
-    typer.Option(
-        "--metrics-port",
-        envvar="COMOTION_METRICS_PORT",
+@dataclass(kw_only=True)
+class Json(Command):
+    """The option of a command that prints a result."""
+
+    json_: bool = setting(False, "Print the result as JSON.")
+
+
+@dataclass(kw_only=True)
+class Ready(Command):
+    """The option of a command that says when it is ready."""
+
+    ready_file: Path | None = setting(
+        None, "Write this file when ready, instead of printing 'ready'.", metavar="PATH"
+    )
+
+
+@dataclass(kw_only=True)
+class Session(Logged):
+    """Options of a command that connects to a router."""
+
+    connect: list[str] | None = setting(
+        None, "Router to connect to; may be repeated. Default: tcp/127.0.0.1:7447.", metavar="ENDPOINT"
+    )
+    tls: Path | None = setting(
+        None, "Connect with the certificate in this folder, made by 'comotion pki issue'.", metavar="DIR/NAME"
+    )
+
+    def settings(self) -> "SessionSettings":
+        """Return the settings of its session."""
+        return session_settings(self.connect, tls=self.tls)
+
+
+@dataclass(kw_only=True)
+class Client(Session, Tool):
+    """Options of a command that looks at a scene."""
+
+    scene: str = setting("default", "Scene: one service and its sources.")
+
+
+@dataclass(kw_only=True)
+class Process(Ready, Client):
+    """Options of a process that is part of a scene."""
+
+    name: str | None = setting(
+        None, "Name of the source. With a certificate: its name.", env="COMOTION_SOURCE_NAME"
+    )
+    # Not from the environment, which is the router's: another process would take its port.
+    listen: list[str] | None = option(
+        None, "Also act as a router, at this endpoint; may be repeated.", metavar="ENDPOINT"
+    )
+    insecure: bool = setting(False, "Allow to listen where other machines can connect, without certificates.")
+    metrics_port: str | None = setting(
+        None,
+        "Serve Prometheus metrics, by default on 127.0.0.1; 0 chooses a free port.",
         metavar="[HOST:]PORT",
-        callback=_expose_metrics,
-        help="Serve Prometheus metrics, by default on 127.0.0.1; 0 chooses a free port.",
-    ),
-]
-ReadyFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--ready-file",
-        envvar="COMOTION_READY_FILE",
-        metavar="PATH",
-        help="Write this file when ready, instead of printing 'ready'.",
-    ),
-]
-Method = Annotated[
-    str | None,
-    typer.Option("--method", envvar="COMOTION_METHOD", help="Method: comotion or thesis."),
-]
-BodyNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--name",
-        envvar="COMOTION_NAMES",
-        metavar="ID=NAME",
-        help="Name of a hypothesis, such as 2=truck; may be repeated.",
-    ),
-]
-Assignments = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        envvar="COMOTION_SET",
-        metavar="NAME=VALUE",
-        help="Set a fusion parameter; may be repeated. 'null' is None; see 'comotion config'.",
-    ),
-]
+    )
+
+    def prepare(self) -> None:
+        """Start logging, take the name in the certificate, and serve metrics."""
+        super().prepare()
+        given = self.ctx.get_parameter_source("name")
+        if given is None or given.name == "DEFAULT":
+            self.name = _name_in(self.tls) or self.name
+        if self.metrics_port is not None:
+            _expose_metrics(self.metrics_port, insecure=self.insecure)
+
+    def settings(self) -> "SessionSettings":
+        """Return the settings of its session."""
+        return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
 
 
-def name_of_certificate(ctx: typer.Context, name: str | None) -> str | None:
-    """Callback of ``--name``: without one, the name in the certificate."""
-    source, tls = ctx.get_parameter_source("name"), ctx.params.get("tls")
-    if tls is None or ctx.resilient_parsing or (source is not None and source.name != "DEFAULT"):
-        return name
+def _name_in(tls: Path | None) -> str | None:
+    """The name in a certificate, if there is any."""
+    if tls is None:
+        return None
     from comotion_schemas.tls import load_tls
 
     try:
         identity = load_tls(tls).identity
     except ValueError:  # said when the session is opened
-        return name
-    return name if identity is None else identity.name
+        return None
+    return None if identity is None else identity.name
+
+
+def _expose_metrics(address: str, *, insecure: bool) -> None:
+    from comotion_schemas import metrics
+
+    host, port = metrics.parse_address(address)
+    require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=insecure)
+    try:
+        port = metrics.expose(host, port)
+    except ImportError as error:
+        raise missing_extra("metrics", error) from None
+    print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
 
 
 def host_name() -> str:
@@ -206,110 +287,3 @@ def host_name() -> str:
 def urls(text: str | None) -> tuple[str, ...]:
     """Split urls that are separated by commas."""
     return tuple(url.strip() for url in (text or "").split(",") if url.strip())
-
-
-def load_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    UserError
-        If the file cannot be read or is not valid TOML.
-    """
-    from comotion_sources.bounded import parse_toml, read_text
-    from comotion_sources.errors import InputError
-
-    try:
-        text = read_text(path, _MAX_BYTES)
-    except InputError as error:
-        raise UserError(one_line(error)) from None
-    try:
-        return parse_toml(text)
-    except ValueError as error:
-        raise UserError(f"{path}: {one_line(error)}") from None
-
-
-def command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Return the values that a configuration file has for the command of a context.
-
-    Raises
-    ------
-    UserError
-        If a key is unknown: a misspelt option must not be ignored.
-    """
-    _check_top_level(ctx, path, content)
-    known = _parameters(ctx)
-    common = {
-        known[name]: value for key, value in content.items() if (name := spelling(key)) in COMMON & set(known)
-    }
-    return common | _command_table(ctx, path, content, known)
-
-
-def _parameters(ctx: typer.Context) -> dict[str, str]:
-    """Map the name of an option in a file to the parameter of the command's function."""
-    known = {}
-    for parameter in ctx.command.params:
-        for given in parameter.opts:
-            if parameter.name:
-                known[spelling(given.lstrip("-"))] = parameter.name
-    return known
-
-
-def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) -> None:
-    root = getattr(ctx.find_root().command, "commands", {})
-    commands = root.keys() | getattr(root.get("dev"), "commands", {}).keys()
-    for key, value in content.items():
-        allowed = commands | FREE_TABLES if isinstance(value, dict) else COMMON
-        if spelling(key) not in allowed and key not in allowed:
-            what = "table" if isinstance(value, dict) else "common option"
-            raise UserError(f"{path}: unknown {what} {key!r}; one of {', '.join(sorted(allowed))}")
-
-
-def _command_table(
-    ctx: typer.Context, path: Path, content: dict[str, Any], known: dict[str, str]
-) -> dict[str, Any]:
-    table: Any = content
-    chunks = [one for one in ctx.command_path.split()[1:] if one != "dev"]
-    for chunk in chunks:
-        table = table.get(chunk, {})
-        if not isinstance(table, dict):
-            raise UserError(f"{path}: {chunk!r} must be a table")
-    for key in table:
-        if spelling(key) not in known:
-            raise UserError(f"{path}: [{'.'.join(chunks)}] has no option {key!r}")
-    return {known[spelling(key)]: value for key, value in table.items()}
-
-
-def spelling(key: str) -> str:
-    """Name of an option as functions spell it."""
-    return key.replace("-", "_")
-
-
-def file_table(ctx: typer.Context, name: str) -> dict[str, Any]:
-    """Return a table of the configuration file that does not belong to a command; default: empty."""
-    table: dict[str, Any] = ctx.meta.get(_FILE, {}).get(name, {})
-    return table
-
-
-def reject_flags(ctx: typer.Context, names: tuple[str, ...], why: str) -> None:
-    """Reject options on the command line that have no effect; environment and files may set them.
-
-    Parameters
-    ----------
-    ctx
-        Context of the command.
-    names
-        Parameters of its function.
-    why
-        End of the message, after the option.
-
-    Raises
-    ------
-    UserError
-        If one of the options is on the command line.
-    """
-    for name in names:
-        source = ctx.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            flag = {"assignments": "--set"}.get(name, f"--{name.replace('_', '-')}")
-            raise UserError(f"{flag} {why}")

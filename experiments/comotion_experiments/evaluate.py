@@ -8,21 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from comotion import FusionConfig
 from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
-from comotion_clients.progress import Report, reporting
 from comotion_clients.scoring import Summary, finite_or_none
 from comotion_clients.tum import save_paths
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
+from comotion_schemas.terminal import Report, reporting
 
 from .brox_malik import compare
 from .inputs import Input
 from .offline import OnUpdate, Run, run_offline
 from .plot import Trace, save_plot
+from .tables import Table, mean, number
 
 _MEANS = (
     "mean_nmi",
@@ -97,9 +97,9 @@ def evaluate_inputs(
         If an input has no observation, or is shorter than a period.
     """
     results: list[Evaluated] = []
-    for number, one in enumerate(inputs, 1):
+    for count, one in enumerate(inputs, 1):
         trace, digest = Trace(), hashlib.sha256()
-        name = f"{number}/{len(inputs)} {_label(one.name, 30)}"
+        name = f"{count}/{len(inputs)} {_label(one.name, 30)}"
         try:
             with reporting(quiet=not progress, terminal_s=0.25, plain_s=3.0) as report:
                 on_update = _tee(trace, digest, report, name)
@@ -165,18 +165,13 @@ def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
 def averages(results: Sequence[Evaluated]) -> dict[str, float]:
     """Mean of every number over the results that have it; NaN if none has."""
     rows = [result.values() for result in results]
-    return {name: _mean([row[name] for row in rows]) for name in _MEANS}
+    return {name: mean([row[name] for row in rows]) for name in _MEANS}
 
 
 def overall(results: Sequence[Evaluated]) -> dict[str, float]:
     """Mean over files of the mean over seeds."""
     files = [averages(members) for members in group(results).values()]
-    return {name: _mean([file[name] for file in files]) for name in _MEANS}
-
-
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if not math.isnan(value)]
-    return math.fsum(known) / len(known) if known else math.nan
+    return {name: mean([file[name] for file in files]) for name in _MEANS}
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
@@ -203,43 +198,32 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
 def table(results: Sequence[Evaluated]) -> Table:
     """Build a table with one row per file or scene (mean over seeds), and one for all."""
     seeded = any(len(members) > 1 for members in group(results).values())
-    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    found.add_column("file", no_wrap=True)
-    titles: tuple[str, ...] = ("mean NMI", *(("± seeds",) if seeded else ()))
-    titles += ("final NMI", "error %", "K found", "K true")
-    for title in (
-        *titles,
-        "switches/100",
-        "HOTA",
-        "IDF1",
-        "ID switches",
-        "ms/update",
-        *_compared_titles(results),
-    ):
-        found.add_column(title, justify="right", no_wrap=True)
+    scored = ["mean NMI", *(["± seeds"] if seeded else []), "final NMI", "error %", "K found", "K true"]
+    scored += ["switches/100", "HOTA", "IDF1", "ID switches"]
+    found = Table(["file", *scored, "ms/update", *_compared_titles(results)])
     for name, members in group(results).items():
         cells = _cells(averages(members), members, seeded=seeded)
-        found.add_row(_label(name, 28), *cells, *_compared(members))
+        found.add(_label(name, 28), *cells, *_compared(members))
     if len(group(results)) > 1:
-        found.add_section()
-        found.add_row("overall", *_cells(overall(results), (), seeded=seeded), style="bold")
+        found.end_section()
+        found.add("overall", *_cells(overall(results), (), seeded=seeded), strong=True)
     return found
 
 
 def _cells(row: Mapping[str, float], members: Sequence[Evaluated], *, seeded: bool) -> list[str]:
     spread = float(np.std([m.summary.mean_nmi for m in members])) if len(members) > 1 else math.nan
     return [
-        _number(row["mean_nmi"], 3),
-        *([_number(spread, 3)] if seeded else []),
-        _number(row["final_nmi"], 3),
-        _number(100 * row["mean_misclassification"], 1),
-        _number(row["mean_hypotheses"], 2),
-        _number(row["mean_objects"], 2),
-        _number(row["switches_per_100"], 2),
-        _number(row["hota"], 3),
-        _number(row["idf1"], 3),
-        _number(row["id_switches"], 1),
-        _number(row["ms_per_update"], 1),
+        number(row["mean_nmi"], 3),
+        *([number(spread, 3)] if seeded else []),
+        number(row["final_nmi"], 3),
+        number(100 * row["mean_misclassification"], 1),
+        number(row["mean_hypotheses"], 2),
+        number(row["mean_objects"], 2),
+        number(row["switches_per_100"], 2),
+        number(row["hota"], 3),
+        number(row["idf1"], 3),
+        number(row["id_switches"], 1),
+        number(row["ms_per_update"], 1),
     ]
 
 
@@ -249,11 +233,7 @@ def _compared_titles(results: Sequence[Evaluated]) -> list[str]:
 
 def _compared(members: Sequence[Evaluated]) -> list[str]:
     """Mean NMI of the comparator over seeds, by clustering."""
-    return [_number(_mean([one.compared[name] for one in members]), 3) for name in members[0].compared]
-
-
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+    return [number(mean([one.compared[name] for one in members]), 3) for name in members[0].compared]
 
 
 def _label(name: str, width: int) -> str:

@@ -82,7 +82,7 @@ class _Offline:
     fusion: Fusion
     tally: Tally
     on_update: OnUpdate
-    observed: Observed = field(default_factory=Observed)
+    observed: Observed
     times: list[float] = field(default_factory=list)
     busy: float = 0.0
     last: HypothesisUpdate | None = None
@@ -106,6 +106,7 @@ def run_offline(
     config: FusionConfig,
     *,
     truth: Truth | None = None,
+    observed: Observed | None = None,
     period: float | None = None,
     duration: float | None = None,
     scene: str = "default",
@@ -125,6 +126,8 @@ def run_offline(
         Parameters of the core.
     truth
         True objects known beforehand; what `messages` say is added.
+    observed
+        What the sources see is added, for callers that ask at an update what was observed.
     period
         Seconds between updates; that of `config` by default.
     duration
@@ -149,7 +152,8 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise KnownError("there is no observation")
-    offline = _Offline(fusion or Fusion(config, scene=scene), Tally(truth), on_update)
+    core, seen = fusion or Fusion(config, scene=scene), Observed() if observed is None else observed
+    offline = _Offline(core, Tally(truth), on_update, seen)
     start_ns = _start(first)
     end_ns = None if duration is None else start_ns + round(duration * 1e9)
     due = 1
@@ -183,8 +187,7 @@ def last_update(
     """Run messages through the core and return the last update; as :func:`run_offline`."""
     found: list[HypothesisUpdate] = []
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         found[:] = [update]
 
     run_offline(messages, config, duration=duration, on_update=on_update)

@@ -3,28 +3,44 @@
 Needs the extra ``plot`` (matplotlib), which is imported only when a picture is drawn.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
-from comotion_clients.metrics import Score, Truth, contingency
+from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, HUES, RGB, Palette, colour, marker
 from comotion_schemas.errors import KnownError
 
-from .trace import Moment, Trace, main_space, moment_of
+from .trace import Moment, Trace, main_space, matched, moment_of
 
 __all__ = ["Trace", "save_plot"]
 
 PANELS = 3
+Rgb = tuple[float, float, float]
 TRAIL_S = 1.0
 _LEGEND_LIMIT = 8
-_DPI = 100
+
+
+def new_figure(width: float, height: float, *, dpi: int = 100, layout: Any = "constrained") -> Any:
+    """Make an empty figure of a size in inches; it needs no display.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If matplotlib is not installed.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def save_plot(
@@ -62,8 +78,6 @@ def save_plot(
     ValueError
         If there is no update with a track.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     space = main_space(updates, spaces)
@@ -74,8 +88,7 @@ def save_plot(
     has_truth = any((moment.objects >= 0).any() for moment in moments)
     # The layout does not see the labels of 3-D axes.
     layout = ConstrainedLayoutEngine(hspace=0.02 if space.dim == 2 else 0.08)
-    figure = Figure(figsize=(12, 9.6 if has_truth else 6.4), dpi=_DPI, layout=layout)
-    FigureCanvasAgg(figure)
+    figure = new_figure(12, 9.6 if has_truth else 6.4, layout=layout)
     figure.suptitle(title, fontsize=14)
     _RunFigure(figure, space, moments, colours, scores, truth, has_truth).draw()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,29 +104,24 @@ def _colours(updates: Sequence[HypothesisUpdate]) -> list[dict[int, RGB]]:
     return found
 
 
-def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, tuple[float, float, float]]:
+def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, Rgb]:
     """Colour of each true object: that of the hypothesis it matches best, so that errors are visible.
 
     `colours` are those of the hypotheses.
     """
     labels, objects = moment.hypotheses, moment.objects
     scored = (objects >= 0) & (labels != UNDETERMINED)
-    found: dict[int, tuple[int, int, int]] = {}
-    if scored.any():
-        counts = contingency(labels[scored], objects[scored])
-        rows, columns = linear_sum_assignment(counts, maximize=True)
-        ids, numbers = np.unique(labels[scored]), np.unique(objects[scored])
-        shared = counts[rows, columns] > 0
-        pairs = zip(rows[shared].tolist(), columns[shared].tolist(), strict=True)
-        found = {int(numbers[column]): colours[int(ids[row])] for row, column in pairs}
+    votes = Counter(zip(labels[scored].tolist(), objects[scored].tolist(), strict=True))
+    found = {number: colours[one] for one, number in matched(votes).items()}
     free = [hue for hue in COLOURS if hue not in set(colours.values())]
     for number in np.unique(objects[objects >= 0]).tolist():
         if number not in found:
             found[number] = free.pop(0) if free else colour(number)
-    return {number: _unit_rgb(rgb) for number, rgb in found.items()}
+    return {number: unit(rgb) for number, rgb in found.items()}
 
 
-def _unit_rgb(rgb: tuple[int, int, int]) -> tuple[float, float, float]:
+def unit(rgb: RGB) -> Rgb:
+    """Colour in 0..1, as matplotlib wants it."""
     return rgb[0] / 255, rgb[1] / 255, rgb[2] / 255
 
 
@@ -175,11 +183,9 @@ class _RunFigure:
         self._frame(axes)
         self._legend(axes)
 
-    def _object_style(
-        self, number: int, colours: Mapping[int, tuple[float, float, float]]
-    ) -> tuple[tuple[float, float, float], str, str]:
+    def _object_style(self, number: int, colours: Mapping[int, Rgb]) -> tuple[Rgb, str, str]:
         if number < 0:
-            return _unit_rgb(GREY), "x", "not scored"
+            return unit(GREY), "x", "not scored"
         return colours[number], "o", self._truth.names.get(number, f"object {number}")
 
     def _trails(self, index: int) -> list[NDArray[np.float32]]:
@@ -239,7 +245,7 @@ class _RunFigure:
             )
             axes.set_ylabel("hypotheses")
             axes.set_title("number of hypotheses (no truth)", fontsize=11)
-        axes.plot(times, values, color=_unit_rgb(HUES[0]), linewidth=1.4)
+        axes.plot(times, values, color=unit(HUES[0]), linewidth=1.4)
         for index in chosen:
             axes.axvline(
                 self._seconds(self._moments[index].stamp_ns), color="0.6", linewidth=0.8, dashes=(4, 3)
@@ -248,13 +254,11 @@ class _RunFigure:
         axes.grid(visible=True, alpha=0.3)
 
 
-def _hypothesis_style(
-    label: int, count: int, colours: Mapping[int, RGB]
-) -> tuple[tuple[float, float, float], str, str]:
+def _hypothesis_style(label: int, count: int, colours: Mapping[int, RGB]) -> tuple[Rgb, str, str]:
     name = "undetermined" if label == UNDETERMINED else f"{label}"
     if colours[label] == BACKGROUND:
         name += " at rest"
-    return _unit_rgb(colours[label]), marker(label), f"{name} ({count})"
+    return unit(colours[label]), marker(label), f"{name} ({count})"
 
 
 def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:

@@ -1,14 +1,16 @@
 """Trace of a run for plots: updates -> tracks of one space at each update."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from comotion_clients.metrics import Score, Truth
+from comotion_clients.metrics import Labels, Score, Truth
 from comotion_clients.scoring import SpaceRef
-from comotion_schemas import HypothesisUpdate
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
 _TRACE_LIMIT = 600
 
@@ -73,3 +75,36 @@ def moment_of(
         hypotheses=update.track_hypothesis[chosen].astype(np.int64),
         objects=np.concatenate(objects).astype(np.int64),
     )
+
+
+def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
+    """Return the true object of each track of an update, int32 [N]; -1 where unknown."""
+    found = np.full(len(update.track_id), -1, np.int32)
+    for k, source in enumerate(update.sources):
+        mine = update.track_source == k
+        found[mine] = truth.objects((source.name, source.session), update.track_id[mine])
+    return found
+
+
+def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
+    """Whether the hypothesis of each track is the one assigned to its object, bool [N]."""
+    pairs = list(zip(labels.tolist(), objects.tolist(), strict=True))
+    object_of = matched(Counter(pairs))
+    return np.array([object_of.get(one) == number for one, number in pairs])
+
+
+def matched(votes: Mapping[tuple[int, int], int]) -> dict[int, int]:
+    """Object of each hypothesis, assigned one to one so that most tracks are right (Hungarian method).
+
+    Parameters
+    ----------
+    votes
+        (hypothesis, object) -> tracks that they share; undetermined tracks and unknown objects do not count.
+    """
+    pairs = {pair: n for pair, n in votes.items() if pair[0] != UNDETERMINED and pair[1] >= 0}
+    hypotheses, objects = sorted({h for h, _ in pairs}), sorted({o for _, o in pairs})
+    counts = np.zeros((len(hypotheses), len(objects)))
+    for (hypothesis, number), count in pairs.items():
+        counts[hypotheses.index(hypothesis), objects.index(number)] = count
+    rows, columns = linear_sum_assignment(counts, maximize=True)
+    return {hypotheses[r]: objects[c] for r, c in zip(rows, columns, strict=True) if counts[r, c]}

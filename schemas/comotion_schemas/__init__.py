@@ -3,7 +3,7 @@
 Importing this package does not import zenoh; :mod:`comotion_schemas.transport` does.
 """
 
-from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, encode
+from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, decode_on, encode
 from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
 from .keys import DEFAULT_SCENE, Keys
 from .messages import JointStates, ObservationBatch, Preview, Problem, RejectionReason, Status, TruthBatch
@@ -37,5 +37,6 @@ __all__ = [
     "Twist",
     "decode",
     "decode_as",
+    "decode_on",
     "encode",
 ]

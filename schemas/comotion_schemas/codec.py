@@ -14,7 +14,9 @@ from pydantic import TypeAdapter, ValidationError
 from .columns import WIRE
 from .errors import KnownError
 from .hypotheses import HypothesisUpdate
+from .keys import kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
+from .qos import QOS
 from .types import MAX_BYTES
 
 Message: TypeAlias = ObservationBatch | TruthBatch | JointStates | Preview | HypothesisUpdate | Status
@@ -101,6 +103,34 @@ def decode_as(kind: type[M], payload: bytes) -> M:
     if not isinstance(message, kind):
         raise DecodeError("schema", f"expected {kind.__name__}, got {type(message).__name__}")
     return message
+
+
+def decode_on(key: str, payload: bytes) -> Message:
+    """Parse and validate a payload that has arrived on a key.
+
+    Raises
+    ------
+    DecodeError
+        As :func:`decode`; with the reason ``schema`` if the key is for another type of message, and
+        ``source-mismatch`` if the message names another publisher than the key.
+    """
+    kind, message = kind_of(key), decode(payload)
+    if kind is None or type(message).__name__ != QOS[kind].message:
+        raise DecodeError("schema", f"a {type(message).__name__} on {_printable(key)}")
+    if _publisher(message) != publisher_of(key):
+        raise DecodeError("source-mismatch", f"published on {_printable(key)}")
+    return message
+
+
+def _publisher(message: Message) -> str:
+    """Name of the publisher in a message, which must equal the name in its key."""
+    match message:
+        case HypothesisUpdate():
+            return message.scene
+        case Status():
+            return message.component
+        case _:
+            return message.source
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:

@@ -16,14 +16,13 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypedDict
 
 import zenoh
 
@@ -83,6 +82,28 @@ class StatusFields:
     problems: list[Problem] = field(default_factory=list)
 
 
+class Rates:
+    """Rates of counters between two Statuses."""
+
+    def __init__(self) -> None:
+        self._at, self._counts = time.monotonic(), dict[str, int]()
+
+    def of(self, counts: Mapping[str, int]) -> dict[str, float]:
+        """Increments per second since the last call; a new name begins at 0."""
+        now, before = time.monotonic(), self._counts
+        seconds = max(now - self._at, 1e-3)
+        self._at, self._counts = now, dict(counts)
+        return {name: (count - before.get(name, 0)) / seconds for name, count in counts.items()}
+
+
+class Where(TypedDict, total=False):
+    """Where a component runs and how it says that it is ready, as in :class:`Component`."""
+
+    scene: str
+    settings: SessionSettings | None
+    ready_file: Path | None
+
+
 @contextmanager
 def stop_on_signals(stop: threading.Event) -> Iterator[None]:
     """Set an event on SIGINT or SIGTERM; a second signal has its usual effect.
@@ -122,6 +143,12 @@ def _set_on_signal(reader: int, stop: threading.Event) -> None:
     while numbers := os.read(reader, 64):
         if not _SIGNALS.isdisjoint(numbers):
             stop.set()
+
+
+def viewer(program: str, scene: str, settings: SessionSettings | None, **options: Any) -> "Component":
+    """The component of a client; `options` are further arguments of :class:`Component`."""
+    name = viewer_name(program, settings)
+    return Component(role="viewer", name=name, scene=scene, settings=settings, **options)
 
 
 class Component:
@@ -227,9 +254,7 @@ class Component:
             self._exit = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._exit.close()
 
     def ready(self) -> None:

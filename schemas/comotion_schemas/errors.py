@@ -1,5 +1,8 @@
 """The error of those who call or configure us, apart from defects of our own."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from pydantic import ValidationError
 
 
@@ -14,9 +17,26 @@ KnownError = Error
 """Name of the error within the packages."""
 
 
+class InputError(Error):
+    """An input cannot be used; the base of the errors of all readers."""
+
+
+class RecordingError(InputError):
+    """A recording is missing, truncated, empty or of an unknown format."""
+
+
 def describe(error: ValidationError) -> str:
     """Format the first validation error as one line: field, then message."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"])
     message = " ".join(first["msg"].removeprefix("Value error, ").split())
     return f"{place}: {message}" if place else message
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Raise a validation error as an :class:`Error` with one line."""
+    try:
+        yield
+    except ValidationError as error:
+        raise Error(describe(error)) from None

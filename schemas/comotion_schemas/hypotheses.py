@@ -40,6 +40,11 @@ JointKind = Literal["fixed", "prismatic", "revolute", "free", "undetermined"]
 Sigma = Annotated[Finite, Field(ge=0)]
 
 
+def _check_norm(rotation: list[float] | float) -> None:
+    if isinstance(rotation, list) and abs(math.hypot(*rotation) - 1) > UNIT_NORM_TOLERANCE:
+        raise reject("range", "rotation is not of unit norm")
+
+
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
 class SourceRef(Record):
     """A source of the update's tracks: its name and the session its ids belong to."""
@@ -64,8 +69,7 @@ class Pose(Record):
     def _consistent(self) -> Self:
         if isinstance(self.rotation, list) != (len(self.translation) == 3):
             raise reject("length", "translation and rotation differ in dimension")
-        if isinstance(self.rotation, list) and abs(math.hypot(*self.rotation) - 1) > UNIT_NORM_TOLERANCE:
-            raise reject("range", "rotation is not of unit norm")
+        _check_norm(self.rotation)
         return self
 
 
@@ -92,8 +96,7 @@ class Box(Record):
     def _consistent(self) -> Self:
         if len(self.center) != len(self.half):
             raise reject("length", "center and half differ in length")
-        if isinstance(self.rotation, list) and abs(math.hypot(*self.rotation) - 1) > UNIT_NORM_TOLERANCE:
-            raise reject("range", "rotation is not of unit norm")
+        _check_norm(self.rotation)
         return self
 
 

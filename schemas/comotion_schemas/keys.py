@@ -14,6 +14,7 @@ TOKEN_NAME_CHARACTERS = 30
 """So much of the name of a service that stands alone is in its token, before claim and session."""
 
 StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
+Kind = Literal[StreamKind, "hypotheses"]
 QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget", "accounts"]
 
 _STREAMS = get_args(StreamKind)
@@ -59,6 +60,10 @@ class Keys:
         """Key of the updates of the service."""
         return f"{self.prefix}/hypotheses"
 
+    def messages(self, kind: Kind) -> str:
+        """Key or key expression of all messages of a kind."""
+        return self.hypotheses if kind == "hypotheses" else self.streams(kind)
+
     def live(self, role: Role, name: str) -> str:
         """Key of a liveliness token."""
         return f"{self.prefix}/live/{role}/{_chunk('name', name)}"
@@ -83,8 +88,18 @@ def token_name(token: str) -> str:
     return claim[1] if claim else token
 
 
-def stream_kind(key: str) -> StreamKind | None:
-    """Return the kind of a stream key; None for other keys."""
+def kind_of(key: str) -> Kind | None:
+    """Return the kind of a key of messages; None for other keys."""
     chunks = key.split("/")
-    kind = chunks[-2] if len(chunks) == 5 and key.startswith(ROOT + "/") else ""
+    if not key.startswith(ROOT + "/"):
+        return None
+    if len(chunks) == 4 and chunks[3] == "hypotheses":
+        return "hypotheses"
+    kind = chunks[3] if len(chunks) == 5 else ""
     return kind if kind in _STREAMS else None  # type: ignore[return-value]
+
+
+def publisher_of(key: str) -> str:
+    """Return the name of the publisher of a key of messages; the scene for updates of the service."""
+    chunks = key.split("/")
+    return chunks[2] if len(chunks) == 4 else chunks[-1]

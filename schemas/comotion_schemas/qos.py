@@ -6,9 +6,8 @@ All streams drop messages under congestion: with BLOCK one stuck subscriber woul
 from dataclasses import dataclass
 from typing import Literal
 
-from .keys import StreamKind
+from .keys import Kind
 
-Kind = Literal[StreamKind, "hypotheses"]
 PriorityName = Literal[
     "REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND"
 ]

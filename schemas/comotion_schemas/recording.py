@@ -16,9 +16,7 @@ Times in MCAP are unsigned: a stamp before 1970 is replaced by the log time.
 """
 
 from .codec import Message
-from .keys import Keys, stream_kind
 from .messages import TruthBatch
-from .qos import Kind
 
 PROFILE = "comotion"
 MESSAGE_ENCODING = "msgpack"
@@ -27,19 +25,6 @@ METADATA = "comotion"
 LOSSES = "comotion.losses"
 SUFFIX = ".mcap"
 _SEQUENCE_MASK = 0xFFFF_FFFF
-
-
-def kind_of(key: str) -> Kind | None:
-    """Return the kind of a key of messages; None for other keys."""
-    chunks = key.split("/")
-    if len(chunks) == 4 and key == f"{'/'.join(chunks[:3])}/hypotheses" and key.startswith("comotion/@v1/"):
-        return "hypotheses"
-    return stream_kind(key)
-
-
-def key_of(keys: Keys, kind: Kind) -> str:
-    """Return the key or key expression of all messages of a kind in a scene."""
-    return keys.hypotheses if kind == "hypotheses" else keys.streams(kind)
 
 
 def publish_time(message: Message | None, log_ns: int) -> int:

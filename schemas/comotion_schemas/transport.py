@@ -8,7 +8,7 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -17,8 +17,8 @@ import zenoh
 import zenoh.ext
 
 from .errors import KnownError
-from .keys import Keys, StreamKind
-from .qos import HEARTBEAT_S, QOS, Kind, QoS
+from .keys import Keys, Kind, StreamKind
+from .qos import HEARTBEAT_S, QOS, QoS
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -269,6 +269,56 @@ def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: An
         recovery=zenoh.ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
         subscriber_detection=True,
     )
+
+
+class Receiver:
+    """Receives the samples of a kind of key in a thread, from a ring that drops the oldest when it is full.
+
+    Parameters
+    ----------
+    session, key, kind
+        As for :func:`declare_subscriber`.
+    capacity
+        Samples that the ring keeps.
+    take
+        Called in the thread with the key and the payload of each sample.
+    ended
+        Called in the thread when no more samples come.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        kind: Kind,
+        capacity: int,
+        take: Callable[[str, bytes], None],
+        ended: Callable[[], None] = lambda: None,
+    ) -> None:
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(capacity)
+        self._subscriber = declare_subscriber(session, key, kind, ring)
+        self._take, self._ended = take, ended
+        self._thread = threading.Thread(target=self._receive, name=f"receive-{kind}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop receiving; returns when all samples are taken."""
+        if self._thread.is_alive():
+            self._subscriber.undeclare()
+            self._thread.join()
+
+    def _receive(self) -> None:
+        # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
+        samples = self._subscriber.handler
+        try:
+            while True:
+                try:
+                    sample = samples.recv()
+                except zenoh.ZError:  # undeclared, or the session is closed
+                    return
+                self._take(str(sample.key_expr), sample.payload.to_bytes())
+        finally:
+            self._ended()
 
 
 def stream_publisher(session: zenoh.Session, keys: Keys, kind: StreamKind, name: str) -> Publisher:

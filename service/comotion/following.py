@@ -11,9 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
+from comotion_schemas.rigid import rotation, three, turn_of
 
 from .arrays import Ints, Labels
 from .hypotheses.events import EVENT_MEMORY_NS
@@ -185,34 +185,21 @@ def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:
     """From poses of one body at one time: R x + t from here, Q x + s from there; so R^-1 (Q x + s - t)."""
     if mine.pose is None or theirs.pose is None:
         return _Origin(theirs.born_ns)
-    back = _rotation(mine.pose.rotation).inv()
-    gap = _in_3d(theirs.pose.translation) - _in_3d(mine.pose.translation)
-    turn = back * _rotation(theirs.pose.rotation)
+    back = rotation(mine.pose.rotation).inv()
+    gap = three(theirs.pose.translation) - three(mine.pose.translation)
+    turn = back * rotation(theirs.pose.rotation)
     shift = back.apply(gap)[: len(mine.pose.translation)]
-    return _Origin(theirs.born_ns, _plain(turn, len(shift)), shift.tolist())
+    return _Origin(theirs.born_ns, turn_of(turn, len(shift)), shift.tolist())
 
 
 def _since(pose: Pose, origin: _Origin) -> Pose:
     """The pose since the birth that clients know."""
     if origin.turn is None or origin.shift is None:
         return pose
-    turn = _rotation(pose.rotation)
-    moved = turn.apply(_in_3d(origin.shift)) + _in_3d(pose.translation)
+    turn = rotation(pose.rotation)
+    moved = turn.apply(three(origin.shift)) + three(pose.translation)
     dim = len(pose.translation)
-    return Pose(translation=moved[:dim].tolist(), rotation=_plain(turn * _rotation(origin.turn), dim))
-
-
-def _rotation(value: list[float] | float) -> Rotation:
-    """A quaternion (x, y, z, w), or an angle in the plane, rad."""
-    return Rotation.from_quat(value) if isinstance(value, list) else Rotation.from_rotvec([0.0, 0.0, value])
-
-
-def _plain(rotation: Rotation, dim: int) -> list[float] | float:
-    return float(rotation.as_rotvec()[2]) if dim == 2 else rotation.as_quat().tolist()
-
-
-def _in_3d(vector: list[float]) -> NDArray[np.float64]:
-    return np.array([*vector, 0.0][:3])
+    return Pose(translation=moved[:dim].tolist(), rotation=turn_of(turn * rotation(origin.turn), dim))
 
 
 def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np.uint32]:

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from comotion_schemas import Hypothesis, Pose, Twist
+from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
 
@@ -78,10 +79,10 @@ class MovingFrame:
         self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
-            poses = {one: _transform(h.pose) for one, h in present.items() if h.pose is not None}
+            poses = {one: transform(h.pose) for one, h in present.items() if h.pose is not None}
             self._before = [*self._before[-_MOST_BEFORE:], (stamp_ns, poses)]
         if world is not None and world.pose is not None:
-            self._frame = self._anchor * _transform(world.pose).inv()
+            self._frame = self._anchor * transform(world.pose).inv()
         self._past.append((stamp_ns, self._frame))
         while self._past[0][0] < stamp_ns - _MEMORY_NS:
             self._past.popleft()
@@ -92,7 +93,7 @@ class MovingFrame:
         self._births = {one: born for one, born in self._births.items() if one in listed}
         found = [h if h.absent else self._described(h, world) for h in hypotheses]
         known = self._metric and world is not None and world.pose is not None
-        return Relative(found, _pose(self._frame, self._dim) if known else None)
+        return Relative(found, pose_of(self._frame, self._dim) if known else None)
 
     def state(self) -> dict[str, Any]:
         """As plain values and arrays."""
@@ -130,7 +131,7 @@ class MovingFrame:
             return
         pose = present[largest].pose
         # Where the frame is does not change with what is taken for the world.
-        self._anchor = self._frame if pose is None else self._frame * _transform(pose)
+        self._anchor = self._frame if pose is None else self._frame * transform(pose)
         if self._world is None:
             self._look_back(largest)
         self._world = largest
@@ -147,15 +148,15 @@ class MovingFrame:
     def _described(self, one: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if one.id == self._world:
             still = None if one.twist is None else _twist(np.zeros(3), np.zeros(3), self._dim)
-            pose = None if one.pose is None else _pose(RigidTransform.identity(), self._dim)
+            pose = None if one.pose is None else pose_of(RigidTransform.identity(), self._dim)
             return replace(one, state="static", pose=pose, twist=still)
         # What rests in the frame of a moving camera is carried with it.
         state = "moving" if one.state == "static" and world is not None else one.state
         if one.pose is None:
             return replace(one, state=state)
-        moved = self._frame * _transform(one.pose) * self._births[one.id].inv()
+        moved = self._frame * transform(one.pose) * self._births[one.id].inv()
         return replace(
-            one, state=state, pose=_pose(moved, self._dim), twist=_relative_twist(one, world, self._dim)
+            one, state=state, pose=pose_of(moved, self._dim), twist=_relative_twist(one, world, self._dim)
         )
 
 
@@ -176,31 +177,11 @@ def _relative_twist(one: Hypothesis, world: Hypothesis | None, dim: int) -> Twis
     """Velocities against the world, in the axes of the space."""
     if one.twist is None or world is None or world.twist is None:
         return one.twist
-    lever = _three(one.centroid) - _three(world.centroid)
-    spin = _spin(world.twist)
-    carried = _three(world.twist.linear) + np.cross(spin, lever)
-    return _twist(_three(one.twist.linear) - carried, _spin(one.twist) - spin, dim)
-
-
-def _transform(pose: Pose) -> RigidTransform:
-    turn = pose.rotation
-    rotation = Rotation.from_quat(turn) if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn])
-    return RigidTransform.from_components(_three(pose.translation), rotation)
-
-
-def _pose(transform: RigidTransform, dim: int) -> Pose:
-    shift, turn = transform.as_components()
-    rotation = turn.as_quat().tolist() if dim == 3 else float(turn.as_rotvec()[2])
-    return Pose(translation=shift[:dim].tolist(), rotation=rotation)
+    lever = three(one.centroid) - three(world.centroid)
+    turning = spin(world.twist)
+    carried = three(world.twist.linear) + np.cross(turning, lever)
+    return _twist(three(one.twist.linear) - carried, spin(one.twist) - turning, dim)
 
 
 def _twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     return Twist(linear=linear[:dim].tolist(), angular=angular.tolist() if dim == 3 else float(angular[2]))
-
-
-def _spin(twist: Twist) -> Floats:
-    return np.array(twist.angular if isinstance(twist.angular, list) else [0.0, 0.0, twist.angular])
-
-
-def _three(values: list[float]) -> Floats:
-    return np.array([*values, 0.0][:3])

@@ -7,6 +7,7 @@ Both are pure, so a live process and an offline evaluation send the same content
 import heapq
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,19 +72,8 @@ class MessageBuilder:
         self._moving = True if moving else None
         self._seq = 0
 
-    def observation(
-        self,
-        *,
-        stamp_ns: int,
-        ids: ArrayLike,
-        positions: ArrayLike,
-        sigma: float | ArrayLike | None = None,
-        covariance: ArrayLike | None = None,
-        quaternions: ArrayLike | None = None,
-        ended: ArrayLike | None = None,
-        stamps_ns: ArrayLike | None = None,
-    ) -> ObservationBatch:
-        """Build the next batch; arrays as in :class:`ObservationBatch`.
+    def observation(self, **columns: Any) -> ObservationBatch:
+        """Build the next batch; `columns` are the other fields of :class:`ObservationBatch`, as array-likes.
 
         Raises
         ------
@@ -97,15 +87,8 @@ class MessageBuilder:
             space=self._space,
             unit=self._unit,
             dim=self._dim,
-            stamp_ns=stamp_ns,
-            ids=np.asarray(ids),
-            positions=np.asarray(positions, np.float32),
-            sigma=sigma if sigma is None or np.isscalar(sigma) else np.asarray(sigma, np.float32),  # type: ignore[arg-type]
-            covariance=None if covariance is None else np.asarray(covariance, np.float32),
-            quaternions=None if quaternions is None else np.asarray(quaternions, np.float32),
-            ended=None if ended is None else np.asarray(ended),
-            stamps_ns=None if stamps_ns is None else np.asarray(stamps_ns),
             moving=self._moving,
+            **columns,
         )
         self._seq += 1
         return batch
@@ -161,7 +144,7 @@ class Batcher:
     ) -> None:
         self._builder = builder
         self._objects = objects
-        self._epoch_ns = epoch_ns
+        self.epoch_ns = epoch_ns
         self._publish_sigma = publish_sigma
         self._known: set[int] = set()
         self._ended: list[NDArray[np.uint64]] = []
@@ -177,7 +160,7 @@ class Batcher:
         ended = np.concatenate([*self._ended, frame.ended])
         self._ended.clear()
         yield self._builder.observation(
-            stamp_ns=self._epoch_ns + round(frame.t * NANOSECONDS),
+            stamp_ns=self.epoch_ns + round(frame.t * NANOSECONDS),
             ids=frame.ids,
             positions=frame.positions,
             sigma=_sigma(frame) if self._publish_sigma else None,

@@ -1,25 +1,20 @@
 """The replay process for recorded scenes: MCAP file -> messages of all its sources on their own keys."""
 
-import contextlib
 import logging
-import os
-import select
-import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.component import Component, Rates, StatusFields, Where
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import StreamKind
-from comotion_schemas.qos import Kind
-from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
+from comotion_schemas.keys import Kind, StreamKind
+from comotion_schemas.message_log import Logged, MessageLog
+from comotion_schemas.transport import Publisher, stream_publisher
 
-from .message_player import KINDS, MessagePlayer, MessageSchedule
-from .progress import shown_progress
-from .recordings.messages import Logged, MessageLog
+from .message_tape import KINDS, MessageSchedule, MessageTape
+from .playback import replay_keys, shown_progress
+from .player import Player
 
 _log = logging.getLogger(__name__)
 
@@ -27,27 +22,18 @@ _log = logging.getLogger(__name__)
 class _Source:
     """One recorded source: its component and the publishers of its streams."""
 
-    def __init__(
-        self,
-        first: Logged,
-        scene: str,
-        settings: SessionSettings | None,
-        message: str,
-        ready_file: Path | None,
-    ) -> None:
+    def __init__(self, first: Logged, message: str, where: Where) -> None:
         self.counters = {"batches": 0, "skipped": 0}
         self._message = message
-        self._reported = (time.monotonic(), 0)
+        self._rates = Rates()
         self._publishers: dict[Kind, Publisher] = {}
         decoded = first.decode()
         self.component = Component(
             role="source",
             name=first.name,
-            scene=scene,
-            settings=settings,
             status=self._status,
-            ready_file=ready_file,
             session_id=None if decoded is None else decoded.session,
+            **where,
         )
 
     def open(self, stack: ExitStack, kinds: set[StreamKind]) -> None:
@@ -63,11 +49,8 @@ class _Source:
         self.counters["batches"] += kind == "obs"
 
     def _status(self) -> StatusFields:
-        now, batches = time.monotonic(), self.counters["batches"]
-        before, reported = self._reported
-        self._reported = (now, batches)
-        rate = (batches - reported) / max(now - before, 1e-3)
-        return StatusFields(rates={"obs": rate}, counters=dict(self.counters), message=self._message)
+        rates = self._rates.of({"obs": self.counters["batches"]})
+        return StatusFields(rates=rates, counters=dict(self.counters), message=self._message)
 
 
 class _Scene:
@@ -86,10 +69,7 @@ class _Scene:
 def run(
     path: Path,
     schedule: MessageSchedule,
-    *,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish a recorded scene until it ends, a signal arrives or the schedule ends.
 
@@ -102,8 +82,8 @@ def run(
         An MCAP recording.
     schedule
         Range, speed and stamps.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -114,21 +94,20 @@ def run(
         the start.
     """
     with MessageLog(path) as log, ExitStack() as stack:
-        sources, streams = _sources(log, scene, settings, ready_file)
+        sources, streams = _sources(log, where)
         for name, source in sources.items():
             source.open(stack, streams[name])
         last = next(reversed(sources.values()))
-        read_key = stack.enter_context(keyboard())
+        read_key = stack.enter_context(replay_keys())
         _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(sources))
         with shown_progress(path.stem, log.seconds) as progress:
-            player = MessagePlayer(
-                log,
-                _Scene(sources),
-                schedule,
+            player = Player(
+                MessageTape(log, _Scene(sources), schedule),
+                schedule.at(time.time()),
                 # Signals reach the component that was entered last.
                 last.component.stop,
                 read_key=read_key,
-                progress=progress,
+                progress=lambda number, t: progress(number, schedule.start + t),
             )
             last.component.ready()
             player.run()
@@ -137,9 +116,7 @@ def run(
             _log.warning("%d messages were left out: late, or invalid and so without a stamp", skipped)
 
 
-def _sources(
-    log: MessageLog, scene: str, settings: SessionSettings | None, ready_file: Path | None
-) -> tuple[dict[str, _Source], dict[str, set[StreamKind]]]:
+def _sources(log: MessageLog, where: Where) -> tuple[dict[str, _Source], dict[str, set[StreamKind]]]:
     first: dict[str, Logged] = {}
     streams: dict[str, set[StreamKind]] = {}
     for logged in log.messages(KINDS):
@@ -150,30 +127,7 @@ def _sources(
         raise KnownError(f"{log.path}: it holds no message of a source")
     message, names = f"replays {log.path.stem}", sorted(first)
     return {
-        name: _Source(first[name], scene, settings, message, ready_file if name == names[-1] else None)
+        # The last one says that all are ready.
+        name: _Source(first[name], message, where if name == names[-1] else {**where, "ready_file": None})
         for name in names
     }, streams
-
-
-@contextlib.contextmanager
-def keyboard() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns a pressed key, or "" without a key press or terminal."""
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        yield lambda: ""
-        return
-    import termios
-    import tty
-
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
-    try:
-        yield (
-            lambda: (
-                os.read(descriptor, 1).decode(errors="replace")
-                if select.select([descriptor], [], [], 0)[0]
-                else ""
-            )
-        )
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

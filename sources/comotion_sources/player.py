@@ -1,29 +1,27 @@
-"""Plays streams in real time: frames -> messages at the times they are due. The clock is injected."""
+"""Plays what was recorded or is simulated in real time. The clock and the keyboard are injected."""
 
 import itertools
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 
-from .frames import NANOSECONDS, Batcher, MessageBuilder, in_time_order
-from .streams import Stream
-
 LATE_S = 0.2
-"""A live frame that is later than this, s, is left out: it would arrive after the allowed lateness."""
+"""A live item that is later than this, s, is left out: it would arrive after the allowed lateness."""
+_TICK_S = 0.1  # longest wait between two looks at the keyboard
 
+Item = TypeVar("Item")
 Progress = Callable[[int, float], None]
-"""Called with the number of the pass and the time within it at every frame."""
+"""Called with the number of the pass and the time within it at every item."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """When frames are due, and which stamps they get.
+    """When items are due, and which stamps they get.
 
     Attributes
     ----------
@@ -31,14 +29,14 @@ class Schedule:
         Time of t = 0 of the first pass: Unix time in seconds, ``now``, or ``aligned``: when the
         wall clock is a multiple of the length, so that processes that loop the same scene are in phase.
     loop
-        Repeat the streams; each pass is a new session.
+        Repeat the tape; each pass is a new session.
     pace
-        Seconds of frame time per second.
+        Seconds of the tape per second.
     live_stamps
-        Stamp a frame with the wall clock time at which it is due; False: with its own time, continued
-        over the passes, and leave no frame out.
+        Stamp an item with the wall clock time at which it is due; False: with its own time, continued
+        over the passes, and leave nothing out.
     duration
-        Seconds after which playback stops; None: at the end of the streams.
+        Seconds after which playback stops; None: at the end of the tape.
     """
 
     start_at: float | str = "now"
@@ -68,19 +66,24 @@ def parse_start(text: str) -> float | str:
     return value
 
 
-class Sink(Protocol):
-    """Output of the messages of one source."""
+class Tape(Protocol[Item]):
+    """What is played, and where it goes."""
 
-    builder: MessageBuilder
+    @property
+    def length(self) -> float:
+        """Seconds after which a pass may be repeated; then items at or after this time are left out."""
 
-    def put(self, message: ObservationBatch | TruthBatch) -> None:
-        """Publish a message that :attr:`builder` has built."""
+    def begin(self, number: int, first: bool, start: float) -> Iterator[tuple[float, Item]]:
+        """Begin a pass, which the wall clock sees at `start`; yield (seconds within it, item) in order."""
 
-    def overrun(self) -> None:
-        """Count a frame that is left out."""
+    def put(self, item: Item) -> None:
+        """Publish an item."""
 
-    def new_session(self) -> None:
-        """Start a new session with a new builder."""
+    def skip(self, item: Item) -> None:
+        """Leave an item out because it is late."""
+
+    def delay(self, seconds: float) -> None:
+        """Stamp all further items of the pass later, after a pause."""
 
 
 class Clock:
@@ -99,54 +102,50 @@ class Clock:
         return stop.wait(seconds)
 
 
-class Player:
-    """Plays streams into sinks.
+class Player(Generic[Item]):
+    """Plays a tape.
 
     Parameters
     ----------
-    streams, sinks
-        One sink for each stream.
+    tape
+        The items and their output.
     schedule
-        When frames are due.
+        When they are due.
     stop
         Ends playback when set.
-    publish_sigma
-        Publish the noise if a frame has it.
+    read_key
+        Returns a key that was pressed, or ""; the space bar pauses and resumes.
     progress
-        Called at every frame.
+        Called at every item.
     clock
         Clocks of the machine, or of a test.
     """
 
     def __init__(
         self,
-        streams: Sequence[Stream],
-        sinks: Sequence[Sink],
+        tape: Tape[Item],
         schedule: Schedule,
         stop: threading.Event,
         *,
-        publish_sigma: bool = False,
+        read_key: Callable[[], str] = lambda: "",
         progress: Progress | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self._streams, self._sinks, self._schedule = streams, sinks, schedule
-        self._stop = stop
-        self._publish_sigma = publish_sigma
+        self._tape, self._schedule, self._stop = tape, schedule, stop
+        self._read_key = read_key
         self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - no progress
         self._clock = clock or Clock()
-        self._length = max(stream.length for stream in streams)
-        self._period = self._length / schedule.pace
+        self._period = tape.length / schedule.pace
+        self._paused_s = 0.0
+        self._ahead = self._clock.monotonic() - self._clock.wall()
         limit = math.inf if schedule.duration is None else schedule.duration
         self._end = self._clock.monotonic() + limit
 
     def run(self) -> None:
-        """Play until the streams or the duration of the schedule end, or `stop` is set."""
+        """Play until the tape or the duration of the schedule ends, or `stop` is set."""
         start, first = self._first_pass()
         for number in itertools.count(first):
-            if number > first:
-                for sink in self._sinks:
-                    sink.new_session()
-            self._play_pass(number, start + number * self._period)
+            self._play_pass(number, number == first, start + number * self._period + self._paused_s)
             if self._stop.is_set() or not self._schedule.loop:
                 return
 
@@ -162,45 +161,48 @@ class Player:
         current = math.floor((now - float(start)) / self._period) if self._schedule.loop else 0
         return float(start), max(0, current)
 
-    def _play_pass(self, number: int, start: float) -> None:
-        # Compare the clocks once per pass, so that a step of the wall clock does not change the pacing.
+    def _play_pass(self, number: int, first: bool, start: float) -> None:
         joined = self._clock.monotonic()
-        begin = start - self._clock.wall() + joined
-        batchers = self._batchers(number, start)
-        for index, frame in in_time_order([stream.frames for stream in self._streams]):
-            if self._schedule.loop and frame.t >= self._length - 1e-9:
+        if self._schedule.start_at != "now":
+            # Compare the clocks once per pass, so that a step of the wall clock does not change the pacing.
+            self._ahead = joined - self._clock.wall()
+        begin = start + self._ahead - self._paused_s
+        for t, item in self._tape.begin(number, first, start):
+            if self._schedule.loop and t >= self._tape.length - 1e-9:
                 break
-            due = begin + frame.t / self._schedule.pace
-            if due < joined - LATE_S:  # the pass started before this process
+            due = begin + t / self._schedule.pace
+            if due + self._paused_s < joined - LATE_S:  # the pass started before this process
                 continue
             if self._wait(due):
                 return
-            if self._schedule.live_stamps and self._clock.monotonic() > due + LATE_S:
-                batchers[index].skip(frame)
-                self._sinks[index].overrun()
+            if self._schedule.live_stamps and self._clock.monotonic() > due + self._paused_s + LATE_S:
+                self._tape.skip(item)
                 continue
-            for message in batchers[index].messages(frame):
-                self._sinks[index].put(message)
-            self._progress(number, frame.t)
+            self._tape.put(item)
+            self._progress(number, t)
         if self._schedule.loop:
             self._wait(begin + self._period)
 
     def _wait(self, due: float) -> bool:
-        """Wait for an instant of the monotonic clock; True if playback is to stop."""
-        if self._clock.wait(self._stop, max(0.0, min(due, self._end) - self._clock.monotonic())):
-            return True
-        if due >= self._end:
-            self._stop.set()
-        return self._stop.is_set()
+        """Wait for an instant of the monotonic clock, which pauses delay; True if playback is to stop."""
+        while True:
+            self._pause()
+            now = self._clock.monotonic()
+            if now >= self._end:
+                self._stop.set()
+            left = min(due + self._paused_s, self._end) - now
+            if self._clock.wait(self._stop, min(max(0.0, left), _TICK_S)):
+                return True
+            if left <= 0:
+                return self._stop.is_set()
 
-    def _batchers(self, number: int, start: float) -> list[Batcher]:
-        origin = start if self._schedule.live_stamps else number * self._length
-        return [
-            Batcher(
-                sink.builder,
-                objects=stream.objects,
-                epoch_ns=round(origin * NANOSECONDS),
-                publish_sigma=self._publish_sigma,
-            )
-            for stream, sink in zip(self._streams, self._sinks, strict=True)
-        ]
+    def _pause(self) -> None:
+        """Pause from one press of the space bar to the next."""
+        if self._read_key() != " ":
+            return
+        began = self._clock.monotonic()
+        while not self._clock.wait(self._stop, _TICK_S) and self._read_key() != " ":
+            pass
+        seconds = self._clock.monotonic() - began
+        self._paused_s += seconds
+        self._tape.delay(seconds)

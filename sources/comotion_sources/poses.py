@@ -1,5 +1,6 @@
 """Pose of a carried camera at the stamp of a frame, from poses of its carrier over time."""
 
+import re
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
@@ -10,8 +11,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from comotion_schemas.errors import KnownError
 
+from .bounded import read_text
 from .calibration.model import Extrinsics
+from .errors import InputError
 
+# A line has some 40 bytes: a day at 30 Hz.
+_MAX_BYTES = 100_000_000
 _KEPT_NS = 10_000_000_000
 _GAP_NS = 200_000_000
 """Poses are not interpolated across a longer gap."""
@@ -75,30 +80,56 @@ def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:
 
     Raises
     ------
-    ValueError
-        If a line is not of this form, or the file has no pose.
-    OSError
-        If it cannot be read.
+    InputError
+        If it cannot be read, a line is not of this form, or it has no pose.
     """
     buffer = PoseBuffer(mount, kept_ns=None)
-    for stamp_ns, pose in _lines(path):
-        buffer.add(stamp_ns, pose)
+    for stamp, pose in trajectory(path):
+        buffer.add(stamp, pose)
     if buffer.newest_ns is None:
-        raise KnownError(f"{path}: no poses")
+        raise InputError(f"{path}: no poses")
     return buffer
 
 
-def _lines(path: Path) -> Iterator[tuple[int, Extrinsics]]:
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
+def trajectory(path: Path) -> Iterator[tuple[int, Extrinsics]]:
+    """Yield stamps in ns and poses of a file as in :func:`read_trajectory`.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; the message names the file, and the line that is not of this form.
+    """
+    for number, line in rows(path):
         try:
-            values = [float(word) for word in words]
-            if len(values) != 8 or not 0 <= values[0] < 9e9:
-                raise ValueError
-            seconds, fraction = words[0].partition(".")[::2]
-            stamp_ns = int(seconds) * 10**9 + int((fraction + "0" * 9)[:9] or 0)
-            yield stamp_ns, Extrinsics.from_quaternion(values[4:], values[1:4])
+            stamp, *values = line.split()
+            x, y, z, *turn = map(float, values)
+            yield stamp_ns(stamp), Extrinsics.from_quaternion(turn, [x, y, z])
         except ValueError:
-            raise KnownError(f"{path}:{number}: expected 'stamp tx ty tz qx qy qz qw'") from None
+            raise InputError(f"{path}: line {number} is not 'stamp tx ty tz qx qy qz qw'") from None
+
+
+def rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Return the lines of a text file with their numbers, without comments.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    lines = read_text(path, _MAX_BYTES).splitlines()
+    stripped = ((number, line.strip()) for number, line in enumerate(lines, 1))
+    return ((number, line) for number, line in stripped if line and line[0] != "#")
+
+
+def stamp_ns(text: str) -> int:
+    """Convert seconds in decimal notation to nanoseconds exactly; a float would lose digits.
+
+    Raises
+    ------
+    ValueError
+        If the text is not such a number.
+    """
+    match = re.fullmatch(r"(\d{1,10})(?:\.(\d*))?", text)
+    if match is None:
+        raise KnownError(f"{text!r} is not a time in seconds")
+    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])

@@ -3,17 +3,14 @@
 import dataclasses
 import logging
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Literal
+from typing import Literal, Unpack
 
-from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.component import Where
 from comotion_schemas.errors import KnownError
-from comotion_schemas.transport import SessionSettings
 
 from .parts import Part
-from .playback import publish
+from .playback import publish, replay_keys, shown_progress
 from .player import Schedule
-from .progress import shown_progress
 from .recordings import Recording, recording_streams
 from .streams import Stream
 
@@ -91,10 +88,7 @@ def run(
     recording: Recording,
     streams: Sequence[Stream],
     when: Schedule,
-    *,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish until the recording ends, a signal arrives or the schedule ends.
 
@@ -104,8 +98,8 @@ def run(
         The recording, for messages.
     streams, when
         Its streams and their schedule.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -126,9 +120,8 @@ def run(
         publish(
             streams,
             when,
-            scene=scene,
-            settings=settings,
-            ready_file=ready_file,
             message=f"replays {recording.name}",
             progress=progress,
+            keys=replay_keys(),
+            **where,
         )

@@ -1,26 +1,28 @@
 """The publisher of one source: observations and truth -> messages on its keys, with its presence."""
 
+import logging
 import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import ValidationError
 
 from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
-from comotion_schemas.component import Component, StatusFields, new_session_id
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.component import Component, Rates, StatusFields, new_session_id
+from comotion_schemas.errors import KnownError, one_line_errors
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import check_space, usable_rows
 from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
+
+_MOST_SAID = 20  # different texts of rejected input in the log
+_log = logging.getLogger(__name__)
 
 STALLED_S = 1.0
 """A source without a batch for this time, or 3 periods if longer, reports the state ``stalled``."""
@@ -114,7 +116,8 @@ class SourcePublisher:
         # `sent` counts the batches of the present session: the service learns what of its end never came.
         self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
         self._rejected: dict[RejectionReason, int] = {}
-        self._reported = (time.monotonic(), 0)
+        self._said: set[str] = set()
+        self._rates = Rates()
         self._last_put: float | None = None
         self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
 
@@ -138,9 +141,7 @@ class SourcePublisher:
             self._exit = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._exit.close()
 
     def ready(self) -> None:
@@ -197,41 +198,26 @@ class SourcePublisher:
         comotion.Error
             A ValueError. If the arrays are malformed; nothing is published then.
         """
-        try:
-            self._observe(ids, positions, stamp_ns, sigma, covariance, quaternions, ended, stamps_ns)
-        except ValidationError as error:
-            raise KnownError(describe(error)) from None
-
-    def _observe(
-        self,
-        ids: ArrayLike,
-        positions: ArrayLike,
-        stamp_ns: int | None,
-        sigma: float | ArrayLike | None,
-        covariance: ArrayLike | None,
-        quaternions: ArrayLike | None,
-        ended: ArrayLike | None,
-        stamps_ns: ArrayLike | None,
-    ) -> None:
-        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
-        for reason, count in rows.dropped.items():
-            self._rejected[reason] = self._rejected.get(reason, 0) + count
-        stamp = time.time_ns() if stamp_ns is None else stamp_ns
-        stamps = None if stamps_ns is None else rows.of("stamps_ns", stamps_ns)
-        if stamps is not None and len(rows.kept) < rows.given and len(stamps):
-            stamp = int(stamps.max())
-        self.put(
-            self.builder.observation(
-                stamp_ns=stamp,
-                ids=rows.ids,
-                positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
-                sigma=rows.sigma,
-                covariance=None if covariance is None else rows.of("covariance", covariance),
-                quaternions=None if quaternions is None else rows.of("quaternions", quaternions),
-                ended=ended,
-                stamps_ns=stamps,
+        with one_line_errors():
+            rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
+            for reason, count in rows.dropped.items():
+                self._rejected[reason] = self._rejected.get(reason, 0) + count
+            stamp = time.time_ns() if stamp_ns is None else stamp_ns
+            stamps = None if stamps_ns is None else rows.of("stamps_ns", stamps_ns)
+            if stamps is not None and len(rows.kept) < rows.given and len(stamps):
+                stamp = int(stamps.max())
+            self.put(
+                self.builder.observation(
+                    stamp_ns=stamp,
+                    ids=rows.ids,
+                    positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
+                    sigma=rows.sigma,
+                    covariance=None if covariance is None else rows.of("covariance", covariance),
+                    quaternions=None if quaternions is None else rows.of("quaternions", quaternions),
+                    ended=ended,
+                    stamps_ns=stamps,
+                )
             )
-        )
 
     def tell_truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> None:
         """Publish the true objects of features.
@@ -270,23 +256,22 @@ class SourcePublisher:
         """Add to a counter that appears in Status."""
         self._counters[name] = self._counters.get(name, 0) + amount
 
-    def reject(self, reason: RejectionReason) -> None:
-        """Count a rejected input by its reason; the counts appear in Status."""
+    def reject(self, reason: RejectionReason, text: str = "") -> None:
+        """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
+        if text and text not in self._said and len(self._said) < _MOST_SAID:
+            self._said.add(text)
+            _log.warning("%s: such messages are left out", text)
 
     def overrun(self) -> None:
         """Count a frame that was due and is left out."""
         self._counters["overruns"] += 1
 
     def _status(self) -> StatusFields:
-        now, batches = time.monotonic(), self._counters["batches"]
-        before, reported = self._reported
-        self._reported = (now, batches)
-        rate = (batches - reported) / (now - before) if now > before else 0.0
-        age = None if self._last_put is None else now - self._last_put
+        age = None if self._last_put is None else time.monotonic() - self._last_put
         return StatusFields(
             state="stalled" if age is not None and age > self._stalled_after_s else "ok",
-            rates={"obs": rate},
+            rates=self._rates.of({"obs": self._counters["batches"]}),
             ages={} if age is None else {"obs": age},
             counters=dict(self._counters),
             rejected=dict(self._rejected),

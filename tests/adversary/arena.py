@@ -20,11 +20,11 @@ from comotion_deploy.demo import free_endpoint
 from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_deploy.processes import PYTHON
-from comotion_deploy.soak.attacks import NAME
-from comotion_deploy.soak.processes import Managed, system
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.transport import client_settings, connect
+from comotion_tools.soak.attacks import NAME
+from comotion_tools.soak.processes import Managed, system
 
 SCENE = "arena"
 HONEST = ("left", "right")
@@ -188,7 +188,7 @@ class Arena:
     @contextmanager
     def attacked_by(self, name: str, seconds: float) -> Iterator[Managed]:
         """Let the attacker run for some seconds, at most as long as the block."""
-        command = (*PYTHON, "comotion_deploy.soak.hostile", self.endpoint, SCENE, str(seconds), "0", name)
+        command = (*PYTHON, "comotion_tools.soak.hostile", self.endpoint, SCENE, str(seconds), "0", name)
         attacker = Managed(NAME, self._with_certificate(NAME, command), self._folder)
         attacker.start()
         try:

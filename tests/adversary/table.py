@@ -1,10 +1,10 @@
-"""Every attack once, and none: ``python -m tests.adversary.table [--secure] [ATTACK...]``, a line of each."""
+"""Every attack once, and none: ``PYTHONPATH=tests python -m adversary.table [--secure] [ATTACK...]``."""
 
 import sys
 import tempfile
 from pathlib import Path
 
-from comotion_deploy.soak.attacks import ATTACKS
+from comotion_tools.soak.attacks import ATTACKS
 
 from .arena import Arena
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from comotion_deploy.soak.attacks import NAME
+from comotion_tools.soak.attacks import NAME
 
 pytestmark = [pytest.mark.e2e, pytest.mark.long, pytest.mark.timeout(900)]
 

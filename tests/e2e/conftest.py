@@ -27,7 +27,7 @@ import zenoh
 
 from comotion_schemas import Keys, Message, ObservationBatch, decode, encode
 from comotion_schemas.component import Component
-from comotion_schemas.qos import Kind
+from comotion_schemas.keys import Kind
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session, stream_publisher
 
 DEADLINE = 120.0

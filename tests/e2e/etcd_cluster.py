@@ -9,7 +9,7 @@ from typing import Self
 
 import pytest
 
-from comotion.runtime.etcd import Etcd, EtcdUnavailableError
+from comotion.runtime.standby import Etcd, EtcdUnavailableError
 
 NEEDS_ETCD = pytest.mark.skipif(shutil.which("etcd") is None, reason="etcd-server is not installed")
 

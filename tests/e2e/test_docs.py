@@ -34,9 +34,8 @@ import typer
 
 from comotion_clients.subscribe import subscribe
 from comotion_deploy.cli import app, run
-from comotion_deploy.parameter_table import filled
 from comotion_deploy.processes import read_processes
-from comotion_schemas import metrics
+from comotion_tools.parameter_table import filled
 
 pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
@@ -240,13 +239,24 @@ def commands() -> Iterator[list[str]]:
             yield own_words(words)
 
 
+def examples() -> Iterator[list[str]]:
+    """Every example in the help of a command; each command has some."""
+    commands = [typer.main.get_command(app)]
+    for command in commands:
+        children = getattr(command, "commands", {}).values()
+        commands += children
+        lines = [line for line in (command.epilog or "").splitlines() if line.startswith("  comotion ")]
+        assert lines or children, command.name
+        yield from (own_words(shlex.split(line, comments=True)) for line in lines)
+
+
 def own_words(words: list[str]) -> list[str]:
     """The words of `comotion` in a line of shell: none before it, none that the shell takes."""
     words = words[words.index("comotion") :]
-    return list(itertools.takewhile(lambda word: word not in {">", "|", "&", "&&"}, words))
+    return list(itertools.takewhile(lambda word: word not in {">", "|", "&", "&&", "..."}, words))
 
 
-COMMANDS = sorted({shlex.join(words[1:]) for words in commands()} - {""})
+COMMANDS = sorted({shlex.join(words[1:]) for words in itertools.chain(commands(), examples())} - {""})
 
 
 @pytest.fixture(scope="module")
@@ -275,7 +285,6 @@ def test_commands_take_these_arguments(
     line: str, program: Any, folder_of_files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder_of_files)
-    monkeypatch.setattr(metrics, "expose", lambda _host, port: port)
     words = shlex.split(line)
     leaf, depth = program, 0
     while depth < len(words) and words[depth] in getattr(leaf, "commands", {}):
@@ -288,7 +297,7 @@ def test_commands_take_these_arguments(
 
 def test_the_tables_of_parameters_are_in_step() -> None:
     page = (ROOT / "docs" / "parameters.md").read_text()
-    assert filled(page) == page, "run: python -m comotion_deploy.parameter_table docs/parameters.md"
+    assert filled(page) == page, "run: python -m comotion_tools.parameter_table docs/parameters.md"
 
 
 def test_every_page_is_in_the_index() -> None:

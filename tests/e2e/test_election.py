@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from comotion.runtime.election import Election
-from comotion.runtime.etcd import Etcd
+from comotion.runtime.standby import Election, Etcd
 
 from .etcd_cluster import NEEDS_ETCD, EtcdCluster
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from comotion.runtime.etcd import Etcd
+from comotion.runtime.standby import Etcd
 from comotion_clients.subscription import Subscription
 from comotion_deploy.cli import run
 from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register, say_leaving, say_ready

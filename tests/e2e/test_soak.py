@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from comotion_deploy.soak.run import Runner
-from comotion_deploy.soak.schedule import Fault
+from comotion_tools.soak.run import Runner
+from comotion_tools.soak.schedule import Fault
 
 # A minute under load; CI runs "make soak", which has the same faults and more.
 pytestmark = [pytest.mark.e2e, pytest.mark.long]

@@ -6,7 +6,6 @@ import socket
 import threading
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 import zenoh
 
@@ -14,6 +13,7 @@ from comotion_clients.subscribe import Subscription, subscribe
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, encode
 from comotion_schemas.transport import SessionSettings, declare_publisher, open_session
 
+from .. import messages
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
@@ -42,36 +42,11 @@ def scene() -> str:
 
 
 def update(scene: str, seq: int, *, session: str = SESSION) -> HypothesisUpdate:
-    return HypothesisUpdate(
-        scene=scene,
-        session=session,
-        seq=seq,
-        stamp_ns=seq,
-        published_ns=seq,
-        period_ns=10**8,
-        sources=[],
-        track_source=[],
-        track_id=[],
-        track_hypothesis=[],
-        track_confidence=[],
-        track_position=np.zeros((0, 3), np.float32),
-        hypotheses=[],
-        events=[],
-    )
+    return messages.update(scene=scene, session=session, seq=seq, stamp_ns=seq)
 
 
 def batch(source: str, seq: int) -> ObservationBatch:
-    return ObservationBatch(
-        source=source,
-        session=SESSION,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=seq,
-        ids=[1],
-        positions=np.zeros((1, 3), np.float32),
-    )
+    return messages.batch(source=source, seq=seq, stamp_ns=seq, ids=[1])
 
 
 def test_the_last_update_comes_at_once_and_then_the_next(
@@ -162,18 +137,7 @@ def test_a_storm_of_statuses_of_one_component_displaces_no_other(
 
 
 def _status(name: str) -> Status:
-    return Status(
-        component=name,
-        role="source",
-        session=SESSION,
-        stamp_ns=0,
-        state="ok",
-        rates={},
-        ages={},
-        counters={},
-        rejected={},
-        message="",
-    )
+    return messages.status(component=name, role="source")
 
 
 def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:

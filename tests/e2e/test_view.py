@@ -19,6 +19,8 @@ from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, SourceRef, enco
 from comotion_schemas.colours import COLOURS
 from comotion_schemas.transport import declare_publisher
 
+from .. import messages
+
 pytest.importorskip("rerun", reason="needs the extra view")
 pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
@@ -29,23 +31,16 @@ CHROMIUM = os.environ.get("COMOTION_CHROMIUM", "")
 def update(seq: int) -> HypothesisUpdate:
     now = time.time_ns()
     x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
-    return HypothesisUpdate(
-        scene="default",
-        session=SESSION,
+    return messages.update(
         seq=seq,
         stamp_ns=now,
-        published_ns=now,
-        period_ns=10**8,
         sources=[SourceRef(name="camera", session=SESSION)],
-        track_source=[0] * 144,
         track_id=np.arange(144),
         track_hypothesis=[1] * 144,
-        track_confidence=[1.0] * 144,
         track_position=np.stack([x.ravel(), y.ravel(), np.full(144, np.nan)], axis=1).astype(np.float32),
         hypotheses=[
             Hypothesis(id=1, space="wall", size=144, born_ns=now, state="static", centroid=[0.5, 0.5])
         ],
-        events=[],
     )
 
 

@@ -13,13 +13,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 import zenoh
 
 from comotion_schemas import Hypothesis, HypothesisUpdate, Keys, ObservationBatch, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
 
+from .. import messages
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
@@ -49,38 +49,20 @@ def scene(session: zenoh.Session) -> Iterator[None]:
 
 
 def batch(seq: int) -> ObservationBatch:
-    return ObservationBatch(
-        source="camera",
-        session=SESSION,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=time.time_ns(),
-        ids=[7],
-        positions=np.zeros((1, 3), np.float32),
-    )
+    return messages.batch(source="camera", seq=seq, stamp_ns=time.time_ns(), ids=[7])
 
 
 def update(seq: int) -> HypothesisUpdate:
     now = time.time_ns()
-    return HypothesisUpdate(
-        scene="default",
-        session=SESSION,
+    return messages.update(
         seq=seq,
         stamp_ns=now,
-        published_ns=now,
-        period_ns=10**8,
         sources=[SourceRef(name="camera", session=SESSION)],
-        track_source=[0],
         track_id=[7],
         track_hypothesis=[42],
-        track_confidence=[1.0],
-        track_position=np.zeros((1, 3), np.float32),
         hypotheses=[
             Hypothesis(id=42, space="world", size=1, born_ns=now, state="moving", centroid=[0.0, 0.0, 0.0])
         ],
-        events=[],
     )
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from comotion import Fusion, FusionConfig
 from comotion.runtime.state_file import load_fusion
+from comotion_deploy.config_file import load_toml
 from comotion_deploy.errors import UserError
-from comotion_deploy.options import load_toml
 from comotion_schemas import DecodeError, JointStates, ObservationBatch, TruthBatch, decode, encode
 from comotion_schemas.keys import Keys
 from comotion_sources.calibration.files import read_calibration
@@ -259,13 +259,13 @@ TARGETS: dict[str, Target] = {
     "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
     # Its valid inputs are files of the corpus, one for each processor.
     "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
-    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, _RECORDINGS, "mcap"),
+    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, "comotion_schemas.message_log", "mcap"),
     "yaml": _of_file(
         "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"
     ),
     "camera-toml": _of_file("a.toml", read_calibration, _text(_CAMERA), "comotion_sources.calibration"),
     "scene": _of_file("s.toml", load_scene, _scene_seeds, "comotion_sources.simulator"),
-    "config": _of_file("c.toml", load_toml, _text(_CONFIG), "comotion_deploy.options"),
+    "config": _of_file("c.toml", load_toml, _text(_CONFIG), "comotion_deploy.config_file"),
     "urdf": _of_file("r.urdf", load_model, _text(_URDF), _ROBOTS),
     "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _text(*_LOGS), _ROBOTS),
     "tum": _of_file("rgb.txt", _tum, _text(*_LISTS), "comotion_sources.cameras"),

@@ -18,9 +18,9 @@ from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
-from comotion_deploy.soak.attacks import MARKUP
 from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, decode, encode
 from comotion_schemas.text import LogFormatter, shown
+from comotion_tools.soak.attacks import MARKUP
 
 SESSION = "0123456789abcdef"
 # All planes but lone surrogates, which are no UTF-8; those that formats and terminals obey come often.

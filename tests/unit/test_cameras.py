@@ -13,10 +13,10 @@ import pytest
 
 from comotion_sources.calibration import Extrinsics, Intrinsics
 from comotion_sources.cameras import CameraError, Frame, open_frames
-from comotion_sources.cameras.files import stamp_ns
 from comotion_sources.cameras.live import CaptureDevice, LiveCamera
 from comotion_sources.cameras.tum import TumWriter
 from comotion_sources.klt.pacing import Pacer, Pacing
+from comotion_sources.poses import stamp_ns
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 

@@ -12,6 +12,7 @@ import pytest
 import typer
 from rich.text import Text
 
+import comotion_experiments
 from comotion_deploy.cli import app, run
 from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline, time_scale
 from comotion_deploy.errors import UserError
@@ -165,7 +166,7 @@ def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, k
     def defect(*_: object) -> None:
         raise kind("a defect")
 
-    monkeypatch.setattr(config, "fusion_config", defect)
+    monkeypatch.setattr(config.Config, "fusion_config", defect)
     with pytest.raises(kind, match="a defect"):
         run(["config"])
 
@@ -178,7 +179,7 @@ def test_an_interrupt_is_no_error(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(config, "fusion_config", interrupt)
+    monkeypatch.setattr(config.Config, "fusion_config", interrupt)
     assert run(["config"]) == 130
     assert capsys.readouterr().err.strip() == ""
 
@@ -396,3 +397,16 @@ def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.Capt
     assert "Usage: comotion dev bench" in " ".join(shown.out.split())
     assert run(["dev", "bench", "--help"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("study", ["stress", "joints"])
+def test_what_the_wheel_leaves_out_is_one_line(study, monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr("comotion_deploy.cli.in_checkout", lambda: False)
+    monkeypatch.setattr(comotion_experiments, "__path__", [])
+    monkeypatch.delattr(comotion_experiments, study, raising=False)
+    for name in [name for name in sys.modules if name.startswith(f"comotion_experiments.{study}")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert run(["dev", "reproduce", study, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (
+        "error: this needs a checkout of the repository: make setup, in a clone\n"
+    )

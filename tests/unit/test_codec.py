@@ -19,6 +19,7 @@ from comotion_schemas import (
     TruthBatch,
     decode,
     decode_as,
+    decode_on,
     encode,
 )
 
@@ -399,6 +400,26 @@ def test_a_valid_message_of_another_type_is_no_message_for_this_key():
     with pytest.raises(DecodeError) as caught:
         decode_as(TruthBatch, msgpack.packb(OBS))
     assert caught.value.reason == "schema"
+
+
+@pytest.mark.parametrize(
+    ("key", "reason"),
+    [
+        ("comotion/@v1/lab/obs/cam", None),
+        ("comotion/@v1/lab/obs/other", "source-mismatch"),
+        ("comotion/@v1/lab/truth/cam", "schema"),
+        ("comotion/@v1/lab/hypotheses", "schema"),
+        ("comotion/@v1/lab/live/source/cam", "schema"),
+    ],
+)
+def test_a_message_belongs_on_the_key_of_its_kind_and_publisher(key, reason):
+    payload = encode(decode(msgpack.packb(OBS)))
+    if reason is None:
+        assert decode_on(key, payload).source == "cam"
+        return
+    with pytest.raises(DecodeError) as error:
+        decode_on(key, payload)
+    assert error.value.reason == reason
 
 
 def test_the_detail_of_a_rejection_cannot_forge_output():

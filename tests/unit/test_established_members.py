@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_deploy.soak import hostile
-from comotion_deploy.soak.load import BODIES, ID_STEP, KINDS, places, positions
 from comotion_schemas import DecodeError, ObservationBatch, decode
+from comotion_tools.soak import hostile
+from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 S = 1_000_000_000
 START = 1_000 * S

@@ -12,10 +12,11 @@ pytest.importorskip("matplotlib", reason="needs the extra plot (matplotlib)")
 from comotion_deploy.cli import run
 from comotion_deploy.commands import reproduce_figures
 from comotion_experiments.figures import FIGURES, Options, select
-from comotion_experiments.figures.colouring import LETTERS, Styles, unit
+from comotion_experiments.figures.colouring import LETTERS, Styles
 from comotion_experiments.figures.numbers import format_times, perfect_from, right_at
 from comotion_experiments.figures.runs import ViewRequest
 from comotion_experiments.figures.study import Study, thesis
+from comotion_experiments.plot import unit
 from comotion_schemas import UNDETERMINED
 
 CLOSE = ViewRequest((1.0, 5.0, 10.0), trail=2.0, affinity=True)
@@ -100,14 +101,6 @@ def test_a_wrong_option_is_one_line(capsys, arguments, words):
     assert captured.out == ""
     assert re.fullmatch(r"error: .*\n", captured.err)
     assert words in captured.err
-
-
-@pytest.mark.parametrize("name", ["figures", "fusion", "links", "pixels", "accuracy"])
-def test_experiments_share_their_options(capsys, monkeypatch, name):
-    monkeypatch.setenv("COLUMNS", "200")
-    assert run(["dev", "reproduce", name, "--help"]) == 0
-    shown = capsys.readouterr().out
-    assert all(option in shown for option in ("--quick", "--out", "--config", "--log-level", "Examples:"))
 
 
 def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone(

@@ -155,7 +155,7 @@ def test_the_experiment_runs_scores_and_reports(cache: Path, tmp_path: Path) -> 
     assert said.surface > said.surface_single
     assert report.as_json(results)["cases"][0]["sources"] == [CAMERA_A]
     assert "on average" in report.lines(results)[0]
-    assert report.table(results).row_count == 7
+    assert len(report.table(results).rows) == 7
     page = report.markdown(results, "fusion.png")
     assert page.count("\n| arm |") == 7
     assert report.lines(results)[0] in page

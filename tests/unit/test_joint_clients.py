@@ -10,9 +10,11 @@ from comotion_clients.scene_model import SceneModel
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
 from comotion_clients.watch_view import render
-from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
+from comotion_schemas import Box, Hypothesis, Joint, Pose
 from comotion_schemas.colours import Palette
 from comotion_schemas.naming import joint_words, read_names
+
+from .. import messages
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
@@ -62,18 +64,9 @@ FREE = Joint(parent=1, child=4, space="world", kind="free", confidence=1.0)
 
 
 def update(joints, **changes):
-    return HypothesisUpdate(
-        scene="default",
+    return messages.update(
         session="0" * 16,
-        seq=0,
         stamp_ns=10**9,
-        published_ns=10**9,
-        period_ns=10**8,
-        sources=[],
-        track_source=[],
-        track_id=[],
-        track_hypothesis=[],
-        track_confidence=[],
         track_position=[],
         hypotheses=[
             body(1, [0.5, 0.0, 0.0], "static"),
@@ -81,7 +74,6 @@ def update(joints, **changes):
             body(3, [1.3, 0.6, 0.3]),
             body(4, [0.0, 2.0, 0.0]),
         ],
-        events=[],
         joints=joints,
         **changes,
     )

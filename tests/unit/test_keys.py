@@ -3,7 +3,7 @@
 import pytest
 
 from comotion_schemas import MESSAGE_TYPES, QOS, Keys
-from comotion_schemas.keys import last_chunk, stream_kind
+from comotion_schemas.keys import kind_of, last_chunk
 
 
 def test_keys_are_those_of_the_protocol():
@@ -32,14 +32,14 @@ def test_a_name_is_one_chunk_of_plain_characters(name):
     [
         ("comotion/@v1/lab/obs/cam", "obs"),
         ("comotion/@v1/lab/status/fusion", "status"),
-        ("comotion/@v1/lab/hypotheses", None),
+        ("comotion/@v1/lab/hypotheses", "hypotheses"),
         ("comotion/@v1/lab/live/source/cam", None),
         ("comotion/@v2/lab/obs/cam", None),
         ("obs/cam", None),
     ],
 )
 def test_the_kind_of_a_key_is_read_off_it(key, kind):
-    assert stream_kind(key) == kind
+    assert kind_of(key) == kind
     assert last_chunk(key) == key.split("/")[-1]
 
 

@@ -91,7 +91,7 @@ def test_the_experiment_runs_scores_and_reports(cache: Path) -> None:
         for reading in ("apart", "rest", "joined", "oracle"):
             assert 0 <= case.scores(what, reading)[0] <= 1
     assert case.count("resting").linkable > 0
-    assert report.table(results).row_count == 2
+    assert len(report.table(results).rows) == 2
     assert report.markdown(results).count("\n") == 4
     assert report.as_json(results)["cases"][0]["scene"] == "arm"
     save_picture(cache / "links.jpg", "arm", 0, FusionConfig(), setup=TINY, cache=cache, seconds=2.0)

@@ -8,27 +8,11 @@ import pytest
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.frames import Frame, MessageBuilder
 from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
-from comotion_sources.player import Clock, Player, Schedule, parse_start
+from comotion_sources.playback import StreamTape
+from comotion_sources.player import Player, Schedule, parse_start
 from comotion_sources.streams import Stream
 
-NOW = 1_000_000.0
-
-
-class SimulatedClock(Clock):
-    """Waiting takes no time; the wall clock may be stepped."""
-
-    def __init__(self, wall=NOW):
-        self.passed, self.offset = 0.0, wall
-
-    def wall(self):
-        return self.offset + self.passed
-
-    def monotonic(self):
-        return 5.0 + self.passed
-
-    def wait(self, stop, seconds):
-        self.passed += 0.0 if stop.is_set() else seconds
-        return stop.is_set()
+from ..simulated_clock import NOW, SimulatedClock
 
 
 class RecordingSink:
@@ -88,7 +72,7 @@ def stream(count=11, rate=10.0, length=1.0, **options):
     )
 
 
-def play(streams=None, *, clock=None, hold_up=None, stop_at=None, **schedule):
+def play(streams=None, *, clock=None, hold_up=None, stop_at=None, read_key=lambda: "", **schedule):
     clock = clock or SimulatedClock()
     streams = streams or [stream()]
     sinks = [RecordingSink(clock) for _ in streams]
@@ -101,7 +85,9 @@ def play(streams=None, *, clock=None, hold_up=None, stop_at=None, **schedule):
         if told[-1] == stop_at:
             stop.set()
 
-    Player(streams, sinks, Schedule(**schedule), stop, progress=progress, clock=clock).run()
+    when = Schedule(**schedule)
+    tape = StreamTape(streams, sinks, live_stamps=when.live_stamps)
+    Player(tape, when, stop, read_key=read_key, progress=progress, clock=clock).run()
     return sinks if len(sinks) > 1 else sinks[0]
 
 
@@ -202,6 +188,18 @@ def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
     sink = play(clock=clock)
     assert sink.seconds() == tenths(0, 10)
     assert clock.passed == pytest.approx(1.0)
+
+
+def test_a_pause_puts_frames_and_their_stamps_off():
+    presses = iter([""] * 5 + [" ", "", " "])
+    sink = play(read_key=lambda: next(presses, ""))
+    times = sink.seconds()
+    assert len(times) == 11
+    assert max(np.diff(times)) == pytest.approx(0.3, abs=0.11)
+    for wall, message in sink.puts:
+        if isinstance(message, ObservationBatch):
+            assert wall == pytest.approx(message.stamp_ns / 1e9, abs=1e-6)
+    assert sink.overruns == 0
 
 
 def test_several_streams_go_out_in_time_order():

@@ -20,9 +20,9 @@ from comotion.rigid.slow_noise import slow_noise
 from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
-from comotion_experiments.accuracy.study import objects_of
 from comotion_experiments.offline import run_offline
 from comotion_experiments.stress.experiment import run_family
+from comotion_experiments.trace import objects_of
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources import simulator
 

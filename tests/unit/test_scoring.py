@@ -2,12 +2,13 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from comotion_clients.metrics import Truth
 from comotion_clients.scoring import Observed, SpaceRef, Tally, finite_or_none
 from comotion_schemas import Hypothesis, HypothesisUpdate, ObservationBatch, SourceRef, TruthBatch
+
+from .. import messages
 
 SESSION, OTHER = "0123456789abcdef", "f" * 16
 MS = 1_000_000
@@ -16,16 +17,14 @@ MS = 1_000_000
 def batch(
     source: str, at_ms: int, ids: list[int], *, session: str = SESSION, stamps_ms: list[int] | None = None
 ) -> ObservationBatch:
-    return ObservationBatch(
+    return messages.batch(
         source=source,
         session=session,
-        seq=0,
         space="image" if source == "cam" else "world",
         unit="px" if source == "cam" else "m",
         dim=2 if source == "cam" else 3,
         stamp_ns=at_ms * MS,
         ids=ids,
-        positions=np.zeros((len(ids), 2 if source == "cam" else 3), np.float32),
         stamps_ns=None if stamps_ms is None else [stamp * MS for stamp in stamps_ms],
     )
 
@@ -98,24 +97,17 @@ def test_spaces_are_those_of_the_sources() -> None:
 
 def update(at_ms: int, labels: dict[int, int]) -> HypothesisUpdate:
     ids = sorted(set(labels.values()))
-    return HypothesisUpdate(
-        scene="default",
-        session=SESSION,
+    return messages.update(
         seq=at_ms,
         stamp_ns=at_ms * MS,
-        published_ns=at_ms * MS,
         period_ns=100 * MS,
         sources=[SourceRef(name="a", session=SESSION)],
-        track_source=[0] * len(labels),
         track_id=list(labels),
         track_hypothesis=list(labels.values()),
-        track_confidence=[1.0] * len(labels),
-        track_position=np.zeros((len(labels), 3), np.float32),
         hypotheses=[
             Hypothesis(id=i, space="world", size=1, born_ns=0, state="static", centroid=[0.0, 0.0, 0.0])
             for i in ids
         ],
-        events=[],
     )
 
 

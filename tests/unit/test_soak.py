@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from comotion import Fusion
-from comotion_deploy.soak import load
-from comotion_deploy.soak.accounts import Moment, audit, moment
-from comotion_deploy.soak.attacks import ATTACKS, Attacker
-from comotion_deploy.soak.monitor import Findings, Gap, Monitor
-from comotion_deploy.soak.processes import Managed, Usage
-from comotion_deploy.soak.report import as_json, lines, violations
-from comotion_deploy.soak.run import Soak
-from comotion_deploy.soak.schedule import KINDS, LEAD_S, TAIL_S, Fault, draw
 from comotion_schemas import DecodeError, HypothesisUpdate, Keys, ObservationBatch, SourceRef, decode
+from comotion_tools.soak import load
+from comotion_tools.soak.accounts import Moment, audit, moment
+from comotion_tools.soak.attacks import ATTACKS, Attacker
+from comotion_tools.soak.monitor import Findings, Gap, Monitor
+from comotion_tools.soak.processes import Managed, Usage
+from comotion_tools.soak.report import as_json, lines, violations
+from comotion_tools.soak.run import Soak
+from comotion_tools.soak.schedule import KINDS, LEAD_S, TAIL_S, Fault, draw
 
 
 class TestSchedule:

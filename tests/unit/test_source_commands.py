@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_sources import progress
+from comotion_sources import playback
 from comotion_sources.simulator import scene_names
 
 
@@ -82,25 +82,19 @@ def test_the_scenes_are_listed(capsys):
     assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
 
 
-@pytest.mark.parametrize("command", ["simulator", "replay"])
-def test_help_shows_examples(capsys, command):
-    assert run(["source", command, "--help"]) == 0
-    assert "Examples:" in capsys.readouterr().out
-
-
 def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.0)
-    with progress.shown_progress("take", 20.0) as advance:
+    monkeypatch.setattr(playback, "_PLAIN_LINE_S", 0.0)
+    with playback.shown_progress("take", 20.0) as advance:
         advance(0, 5.0)
         advance(2, 7.5)
     assert capsys.readouterr().err.splitlines() == ["take: 5.0 of 20.0 s", "take, pass 3: 7.5 of 20.0 s"]
 
 
 def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(playback, "_TERMINAL_LINE_S", 0.0)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
-    with progress.shown_progress("take", 20.0) as advance:
+    with playback.shown_progress("take", 20.0) as advance:
         advance(0, 20.0)
     shown = capsys.readouterr().err
-    assert "20.0/20.0 s" in shown
-    assert "━" in shown
+    assert "━" * 40 in shown

@@ -1,13 +1,10 @@
 """The image simulator, and its families in the stress experiment."""
 
-import json
-
 import numpy as np
 import pytest
 
-from comotion_deploy.cli import run
-from comotion_experiments.stress import IMAGE_FAMILIES, find_families, run_image_family
-from comotion_sources.simulator.images import Glide, ImageScene, Pinhole, Solid, observe_images
+from comotion_experiments.stress import IMAGE_FAMILIES, run_image_family
+from comotion_experiments.stress.solids import Glide, ImageScene, Pinhole, Solid, observe_images
 
 ZERO = np.zeros(3)
 
@@ -102,13 +99,3 @@ def test_a_still_scene_is_one_object() -> None:
     found = run_image_family("image_still", 0, scenes=1)
     assert found.errors == [0.0]
     assert (found.figures.found, found.figures.true, found.figures.exact) == (1.0, 1.0, 1.0)
-
-
-def test_the_command_runs_image_families_beside_the_others(tmp_path, capsys) -> None:
-    assert "image_few" in {family.name for family in find_families(["image"])}
-    options = ["--family", "image_planar", "--seeds", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
-    assert run(["dev", "reproduce", "stress", *options]) == 0
-    shown = json.loads(capsys.readouterr().out)
-    assert [(row["family"], row["seed"]) for row in shown["images"]] == [("image_planar", 1)]
-    assert len(shown["images"][0]["errors"]) == 6
-    assert "| `image_planar` | bodies and background are planes |" in (tmp_path / "stress.md").read_text()

@@ -27,40 +27,29 @@ from comotion_schemas import (
     Twist,
 )
 
+from .. import messages
+
 SESSION, OTHER = "0123456789abcdef", "f" * 16
 S = 10**9
 
 
 def batch(source: str, seq: int, session: str = SESSION, stamp_ns: int = 0) -> ObservationBatch:
-    return ObservationBatch(
-        source=source,
-        session=session,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=stamp_ns,
-        ids=[],
-        positions=np.zeros((0, 3), np.float32),
-    )
+    return messages.batch(source=source, session=session, seq=seq, stamp_ns=stamp_ns)
 
 
 def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) -> HypothesisUpdate:
     """Four tracks of source a and two per hypothesis of source b, those of a undetermined."""
     labels = [UNDETERMINED] * 4 + [k for k in range(hypotheses) for _ in range(2 + k)]
-    return HypothesisUpdate(
+    return messages.update(
         scene="lab",
-        session=SESSION,
         seq=seq,
         stamp_ns=100 * S,
         published_ns=100 * S + 20_000_000,
-        period_ns=S // 10,
         sources=[SourceRef(name="a", session=SESSION), SourceRef(name="b", session=SESSION)],
         track_source=[0] * 4 + [1] * (len(labels) - 4),
         track_id=np.arange(len(labels)),
         track_hypothesis=labels,
         track_confidence=[0.5] * len(labels),
-        track_position=np.zeros((len(labels), 3), np.float32),
         hypotheses=[
             Hypothesis(
                 id=k,
@@ -330,19 +319,7 @@ def test_problems_are_shown_whole_where_there_is_no_screen() -> None:
     model = SceneModel("demo")
     text = "cam: its stamps are 3600.0 s ahead of this machine; " + "synchronise the clocks, " * 8 + "end"
     problem = Problem(source="cam", kind="clock-ahead", since_ns=0, text=text)
-    status = Status(
-        component="fusion",
-        role="service",
-        session="0" * 16,
-        stamp_ns=0,
-        state="degraded",
-        rates={},
-        ages={},
-        counters={},
-        rejected={},
-        message="",
-        problems=[problem],
-    )
+    status = messages.status(session="0" * 16, state="degraded", problems=[problem])
     model.on_status(status)
     model.on_update(update(hypotheses=30), 0.0)
     snapshot = model.snapshot(0.0)

@@ -11,11 +11,11 @@ from typing import Any
 import foxglove
 
 from comotion_schemas.errors import KnownError
+from comotion_schemas.message_log import MessageLog
 from comotion_schemas.naming import Names
 
 from ..foxglove.scene import FoxgloveScene
 from .disk import create
-from .reading import Reading
 
 
 @dataclass
@@ -59,15 +59,15 @@ def export(source: Path, target: Path, names: Names | None = None) -> Exported:
         If a file cannot be read or written, or `target` exists.
     """
     context = foxglove.Context()
-    with Reading(source) as reading, os.fdopen(create(target), "wb") as output:
+    with MessageLog(source) as log, os.fdopen(create(target), "wb") as output:
         try:
             with foxglove.open_mcap(output, context=context):
                 scene = FoxgloveScene(context, names)
-                for log_ns, message in reading.messages():
+                for log_ns, message in log.decoded():
                     scene.add(log_ns, message)
             if not scene.logged.get("/numbers"):
                 raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
         except BaseException:
             target.unlink()
             raise
-    return Exported(scene.logged, reading.invalid)
+    return Exported(scene.logged, log.invalid)

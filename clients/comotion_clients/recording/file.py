@@ -3,31 +3,27 @@
 import contextlib
 import json
 from collections.abc import Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Self, cast
-
-from mcap.writer import Writer
+from typing import Self
 
 from comotion_schemas import QOS, Message
 from comotion_schemas.errors import KnownError
 from comotion_schemas.export import json_schemas
-from comotion_schemas.qos import Kind
+from comotion_schemas.keys import Kind, kind_of
 from comotion_schemas.recording import (
     MESSAGE_ENCODING,
     METADATA,
     PROFILE,
     SCHEMA_ENCODING,
-    kind_of,
     publish_time,
     sequence,
 )
 
 from .disk import ChunkStream
-from .index import write_index
-
-CHUNK_BYTES = 1024 * 1024
-"""Size at which the writer completes a chunk; the default of the MCAP library."""
+from .repair import write_index
+from .topics import Definition, TopicWriter
 
 
 class StorageError(OSError):
@@ -64,13 +60,10 @@ class RecordingFile:
         self.path = path
         self.messages = 0
         self._stream = ChunkStream(path)
-        # mcap uses only write, tell and flush of a stream.
-        self._writer = Writer(cast("Any", self._stream), chunk_size=CHUNK_BYTES)
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[Kind, int] = {}
+        library = f"comotion {metadata.version('comotion')}"
+        self._writer = TopicWriter(self._stream, profile=PROFILE, library=library)
         self._uncommitted = 0
         self._open = True
-        self._writer.start(profile=PROFILE, library=f"comotion {metadata.version('comotion')}")
         self.describe(METADATA, {"scene": scene, "file": str(number)})
 
     @property
@@ -99,21 +92,18 @@ class RecordingFile:
         StorageError
             If writing fails.
         """
-        self._writer.add_message(
-            channel_id=self._channel(key),
-            log_time=log_ns,
-            publish_time=publish_time(message, log_ns),
-            data=payload,
-            sequence=sequence(message),
-        )
+        kind = kind_of(key)
+        if kind is None:
+            raise KnownError(f"{key!r} is not a key of messages")
+        published_ns, number = publish_time(message, log_ns), sequence(message)
+        self._writer.add(key, _definition(kind), MESSAGE_ENCODING, payload, log_ns, published_ns, number)
         self._uncommitted += 1
         if self._stream.pending:  # the message completed a chunk
             self._commit()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
         """Append a metadata record."""
-        self._writer.flush()
-        self._writer.add_metadata(name, dict(values))
+        self._writer.describe(name, dict(values))
         self._commit()
 
     def flush(self) -> None:
@@ -135,26 +125,6 @@ class RecordingFile:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _channel(self, key: str) -> int:
-        if key not in self._channels:
-            kind = kind_of(key)
-            if kind is None:
-                raise KnownError(f"{key!r} is not a key of messages")
-            self._channels[key] = self._writer.register_channel(
-                topic=key, message_encoding=MESSAGE_ENCODING, schema_id=self._schema(kind)
-            )
-        return self._channels[key]
-
-    def _schema(self, kind: Kind) -> int:
-        if kind not in self._schemas:
-            name = QOS[kind].message
-            self._schemas[kind] = self._writer.register_schema(
-                name=f"comotion.{name}/1",
-                encoding=SCHEMA_ENCODING,
-                data=json.dumps(json_schemas()[name]).encode(),
-            )
-        return self._schemas[kind]
-
     def _commit(self) -> None:
         try:
             self._stream.commit()
@@ -162,7 +132,7 @@ class RecordingFile:
             self._release()
             indexed = False
             # The writer's own index would list the chunk that could not be written.
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):
                 write_index(self.path)
                 indexed = True
             advice = "" if indexed else f"; it has no index: comotion record --repair {self.path}"
@@ -176,3 +146,9 @@ class RecordingFile:
     def _release(self) -> None:
         self._open = False
         self._stream.close()
+
+
+@cache
+def _definition(kind: Kind) -> Definition:
+    name = QOS[kind].message
+    return Definition(f"comotion.{name}/1", SCHEMA_ENCODING, json.dumps(json_schemas()[name]).encode())

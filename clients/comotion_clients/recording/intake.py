@@ -8,15 +8,13 @@ bytes; when it is reached, new payloads are dropped and counted.
 import threading
 import time
 from collections import deque
-from typing import Any, Self
+from typing import Self
 
 import zenoh
-from zenoh.handlers import RingChannel
 
 from comotion_schemas import QOS, Keys
-from comotion_schemas.qos import Kind
-from comotion_schemas.recording import key_of
-from comotion_schemas.transport import declare_subscriber
+from comotion_schemas.keys import Kind
+from comotion_schemas.transport import Receiver
 
 from .series import Arrival
 
@@ -66,33 +64,18 @@ class Intake:
     """Subscribes to all kinds of messages of a scene; a context manager."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> None:
-        self._pending = pending
-        self._subscribers: list[Any] = []
-        self._threads: list[threading.Thread] = []
-        for kind in QOS:
-            ring: RingChannel[zenoh.Sample] = RingChannel(_RING_SAMPLES.get(kind, _DEFAULT_RING_SAMPLES))
-            subscriber = declare_subscriber(session, key_of(keys, kind), kind, ring)
-            # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
-            thread = threading.Thread(
-                target=self._receive, args=(kind, subscriber.handler), name=f"record-{kind}", daemon=True
-            )
-            thread.start()
-            self._subscribers.append(subscriber)
-            self._threads.append(thread)
+        def receive(kind: Kind) -> Receiver:
+            def take(key: str, payload: bytes) -> None:
+                pending.put(Arrival(kind, key, time.time_ns(), payload))
+
+            size = _RING_SAMPLES.get(kind, _DEFAULT_RING_SAMPLES)
+            return Receiver(session, keys.messages(kind), kind, size, take)
+
+        self._receivers = [receive(kind) for kind in QOS]
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        for subscriber in self._subscribers:
-            subscriber.undeclare()
-        for thread in self._threads:
-            thread.join()
-
-    def _receive(self, kind: Kind, samples: Any) -> None:
-        while True:
-            try:
-                sample = samples.recv()
-            except zenoh.ZError:  # undeclared, or the session is closed
-                return
-            self._pending.put(Arrival(kind, str(sample.key_expr), time.time_ns(), sample.payload.to_bytes()))
+        for receiver in self._receivers:
+            receiver.close()

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, cast
 
 from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.component import Component, StatusFields
+from comotion_schemas.component import Component, Rates, StatusFields
 from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
+from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
-from ..progress import reporting
 from .file import StorageError
 from .intake import Intake, PendingPayloads
 from .series import Series, SeriesOptions
@@ -83,7 +83,7 @@ class _Recorder:
         self.begun = time.monotonic()
         self._flush_at = self.begun + FLUSH_S
         self._reported_losses = 0
-        self._rates: tuple[float, dict[str, int], dict[str, float]] = (self.begun, {}, {})
+        self._rates = Rates()
 
     def step(self, timeout: float) -> None:
         """Write the pending payloads, waiting up to `timeout` s for the first."""
@@ -109,17 +109,10 @@ class _Recorder:
 
     def status(self) -> StatusFields:
         """Build the Status of the recorder."""
-        counts, now = self.series.counts, time.monotonic()
-        before, previous, _ = self._rates
-        messages = {str(kind): count for kind, count in counts.messages.items()}
-        seconds = max(now - before, 1e-3)
-        rates = {kind: (count - previous.get(kind, 0)) / seconds for kind, count in messages.items()}
-        self._rates = (now, messages, rates)
-        wall = time.time_ns()
-        losses = self.losses()
+        counts, losses, wall = self.series.counts, self.losses(), time.time_ns()
         return StatusFields(
             state="degraded" if losses["lost"] or losses["dropped"] else "ok",
-            rates=rates,
+            rates=self._rates.of({str(kind): count for kind, count in counts.messages.items()}),
             ages={str(kind): max(0.0, (wall - at) / 1e9) for kind, at in counts.newest.items()},
             counters={
                 "messages": counts.total,

@@ -1,39 +1,33 @@
 """Repair: damaged recording -> complete file with all readable messages.
 
-Records are read one by one. After a damaged record the next chunk is searched: a chunk contains its
-length twice and a checksum, so other bytes are not mistaken for a chunk.
+Records are read one by one by the MCAP library. After a damaged record the next chunk is searched: a chunk
+contains its length twice and a checksum, so other bytes are not mistaken for a chunk.
 """
 
 import mmap
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from io import BytesIO
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
-from mcap.writer import MCAP0_MAGIC, Writer
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
 
-from .disk import create
+from .disk import create, write_all
+from .topics import Definition, TopicWriter
 
-# Chunk record: opcode, length, start and end time, uncompressed size, CRC; then the compression name.
-_CHUNK = struct.Struct("<BQQQQI")
-_FRAME = struct.Struct("<BQ")
-_NAMES = (b"\x04\0\0\0zstd", b"\x03\0\0\0lz4", b"\0\0\0\0")
+_COMPRESSED = b"\x04\0\0\0zstd"
+_BEFORE_COMPRESSION = struct.calcsize("<BQQQQI")  # opcode, length, start and end time, size and checksum
 _MAX_CHUNK_BYTES = 256 * 1024 * 1024  # of damaged lengths; chunks of the recorder have about 1 MiB
-_DEFINITIONS: dict[int, type[Schema | Channel | Metadata]] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.METADATA: Metadata,
-}
 
 
 @dataclass
@@ -99,169 +93,156 @@ def repair(source: Path, target: Path) -> RepairResult:
     if source.stat().st_size == 0:
         raise KnownError(f"{source}: the file is empty")
     result = RepairResult()
-    with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        definitions = _Definitions()
-        for record in _records(data, RepairResult()):
-            definitions.add(record)
-        with os.fdopen(create(target), "wb") as output:
-            try:
-                _copy(data, definitions, Writer(output), result)
-                if not result.messages:
-                    raise KnownError(f"{source}: there is no readable message in it")
-            except BaseException:
-                target.unlink()
-                raise
+    with (
+        source.open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+        os.fdopen(create(target), "wb") as output,
+    ):
+        try:
+            _copy(data, TopicWriter(output, profile=PROFILE), result)
+            if not result.messages:
+                raise KnownError(f"{source}: there is no readable message in it")
+        except BaseException:
+            target.unlink()
+            raise
     return result
 
 
-@dataclass
-class _Definitions:
-    """All schemas and channels of the file; the end of a file repeats them."""
+def write_index(path: Path) -> None:
+    """Append the missing index to a recording that ends after a complete chunk, in place.
 
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    The file is written again by the same library, and what comes after its end is kept.
 
-    def add(self, record: McapRecord) -> None:
-        """Add a record if it is a definition."""
+    Raises
+    ------
+    OSError
+        If the file cannot be read or the disk is full; the file is then unchanged.
+    ValueError
+        If a record is damaged, or the file is not one that this version has written; use :func:`repair`.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        end = len(data)
+        header, _ = _record(data, len(MCAP0_MAGIC))
+        if not isinstance(header, Header):
+            raise KnownError(f"{path}: it has no header")
+        index = _Index(data)
+        _copy(data, TopicWriter(index, profile=header.profile, library=header.library), RepairResult())
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+    try:
+        write_all(descriptor, bytes(index.content))
+    except OSError:
+        os.ftruncate(descriptor, end)
+        raise
+    finally:
+        os.close(descriptor)
+
+
+class _Index:
+    """The output of a writer that repeats a file; keeps what comes after the end of the file."""
+
+    def __init__(self, data: mmap.mmap) -> None:
+        self.content = bytearray()
+        self._data, self._at = data, 0
+
+    def write(self, added: bytes) -> int:
+        """Compare bytes with those of the file, and keep those beyond its end."""
+        known = self._data[self._at : self._at + len(added)]
+        if not added.startswith(known):
+            raise KnownError("the file differs from what would be written now")
+        self.content += added[len(known) :]
+        self._at += len(added)
+        return len(added)
+
+    def tell(self) -> int:
+        """Number of bytes written."""
+        return self._at
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+
+def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
+    """Write the messages and metadata of a file, chunk by chunk."""
+    schemas: dict[int, Definition] = {}
+    channels: dict[int, Channel] = {}
+    # The end of a file repeats the definitions: they may be lost where they are used.
+    for record in (one for group in _groups(data, RepairResult()) for one in group):
         if isinstance(record, Schema):
-            self.schemas[record.id] = record
+            schemas[record.id] = Definition(record.name, record.encoding, record.data)
         elif isinstance(record, Channel):
-            self.channels[record.id] = record
-
-
-class _Renumbered:
-    """Registers definitions with the writer on first use and maps old numbers to new ones."""
-
-    def __init__(self, definitions: _Definitions, writer: Writer) -> None:
-        self._old, self._writer = definitions, writer
-        self._schemas: dict[int, int] = {0: 0}
-        self._channels: dict[int, int] = {}
-
-    def channel(self, number: int) -> int | None:
-        """Return the new number of a channel; None if its definition is lost."""
-        old = self._old.channels.get(number)
-        if old is None:
-            return None
-        if number not in self._channels:
-            self._channels[number] = self._writer.register_channel(
-                topic=old.topic,
-                message_encoding=old.message_encoding,
-                schema_id=self._schema(old.schema_id),
-                metadata=old.metadata,
-            )
-        return self._channels[number]
-
-    def _schema(self, number: int) -> int:
-        old = self._old.schemas.get(number)
-        if old is None:
-            return 0
-        if number not in self._schemas:
-            self._schemas[number] = self._writer.register_schema(old.name, old.encoding, old.data)
-        return self._schemas[number]
-
-
-def _copy(data: mmap.mmap, definitions: _Definitions, writer: Writer, result: RepairResult) -> None:
-    writer.start(profile=PROFILE)
-    numbers = _Renumbered(definitions, writer)
-    for record in _records(data, result):
-        if isinstance(record, Metadata):
-            writer.flush()
-            writer.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Message):
-            channel = numbers.channel(record.channel_id)
-            if channel is None:
-                result.orphans += 1
-                continue
-            result.count(record)
-            writer.add_message(
-                channel_id=channel,
-                log_time=record.log_time,
-                publish_time=record.publish_time,
-                data=record.data,
-                sequence=record.sequence,
-            )
+            channels[record.id] = record
+    for group in _groups(data, result):
+        for record in group:
+            if isinstance(record, Metadata):
+                writer.describe(record.name, record.metadata)
+            elif isinstance(record, Message) and record.channel_id in channels:
+                channel = channels[record.channel_id]
+                result.count(record)
+                writer.add(
+                    channel.topic,
+                    schemas.get(channel.schema_id),
+                    channel.message_encoding,
+                    record.data,
+                    record.log_time,
+                    record.publish_time,
+                    record.sequence,
+                )
+            else:
+                result.orphans += isinstance(record, Message)
+        writer.flush()
     writer.finish()
 
 
-def _records(data: mmap.mmap, result: RepairResult) -> Iterator[McapRecord]:
-    """Yield messages, definitions and metadata of a file; count and skip damaged parts."""
-    position = len(MCAP0_MAGIC) if data[: len(MCAP0_MAGIC)] == MCAP0_MAGIC else 0
-    while position < len(data) - len(MCAP0_MAGIC) or data[position:] not in {b"", MCAP0_MAGIC}:
-        end = _end_of_record(data, position)
-        if end is None:
+def _groups(data: mmap.mmap, result: RepairResult) -> Iterator[list[McapRecord]]:
+    """Yield the records of a file, those of a chunk together; count and skip damaged parts."""
+    position = len(MCAP0_MAGIC)
+    end = len(data) - len(MCAP0_MAGIC) if data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC else len(data)
+    while position < end:
+        record, following = _record(data, position)
+        if record is None:
             following = _next_chunk(data, position + 1)
             result.skipped += following - position
-            position = following
-            continue
-        yield from _read(data[position:end], result)
-        position = end
-
-
-def _read(record: bytes, result: RepairResult) -> Iterator[McapRecord]:
-    opcode, content = record[0], record[_FRAME.size :]
-    try:
-        if opcode == Opcode.CHUNK:
-            found = _break_up(content)
-            result.chunks += 1
-        elif opcode == Opcode.MESSAGE:
-            found = [Message.read(ReadDataStream(BytesIO(content)), len(content))]
-        elif opcode in _DEFINITIONS:
-            found = [_DEFINITIONS[opcode].read(ReadDataStream(BytesIO(content)))]
+        elif isinstance(record, Chunk):
+            yield _break_up(record, result)
         else:
-            return
+            yield [record]
+        position = following
+
+
+def _break_up(chunk: Chunk, result: RepairResult) -> list[McapRecord]:
+    try:
+        if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
+            raise KnownError("the size of the chunk is not plausible")
+        found = breakup_chunk(chunk, validate_crc=True)
     except Exception:  # decompression and parsing raise many types on damaged bytes
         result.damaged += 1
-        return
-    yield from found
+        return []
+    result.chunks += 1
+    return found
 
 
-def _break_up(content: bytes) -> list[McapRecord]:
-    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
-        raise KnownError("the size of the chunk is not plausible")
-    return breakup_chunk(chunk, validate_crc=True)
-
-
-def _end_of_record(data: mmap.mmap, position: int) -> int | None:
-    """Return the end of the record at a position; None if there is no complete record."""
-    if position + _FRAME.size > len(data):
-        return None
-    opcode, length = _FRAME.unpack_from(data, position)
-    end = position + _FRAME.size + length
-    if not Opcode.HEADER <= opcode <= Opcode.DATA_END or end > len(data):
-        return None
-    if opcode == Opcode.CHUNK and not _lengths_agree(data, position, length):
-        return None
-    if opcode == Opcode.MESSAGE_INDEX and not _is_index(data, position, length):
-        return None
-    return int(end)
-
-
-def _is_index(data: mmap.mmap, position: int, length: int) -> bool:
-    """Whether the two lengths of a message index agree; a wrong length would skip chunks."""
-    if length < 6:
-        return False
-    (entries,) = struct.unpack_from("<I", data, position + _FRAME.size + 2)
-    return bool(length == 6 + entries)
-
-
-def _lengths_agree(data: mmap.mmap, position: int, length: int) -> bool:
-    """Whether the two lengths in a chunk agree."""
-    name = position + _CHUNK.size
-    for compression in _NAMES:
-        if data[name : name + len(compression)] == compression:
-            at = name + len(compression)
-            (content,) = struct.unpack_from("<Q", data, at) if at + 8 <= len(data) else (-1,)
-            return bool(at + 8 + content == position + _FRAME.size + length)
-    return False
+def _record(data: mmap.mmap, position: int) -> tuple[McapRecord | None, int]:
+    """Return the record at a position and where it ends; None if there is no whole record."""
+    data.seek(position)
+    limit = len(data) - position
+    reader = StreamReader(data, skip_magic=True, emit_chunks=True, record_size_limit=limit)  # type: ignore[arg-type]
+    try:
+        record = next(reader.records)
+    except (McapError, struct.error, ValueError, StopIteration):
+        return None, position
+    builder = RecordBuilder()
+    record.write(builder)
+    # A record whose length does not agree with its content would hide those that follow.
+    whole = builder.count == data.tell() - position
+    return (record if whole else None), data.tell()
 
 
 def _next_chunk(data: mmap.mmap, start: int) -> int:
-    """Return the position of the next complete chunk, or the end of the file."""
-    at = start + _CHUNK.size
-    while (at := data.find(_NAMES[0], at)) >= 0:
-        position = at - _CHUNK.size
-        if data[position] == Opcode.CHUNK and _end_of_record(data, position) is not None:
+    """Return the position of the next whole chunk, or the end of the file."""
+    at = start + _BEFORE_COMPRESSION
+    while (at := data.find(_COMPRESSED, at)) >= 0:
+        position = at - _BEFORE_COMPRESSION
+        if data[position] == Opcode.CHUNK and _record(data, position)[0] is not None:
             return position
         at += 1
     return len(data)

@@ -1,13 +1,13 @@
 """A series of files: payloads -> one complete MCAP file after the other. The clock is injected."""
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from comotion_schemas import QOS, DecodeError, Message, TruthBatch, decode
-from comotion_schemas.keys import last_chunk
-from comotion_schemas.qos import Kind
+from comotion_schemas import DecodeError, Message, TruthBatch, decode_on
+from comotion_schemas.keys import Kind, last_chunk
 from comotion_schemas.recording import LOSSES
 from comotion_schemas.sequence import SequenceCounter
 
@@ -54,7 +54,6 @@ class Counts:
 
     messages: dict[Kind, int] = field(default_factory=dict)
     newest: dict[Kind, int] = field(default_factory=dict)
-    payload_bytes: int = 0
     lost: dict[str, int] = field(default_factory=dict)
     invalid: dict[str, int] = field(default_factory=dict)
 
@@ -116,7 +115,6 @@ class Series:
         t = self.counts
         t.messages[arrival.kind] = t.messages.get(arrival.kind, 0) + 1
         t.newest[arrival.kind] = arrival.log_ns
-        t.payload_bytes += len(arrival.payload)
 
     def flush(self) -> None:
         """Write everything so far to the disk and check the free space."""
@@ -131,8 +129,10 @@ class Series:
 
     def abandon(self) -> None:
         """Complete the last file as far as possible; never raises OSError."""
-        _ignore_os_errors(self._file.flush)
-        _ignore_os_errors(self._file.close)
+        with contextlib.suppress(OSError):
+            self._file.flush()
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _accepts_key(self, key: str) -> bool:
         if key not in self._keys and len(self._keys) < MAX_KEYS:
@@ -142,9 +142,7 @@ class Series:
     def _check(self, arrival: Arrival) -> Message | None:
         """Decode a payload and count missing messages and invalid payloads."""
         try:
-            message = decode(arrival.payload)
-            if type(message).__name__ != QOS[arrival.kind].message:
-                raise DecodeError("schema", f"a {type(message).__name__} on {arrival.key}")
+            message = decode_on(arrival.key, arrival.payload)
         except DecodeError as error:
             self.counts.invalid[error.reason] = self.counts.invalid.get(error.reason, 0) + 1
             return None
@@ -197,10 +195,3 @@ class Series:
             raise StorageError(
                 f"{folder}: only {free / 2**20:.0f} MiB free, {needed / 2**20:.0f} MiB are to stay free"
             )
-
-
-def _ignore_os_errors(action: Callable[[], None]) -> None:
-    try:
-        action()
-    except OSError:
-        return

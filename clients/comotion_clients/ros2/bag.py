@@ -1,8 +1,10 @@
 """ROS 2 messages -> a bag: one MCAP file that ``ros2 bag`` and Foxglove read. Needs the extra ``record``."""
 
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO, Self
 
+from ..recording.topics import Definition, TopicWriter
 from .types import definition
 
 
@@ -11,20 +13,13 @@ class Bag:
 
     Raises
     ------
-    ImportError
-        If mcap is not installed.
     OSError
         If the file exists or cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
-        from mcap.writer import Writer
-
         self._file: BinaryIO = path.open("xb")
-        self._writer = Writer(self._file)
-        self._writer.start(profile="ros2", library="comotion")
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._writer = TopicWriter(self._file, profile="ros2")
 
     def __enter__(self) -> Self:
         return self
@@ -35,14 +30,9 @@ class Bag:
 
     def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:
         """Append a message in CDR."""
-        if topic not in self._channels:
-            if kind not in self._schemas:
-                self._schemas[kind] = self._writer.register_schema(
-                    name=kind, encoding="ros2msg", data=definition(kind).encode()
-                )
-            self._channels[topic] = self._writer.register_channel(
-                topic=topic, message_encoding="cdr", schema_id=self._schemas[kind]
-            )
-        self._writer.add_message(
-            channel_id=self._channels[topic], log_time=stamp_ns, publish_time=stamp_ns, data=raw
-        )
+        self._writer.add(topic, _definition(kind), "cdr", raw, stamp_ns)
+
+
+@cache
+def _definition(kind: str) -> Definition:
+    return Definition(kind, "ros2msg", definition(kind).encode())

@@ -15,8 +15,9 @@ from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
 from comotion_schemas.naming import Names, joint_words
 from comotion_schemas.naming import named as called
+from comotion_schemas.rigid import transform
 
-from ..carried import poses_in_space, transform
+from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
 from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
 from .names import topic_chunk

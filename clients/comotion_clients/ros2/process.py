@@ -11,13 +11,12 @@ from typing import Any, Self
 import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Status
-from comotion_schemas.component import Component, StatusFields, viewer_name
+from comotion_schemas.component import Component, StatusFields, viewer
 from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings, open_session
 
 from ..inbox import Closed
 from ..subscription import Subscription
-from .bag import Bag
 from .messages import Converter
 from .names import Node, attachment, topic_chunk, topic_key
 from .types import to_cdr, type_hash
@@ -83,17 +82,18 @@ def run(
         If the name of the scene is not valid.
     """
     options, sent, converter = options or Ros2Options(), Sent(), Converter(scene, options.names)
-    presence = Component(
-        role="viewer",
-        name=viewer_name("ros2", settings),
-        scene=scene,
-        settings=settings,
+    presence = viewer(
+        "ros2",
+        scene,
+        settings,
         status=lambda: StatusFields(counters={"messages": sum(sent.messages.values())}),
         ready_file=options.ready_file,
     )
     with ExitStack() as stack:
         outputs: list[Any] = []
         if options.bag is not None:
+            from .bag import Bag
+
             outputs.append(stack.enter_context(Bag(options.bag)))
         component = stack.enter_context(presence)
         if options.network:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Hypothesis, Joint
 from comotion_schemas.colours import RGB, Palette
 from comotion_schemas.naming import Names, joint_words, named
+from comotion_schemas.rigid import matrix
 
 from ..joint_lines import joint_lines
 from .shapes import Arrows, Boxes, Points, Positions, Segments, Shape
@@ -170,7 +170,7 @@ def _boxes(path: str, hypotheses: Sequence[Hypothesis], shades: NDArray[np.uint8
         f"{path}/boxes",
         np.array([box.center for box in boxes], np.float32).reshape(-1, dim),
         np.array([box.half for box in boxes], np.float32).reshape(-1, dim),
-        np.array([turn_matrix(box.rotation) for box in boxes], np.float32).reshape(-1, dim, dim),
+        np.array([matrix(box.rotation) for box in boxes], np.float32).reshape(-1, dim, dim),
         shades[rows],
     )
 
@@ -184,14 +184,4 @@ def _in_sight(vectors: Positions, axis: float) -> tuple[NDArray[np.intp], Positi
 
 
 def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:
-    return (
-        np.eye(len(hypothesis.centroid)) if hypothesis.pose is None else turn_matrix(hypothesis.pose.rotation)
-    )
-
-
-def turn_matrix(rotation: list[float] | float) -> NDArray[np.float64]:
-    """Matrix of a rotation: a quaternion (x, y, z, w) in 3-D, an angle in rad in 2-D."""
-    if isinstance(rotation, list):
-        return np.asarray(Rotation.from_quat(rotation).as_matrix())
-    cos, sin = np.cos(rotation), np.sin(rotation)
-    return np.array([[cos, -sin], [sin, cos]])
+    return np.eye(len(hypothesis.centroid)) if hypothesis.pose is None else matrix(hypothesis.pose.rotation)

@@ -1,232 +1,188 @@
-"""Options of the camera sources, and their conversion."""
+"""Options of what reads a camera, and their conversion."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ..errors import UserError, one_line
-from .source_options import StampChoice
+from ..options import Command, Process, argument, setting
+from .source_options import Stamps
 
 if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
     from comotion_sources.klt import TrackerConfig
+    from comotion_sources.klt.options import CameraOptions
 
 
-What = Annotated[
-    str,
-    typer.Argument(
-        metavar="WHAT",
-        help="A number or /dev/videoN (webcam), a video file, a URL (RTSP, HTTP), a folder of images or of "
-        "TUM RGB-D (rgb.txt), realsense[:SERIAL], or workcell:SCENE/CAMERA.",
-        show_default=False,
-    ),
-]
-Rate = Annotated[
-    float | None,
-    typer.Option(
-        "--rate",
-        envvar="COMOTION_RATE",
+@dataclass(kw_only=True)
+class Camera(Command):
+    """Options of a command that tracks the features of a camera or of its recording."""
+
+    rate: float | None = setting(
+        None,
+        "Most frames per second; also requested from devices and assumed for folders of images.",
         min=0.1,
         max=1000,
         metavar="HZ",
-        help="Most frames per second; also requested from devices and assumed for folders of images.",
-    ),
-]
-MaxFeatures = Annotated[
-    int, typer.Option("--max-features", envvar="COMOTION_MAX_FEATURES", min=1, help="Features in the image.")
-]
-RespawnEvery = Annotated[
-    int,
-    typer.Option(
-        "--respawn-every",
-        envvar="COMOTION_RESPAWN_EVERY",
-        min=1,
-        metavar="FRAMES",
-        help="Frames between two searches for new corners.",
-    ),
-]
-Tracker = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--tracker",
-        envvar="COMOTION_TRACKER",
-        metavar="NAME=VALUE",
-        help="Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
+    )
+    max_features: int = setting(400, "Features in the image.", min=1)
+    respawn_every: int = setting(15, "Frames between two searches for new corners.", min=1, metavar="FRAMES")
+    tracker: list[str] | None = setting(
+        None,
+        "Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
         "An unknown name lists all parameters.",
-    ),
-]
-CalibrationFile = Annotated[
-    Path | None,
-    typer.Option(
+        metavar="NAME=VALUE",
+    )
+    calibration: Path | None = setting(
+        None,
+        "Intrinsics (and extrinsics): comotion TOML, OpenCV YAML or ROS camera_info YAML.",
         "--calibration",
         "--intrinsics",
-        envvar="COMOTION_CALIBRATION",
         metavar="FILE",
-        help="Intrinsics (and extrinsics): comotion TOML, OpenCV YAML or ROS camera_info YAML.",
-    ),
-]
-ExtrinsicsFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--extrinsics",
-        envvar="COMOTION_EXTRINSICS",
+    )
+    extrinsics: Path | None = setting(
+        None,
+        "Pose of the camera, written by 'comotion calibrate'; 'identity': the origin of world.",
         metavar="FILE.toml|identity",
-        help="Pose of the camera, written by 'comotion calibrate'; 'identity': the origin of world.",
-    ),
-]
-Moving = Annotated[
-    bool,
-    typer.Option(
+    )
+    depth: bool = setting(True, "Use depth if available.")
+    overwrite: bool = setting(False, "Remove the frames of an earlier run from a folder.")
+
+    def tracker_config(self, *, moving: bool) -> "TrackerConfig":
+        """Build the parameters of the tracker.
+
+        Raises
+        ------
+        UserError
+            If a parameter is unknown or a value is out of bounds.
+        """
+        from pydantic import ValidationError
+
+        from comotion_sources.klt import TrackerConfig
+
+        values: dict[str, Any] = {
+            "max_features": self.max_features,
+            "respawn_every": self.respawn_every,
+            "moving": moving,
+        }
+        for text in self.tracker or ():
+            name, separator, value = text.partition("=")
+            if not separator:
+                raise UserError(f"--tracker {text}: expected NAME=VALUE")
+            values[name.strip().replace("-", "_")] = None if value.strip() == "null" else value
+        try:
+            return TrackerConfig(**values)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            name = ".".join(str(part) for part in first["loc"][:1])
+            if first["type"] == "extra_forbidden":
+                known = ", ".join(sorted(TrackerConfig.model_fields))
+                raise UserError(f"unknown tracker parameter {name!r}; one of {known}") from None
+            raise UserError(f"tracker parameter {name}: {one_line(first['msg'])}") from None
+
+    def clear_frames(self, folder: Path | None) -> None:
+        """Remove the frames that an earlier run has written; on a terminal, ask before.
+
+        Raises
+        ------
+        UserError
+            If there are any, and nobody has agreed to remove them.
+        """
+        from comotion_sources.klt.picture_file import frames_in
+
+        frames = [] if folder is None else frames_in(folder)
+        if not frames:
+            return
+        held = f"{folder} holds {len(frames)} frames of an earlier run"
+        if not self.overwrite and not (
+            sys.stdin.isatty() and typer.confirm(f"{held}. Remove them?", err=True)
+        ):
+            raise UserError(f"{held}: --overwrite removes them")
+        for frame in frames:
+            frame.unlink()
+
+
+@dataclass(kw_only=True)
+class Carried(Camera):
+    """The option of a command whose camera may move."""
+
+    moving: bool = setting(
+        False,
+        "The camera is carried: what is published is relative to the largest body, the world.",
         "--moving/--fixed",
-        envvar="COMOTION_MOVING",
-        help="The camera is carried: what is published is relative to the largest body, the world.",
-    ),
-]
-Poses = Annotated[
-    Path | None,
-    typer.Option(
-        "--poses",
-        envvar="COMOTION_POSES",
-        metavar="FILE",
-        help="Pose of the camera over time, as TUM RGB-D's groundtruth.txt; with --stamps original.",
-    ),
-]
-CarriedBy = Annotated[
-    str | None,
-    typer.Option(
-        "--carried-by",
-        envvar="COMOTION_CARRIED_BY",
-        metavar="SOURCE:ID",
-        help="The 6-DoF feature that carries the camera, such as a link of 'source proprioception'. "
-        "--extrinsics is then the pose of the camera on it.",
-    ),
-]
-Space = Annotated[
-    str | None,
-    typer.Option(
-        "--space",
-        envvar="COMOTION_SPACE",
-        help="Coordinate space. Default: NAME/pixels without depth, the frame of the extrinsics ('world') "
+    )
+
+
+@dataclass(kw_only=True)
+class CameraSource(Camera, Process):
+    """Options of a source that tracks the features of a camera."""
+
+    what: str = argument(
+        ...,
+        "WHAT",
+        "A number or /dev/videoN (webcam), a video file, a URL (RTSP, HTTP), a folder of images or of "
+        "TUM RGB-D (rgb.txt), realsense[:SERIAL], or workcell:SCENE/CAMERA.",
+    )
+    space: str | None = setting(
+        None,
+        "Coordinate space. Default: NAME/pixels without depth, the frame of the extrinsics ('world') "
         "with depth and extrinsics, else NAME/optical.",
-    ),
-]
-Depth = Annotated[
-    bool, typer.Option("--depth/--no-depth", envvar="COMOTION_DEPTH", help="Use depth if available.")
-]
-PreviewPath = Annotated[
-    Path | None,
-    typer.Option(
-        "--preview",
-        envvar="COMOTION_PREVIEW",
+    )
+    preview: Path | None = setting(
+        None,
+        "Write an annotated video, or PNG images to a folder, with features coloured by hypothesis.",
         metavar="FILE.mp4|DIR",
-        help="Write an annotated video, or PNG images to a folder, with features coloured by hypothesis.",
-    ),
-]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite", envvar="COMOTION_OVERWRITE", help="Remove the frames of an earlier run from a folder."
-    ),
-]
-SharePreview = Annotated[
-    float,
-    typer.Option(
-        "--share-preview",
-        envvar="COMOTION_SHARE_PREVIEW",
+    )
+    share_preview: float = setting(
+        5.0,
+        "Images per second for viewers and recorders that subscribe to them; 0: none.",
         min=0,
         max=60,
         metavar="HZ",
-        help="Images per second for viewers and recorders that subscribe to them; 0: none.",
-    ),
-]
-Realtime = Annotated[
-    bool,
-    typer.Option(
-        "--realtime/--no-realtime",
-        envvar="COMOTION_REALTIME",
-        help="Play recordings at their recorded rate, or as fast as they can be tracked (for a service with "
+    )
+    realtime: bool = setting(
+        True,
+        "Play recordings at their recorded rate, or as fast as they can be tracked (for a service with "
         "--clock event).",
-    ),
-]
-Loop = Annotated[bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Repeat a recording.")]
-Stamps = Annotated[
-    StampChoice,
-    typer.Option(
-        "--stamps",
-        envvar="COMOTION_STAMPS",
-        help="Stamps of recordings: as if taken now, or those of the file (media time if it has none).",
-    ),
-]
-Reconnect = Annotated[
-    bool,
-    typer.Option(
-        "--reconnect/--no-reconnect",
-        envvar="COMOTION_RECONNECT",
-        help="Reopen a lost device, or end.",
-    ),
-]
-ClockOffset = Annotated[
-    float,
-    typer.Option(
-        "--clock-offset",
-        envvar="COMOTION_CLOCK_OFFSET",
-        metavar="SECONDS",
-        help="Added to every stamp, for a camera with a known clock offset.",
-    ),
-]
+    )
+    loop: bool = setting(False, "Repeat a recording.")
+    stamps: Stamps = setting(
+        "now", "Stamps of recordings: as if taken now, or those of the file (media time if it has none)."
+    )
+    reconnect: bool = setting(True, "Reopen a lost device, or end.")
+    clock_offset: float = setting(
+        0.0, "Added to every stamp, for a camera with a known clock offset.", metavar="SECONDS"
+    )
 
+    def camera_options(self, *, moving: bool) -> "CameraOptions":
+        """Build the options of the camera's process."""
+        from comotion_sources.klt.options import CameraOptions
+        from comotion_sources.klt.pacing import Pacing
 
-def clear_frames(folder: Path | None, *, overwrite: bool) -> None:
-    """Remove the frames that an earlier run has written; on a terminal, ask before.
+        offset_ns = round(self.clock_offset * 1e9)
+        return CameraOptions(
+            name=self.name or "",
+            tracker=self.tracker_config(moving=moving),
+            pacing=Pacing(realtime=self.realtime, stamps=self.stamps, rate=self.rate, offset_ns=offset_ns),
+            calibration=read_calibration(self.calibration, self.extrinsics),
+            use_depth=self.depth,
+            space=self.space,
+            loop=self.loop,
+            reconnect=self.reconnect,
+            preview=self.preview,
+            share_preview=self.share_preview,
+        )
 
-    Raises
-    ------
-    UserError
-        If there are any, and nobody has agreed to remove them.
-    """
-    from comotion_sources.klt.picture_file import frames_in
+    def publish(self, options: "CameraOptions") -> None:
+        """Publish what the camera sees until stopped, or to the end of its recording."""
+        from comotion_sources.klt.options import Connection
+        from comotion_sources.klt.process import run
 
-    frames = [] if folder is None else frames_in(folder)
-    if not frames:
-        return
-    held = f"{folder} holds {len(frames)} frames of an earlier run"
-    if not overwrite and not (sys.stdin.isatty() and typer.confirm(f"{held}. Remove them?", err=True)):
-        raise UserError(f"{held}: --overwrite removes them")
-    for frame in frames:
-        frame.unlink()
-
-
-def tracker_config(
-    max_features: int, respawn_every: int, assignments: list[str] | None = None, *, moving: bool = False
-) -> "TrackerConfig":
-    """Build the parameters of the tracker.
-
-    Raises
-    ------
-    UserError
-        If a parameter is unknown or a value is out of bounds.
-    """
-    from pydantic import ValidationError
-
-    from comotion_sources.klt import TrackerConfig
-
-    values: dict[str, Any] = {"max_features": max_features, "respawn_every": respawn_every, "moving": moving}
-    for text in assignments or ():
-        name, separator, value = text.partition("=")
-        if not separator:
-            raise UserError(f"--tracker {text}: expected NAME=VALUE")
-        values[name.strip().replace("-", "_")] = None if value.strip() == "null" else value
-    try:
-        return TrackerConfig(**values)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = ".".join(str(part) for part in first["loc"][:1])
-        if first["type"] == "extra_forbidden":
-            known = ", ".join(sorted(TrackerConfig.model_fields))
-            raise UserError(f"unknown tracker parameter {name!r}; one of {known}") from None
-        raise UserError(f"tracker parameter {name}: {one_line(first['msg'])}") from None
+        where = Connection(scene=self.scene, settings=self.settings(), ready_file=self.ready_file)
+        run(self.what, options, where)
 
 
 def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Calibration":

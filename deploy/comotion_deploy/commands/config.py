@@ -1,44 +1,37 @@
 """``comotion config``: the fusion parameters in effect."""
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast, get_args, get_origin
 
-import typer
-
-from .. import options
-from ..fusion_options import fusion_config
+from ..fusion_options import Fusion
+from ..options import Json, Tool
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-EPILOG = """
+
+@dataclass(kw_only=True)
+class Config(Fusion, Json, Tool):
+    """Print the fusion parameters in effect, as TOML that --config reads (or JSON)."""
+
+    epilog = """
 Examples:
-
   comotion config --set thesis.sigma_switch=0.01 --set thesis.v_move=null
-
   comotion config --set rigid.looseness=0.4
-
   comotion config --json
-
   comotion config > my.toml   # then: comotion serve --config my.toml
 """
 
+    def run(self) -> None:
+        """Print them."""
+        from comotion import FusionConfig
 
-def config(
-    ctx: typer.Context,
-    method: options.Method = None,
-    assignments: options.Assignments = None,
-    json_: options.Json = False,
-    _config: options.ConfigFile = None,
-) -> None:
-    """Print the fusion parameters in effect, as TOML that --config reads (or JSON)."""
-    from comotion import FusionConfig
-
-    values = fusion_config(ctx, method, assignments).model_dump(mode="json")
-    if json_:
-        print(json.dumps(values, indent=2))
-        return
-    _print_table("fusion", FusionConfig, values)
+        values = self.fusion_config().model_dump(mode="json")
+        if self.json_:
+            print(json.dumps(values, indent=2))
+            return
+        _print_table("fusion", FusionConfig, values)
 
 
 def _print_table(name: str, model: "type[BaseModel]", values: dict[str, Any]) -> None:

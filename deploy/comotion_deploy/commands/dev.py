@@ -2,13 +2,14 @@
 
 import typer
 
-from . import bench, reproduce, soak, warm_up
+from ..options import add
+from . import reproduce
+from .bench import Bench
+from .soak import Soak
+from .warm_up import WarmUp
 
 app = typer.Typer(help="Measure, stress and reproduce; compile ahead.", no_args_is_help=True)
-app.add_typer(reproduce.app, name="reproduce")
-app.command("bench", epilog=bench.EPILOG)(bench.bench)
-app.command("soak", epilog=soak.EPILOG)(soak.soak)
-app.command("warm-up", epilog=warm_up.EPILOG)(warm_up.warm_up)
+add(app, {"reproduce": reproduce.app, "bench": Bench, "soak": Soak, "warm-up": WarmUp})
 
 MOVED = frozenset({"bench", "reproduce", "soak", "warm-up"})
 """Commands that had no group; their old names are accepted for one release."""

@@ -2,25 +2,102 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ..errors import UserError, missing_extra
+from ..options import Command, Json, Tool, option
 
-Period = Annotated[float, typer.Option("--period", min=0.05, max=10, help="s between updates.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option(
-        "--cache",
+Pictures = Mapping[str, Callable[[Path], object]]
+
+
+@dataclass(kw_only=True)
+class Cached(Command):
+    """The option of an experiment that renders or tracks what the next run needs again."""
+
+    cache: Path | None = option(
+        None,
+        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
+        env="COMOTION_CACHE",
         metavar="DIR",
-        envvar="COMOTION_CACHE",
-        help="Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
-    ),
-]
+    )
+
+    def cache_folder(self, name: str) -> Path:
+        """Return the folder that keeps the tracks of the experiment of this name."""
+        base = os.environ.get("XDG_CACHE_HOME")
+        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / name
+
+
+@dataclass(kw_only=True)
+class Experiment(Json, Tool):
+    """What all experiments have in common: a folder for their results, and how these are printed."""
+
+    log_level = "warning"
+    out: Path
+
+    def show(self, values: str, *shown: object) -> None:
+        """Print the values as JSON, or tables and lines."""
+        from rich.console import Console
+
+        if self.json_:
+            print(values)
+            return
+        console = Console(width=max(170, Console().width))
+        for part in shown:
+            if isinstance(part, str):
+                print(part)
+            else:
+                console.print(part)
+
+    def report(
+        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
+    ) -> None:
+        """Write the page of an experiment, its values and its pictures, and show it.
+
+        Parameters
+        ----------
+        name
+            Name of page and values, without a suffix.
+        text
+            The page, in Markdown.
+        values
+            What the JSON file holds.
+        shown
+            Tables and lines for the terminal; the page itself by default.
+        pictures
+            What draws each picture, by its path in the folder.
+        """
+        data, drawn = json.dumps(values, indent=2), pictures or {}
+        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
+        for path in (page, *images):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(text, encoding="utf-8")
+        numbers.write_text(data + "\n", encoding="utf-8")
+        for path, draw in zip(images, drawn.values(), strict=True):
+            draw(path)
+        written = ", ".join(map(str, (page, numbers, *images)))
+        self.show(data, *(shown or (text,)), f"written: {written}")
+
+
+@dataclass(kw_only=True)
+class OnFamilies(Command):
+    """Options of an experiment on stress families."""
+
+    family: list[str] | None = option(
+        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
+    )
+    jobs: int = option(2, "Processes at once.", min=1, max=256)
+
+
+@dataclass(kw_only=True)
+class OnWorkcell(Command):
+    """The option of an experiment on scenes of the workcell."""
+
+    workcell: list[str] | None = option(
+        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
+    )
 
 
 def check(out: Path) -> None:
@@ -62,38 +139,6 @@ def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
     if unknown:
         raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
     return list(parts or ())
-
-
-def cache_folder() -> Path:
-    """Return the default folder of caches."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "comotion"
-
-
-def write_report(out: Path, name: str, text: str, values: object) -> tuple[str, str]:
-    """Write the report of an experiment as Markdown and its values as JSON.
-
-    Parameters
-    ----------
-    out
-        Folder; made if it is missing.
-    name
-        Name of both files, without a suffix.
-    text
-        The report.
-    values
-        What the JSON file holds.
-
-    Returns
-    -------
-    tuple of str
-        The values as JSON, and a line that says where both files are.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    page, data, written = out / f"{name}.md", out / f"{name}.json", json.dumps(values, indent=2)
-    page.write_text(text, encoding="utf-8")
-    data.write_text(written + "\n", encoding="utf-8")
-    return written, f"written: {page}, {data}"
 
 
 @contextmanager

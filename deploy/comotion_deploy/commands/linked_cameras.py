@@ -1,9 +1,7 @@
 """``--camera`` of ``comotion serve``: calibrated cameras whose hypotheses are linked to bodies in 3-D."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from ..errors import UserError
 from .camera_options import read_calibration
@@ -14,18 +12,6 @@ if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
 
 _WORKCELL = "workcell:"
-
-Cameras = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--camera",
-        envvar="COMOTION_CAMERA",
-        metavar="NAME=FILE[,FILE]",
-        help="Calibration of a fixed camera without depth, to link its hypotheses to bodies in 3-D: "
-        "name of its source (or space), then intrinsics and extrinsics in one file or two, or "
-        "workcell:SCENE/CAMERA; may be repeated.",
-    ),
-]
 
 
 def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConfig":

@@ -2,121 +2,81 @@
 
 import json
 import shlex
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from .. import options
 from ..errors import UserError
-from ..fusion_options import fusion_config
-from .experiments import Cache, cache_folder, check, progress
+from ..fusion_options import Assignments
+from ..options import option, setting
+from .experiments import Cached, Experiment, check, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Results
 
-EPILOG = """
-Examples:
 
-  comotion dev reproduce --quick
-
-  comotion dev reproduce --only 4.4 --only 4.5 --out figures
-
-  comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
-"""
-
-
-def figures(
-    ctx: typer.Context,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--only", metavar="FIGURE", help="Figure, e.g. 4.4; may be repeated. Default: all fifteen."
-        ),
-    ] = None,
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            "--seeds",
-            envvar="COMOTION_SEEDS",
-            help="Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.",
-        ),
-    ] = None,
-    workcell_seeds: Annotated[
-        str | None,
-        typer.Option("--workcell-seeds", help="Seeds of the workcell. Default: 0-1, quick 0."),
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="One seed each and smaller camera images.")] = False,
-    out: Annotated[
-        Path,
-        typer.Option("--out", metavar="DIR", help="Where index.html, figures.json and the pictures go."),
-    ] = Path("figures"),
-    cache: Cache = None,
-    assignments: options.Assignments = None,
-    json_: options.Json = False,
-    _config: options.ConfigFile = None,
-    _log_level: options.Log = options.LogLevel.WARNING,
-) -> None:
+@dataclass(kw_only=True)
+class Figures(Cached, Assignments, Experiment):
     """Draw all figures of the thesis with the thesis method and the default method.
 
     Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
     """
-    from comotion_experiments.figures import Options, reproduce, select
-    from comotion_experiments.figures.page import left_out, page
-    from comotion_experiments.inputs import parse_seeds
 
-    chosen = select(only)
-    config = fusion_config(ctx, None, assignments)
-    if config.method != "comotion":
-        raise UserError(f"method {config.method!r}: the figures compare the default method with the thesis'")
-    simulated = parse_seeds(seeds or ("0" if quick else "0-4"))
-    filmed = parse_seeds(workcell_seeds or ("0" if quick else "0-1"))
-    check(out)
-    workcell = find_spec("mujoco") is not None
-    if only and not workcell and all(figure.workcell for figure in chosen):
-        raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
-    given = Options(simulated, filmed, quick, cache or cache_folder() / "figures", config)
-    with progress() as note:
-        results = reproduce(chosen, given, out, workcell=workcell, note=note)
-    values = json.dumps(results.as_json(), indent=2)
-    (out / "figures.json").write_text(values + "\n", encoding="utf-8")
-    command = _command(only, seeds, workcell_seeds, assignments, quick=quick)
-    (out / "index.html").write_text(page(results, command), encoding="utf-8")
-    if json_:
-        print(values)
-        return
-    _report(results, left_out(results), out)
+    epilog = """
+Examples:
+  comotion dev reproduce --quick
+  comotion dev reproduce --only 4.4 --only 4.5 --out figures
+  comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
+"""
 
+    only: list[str] | None = option(
+        None, "Figure, e.g. 4.4; may be repeated. Default: all fifteen.", metavar="FIGURE"
+    )
+    seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
+    workcell_seeds: str | None = option(None, "Seeds of the workcell. Default: 0-1, quick 0.")
+    quick: bool = option(False, "One seed each and smaller camera images.")
+    out: Path = option(Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR")
 
-def _command(
-    only: list[str] | None,
-    seeds: str | None,
-    workcell_seeds: str | None,
-    assignments: list[str] | None,
-    *,
-    quick: bool,
-) -> str:
-    """Return the command line that makes the same page."""
-    words = ["comotion", "dev", "reproduce"]
-    for name in only or ():
-        words += ["--only", name]
-    for option, value in (("--seeds", seeds), ("--workcell-seeds", workcell_seeds)):
-        words += [option, value] if value else []
-    words += ["--quick"] if quick else []
-    for assignment in assignments or ():
-        words += ["--set", assignment]
-    return shlex.join(words)
+    def run(self) -> None:
+        """Draw them and write the page."""
+        from comotion_experiments.figures import Options, reproduce, select
+        from comotion_experiments.figures.page import left_out, page
+        from comotion_experiments.inputs import parse_seeds
 
+        chosen = select(self.only)
+        config = self.fusion_config()
+        if config.method != "comotion":
+            raise UserError(
+                f"method {config.method!r}: the figures compare the default method with the thesis'"
+            )
+        simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
+        filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
+        check(self.out)
+        workcell = find_spec("mujoco") is not None
+        if self.only and not workcell and all(figure.workcell for figure in chosen):
+            raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
+        given = Options(simulated, filmed, self.quick, self.cache_folder("figures"), config)
+        with progress() as note:
+            results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
+        values = json.dumps(results.as_json(), indent=2)
+        data, html = self.out / "figures.json", self.out / "index.html"
+        data.write_text(values + "\n", encoding="utf-8")
+        html.write_text(page(results, self._command()), encoding="utf-8")
+        missing = [left_out(results)] if left_out(results) else []
+        self.show(values, _table(results), *missing, f"written: {html}, {data}")
 
-def _report(results: "Results", left_out: str, out: Path) -> None:
-    from rich.console import Console
-
-    console = Console(width=max(150, Console().width))
-    console.print(_table(results))
-    if left_out:
-        console.print(left_out, markup=False, highlight=False)
-    console.print(f"written: {out / 'index.html'}, {out / 'figures.json'}", markup=False, highlight=False)
+    def _command(self) -> str:
+        """Return the command line that makes the same page."""
+        words = ["comotion", "dev", "reproduce"]
+        for name in self.only or ():
+            words += ["--only", name]
+        for flag, value in (("--seeds", self.seeds), ("--workcell-seeds", self.workcell_seeds)):
+            words += [flag, value] if value else []
+        words += ["--quick"] if self.quick else []
+        for assignment in self.set_ or ():
+            words += ["--set", assignment]
+        return shlex.join(words)
 
 
 def _table(results: "Results") -> Any:

@@ -1,20 +1,56 @@
 """``comotion ros2``: a scene as ROS 2 messages, without ROS."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from .. import options
 from ..errors import UserError, missing_extra
+from ..options import Client, Command, Ready, option, setting
+from .watch import BodyNames
 
-EPILOG = """
+if TYPE_CHECKING:
+    from comotion_schemas.transport import SessionSettings
+
+
+@dataclass(kw_only=True)
+class Ros(Command):
+    """Options of a command that is part of a ROS network."""
+
+    domain: int = option(0, "ROS domain id.", env="ROS_DOMAIN_ID", min=0, max=232)
+    ros_connect: str | None = option(
+        None, "Router of the ROS network (rmw_zenohd). Default: the router of the scene.", metavar="ENDPOINT"
+    )
+
+    def ros_settings(self) -> "SessionSettings | None":
+        """Return the settings of the session with the ROS network; None: the scene's session."""
+        from comotion_schemas.transport import SessionSettings
+
+        return None if self.ros_connect is None else SessionSettings(connect=(self.ros_connect,))
+
+    def require_ros(self) -> None:
+        """Check that the types of ROS messages are installed.
+
+        Raises
+        ------
+        UserError
+            If they are not.
+        """
+        from comotion_schemas.ros_types import store
+
+        try:
+            store()
+        except ImportError as error:
+            raise missing_extra("ros", error) from None
+
+
+@dataclass(kw_only=True)
+class Ros2(Ros, BodyNames, Ready, Client):
+    """Publish a scene into a ROS 2 network that uses rmw_zenoh, or write it to a bag. ROS is not needed."""
+
+    epilog = """
 Examples:
-
   comotion ros2   # into the ROS network of the scene's router
-
   comotion ros2 --domain 5 --ros-connect tcp/192.168.1.20:7447
-
   comotion ros2 --bag bodies.mcap --duration 30   # no network: a bag
 
 Topics: /tf (frames comotion/SCENE/ID), and below /comotion/SCENE: detections (vision_msgs/Detection3DArray),
@@ -22,63 +58,30 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
 (visualization_msgs/MarkerArray), joints (sensor_msgs/JointState).
 """
 
+    bag: Path | None = setting(None, "Write a bag instead of publishing.", metavar="FILE.mcap")
+    duration: float | None = setting(None, "s. Default: until Ctrl-C.", min=0)
 
-def ros2(
-    domain: Annotated[
-        int, typer.Option("--domain", envvar="ROS_DOMAIN_ID", min=0, max=232, help="ROS domain id.")
-    ] = 0,
-    ros_connect: Annotated[
-        str | None,
-        typer.Option(
-            "--ros-connect",
-            metavar="ENDPOINT",
-            help="Router of the ROS network (rmw_zenohd). Default: the router of the scene.",
-        ),
-    ] = None,
-    bag: Annotated[
-        Path | None,
-        typer.Option(
-            "--bag", envvar="COMOTION_BAG", metavar="FILE.mcap", help="Write a bag instead of publishing."
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="s. Default: until Ctrl-C."),
-    ] = None,
-    scene: options.Scene = "default",
-    connect: options.Connect = None,
-    names: options.BodyNames = None,
-    ready_file: options.ReadyFile = None,
-    _config: options.ConfigFile = None,
-    tls: options.Tls = None,
-    _log_level: options.Log = options.LogLevel.INFO,
-) -> None:
-    """Publish a scene into a ROS 2 network that uses rmw_zenoh, or write it to a bag. ROS is not needed."""
-    if bag is not None and ros_connect is not None:
-        raise UserError("--ros-connect is only for publishing, not with --bag")
-    if bag is not None and bag.exists():
-        raise UserError(f"{bag}: exists")
-    from comotion_clients.ros2.process import Ros2Options, run
-    from comotion_schemas.naming import read_names
-    from comotion_schemas.ros_types import store
-    from comotion_schemas.transport import SessionSettings
+    def run(self) -> None:
+        """Publish until stopped."""
+        if self.bag is not None and self.ros_connect is not None:
+            raise UserError("--ros-connect is only for publishing, not with --bag")
+        if self.bag is not None and self.bag.exists():
+            raise UserError(f"{self.bag}: exists")
+        from comotion_clients.ros2.process import Ros2Options, run
 
-    try:
-        store()
-    except ImportError as error:
-        raise missing_extra("ros", error) from None
-    how = Ros2Options(
-        domain=domain,
-        ros=None if ros_connect is None else SessionSettings(connect=(ros_connect,)),
-        network=bag is None,
-        bag=bag,
-        duration=duration,
-        ready_file=ready_file,
-        names=read_names(names or ()),
-    )
-    try:
-        sent = run(scene, options.session_settings(connect, tls=tls), how)
-    except ImportError as error:
-        raise missing_extra("record", error) from None
-    for topic, count in sorted(sent.messages.items()):
-        print(f"{topic}: {count}")
+        self.require_ros()
+        how = Ros2Options(
+            domain=self.domain,
+            ros=self.ros_settings(),
+            network=self.bag is None,
+            bag=self.bag,
+            duration=self.duration,
+            ready_file=self.ready_file,
+            names=self.names(),
+        )
+        try:
+            sent = run(self.scene, self.settings(), how)
+        except ImportError as error:
+            raise missing_extra("record", error) from None
+        for topic, count in sorted(sent.messages.items()):
+            print(f"{topic}: {count}")

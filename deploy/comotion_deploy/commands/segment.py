@@ -1,149 +1,115 @@
 """``comotion segment``: draws the objects of a video, offline."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from .. import options
 from ..errors import UserError, require_dense
-from ..fusion_options import fusion_config
-from . import camera_options as camera
+from ..fusion_options import Fusion
+from ..options import Json, Tool, argument, setting
+from .camera_options import Carried, read_calibration
 
 if TYPE_CHECKING:
+    from comotion_experiments.labelled import SegmentOptions
     from comotion_experiments.segment import Progress, Segmented
 
-EPILOG = """
-Examples:
 
-  comotion segment drawer.mp4   # writes drawer-segmented.mp4
-
-  comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
-
-  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
-
-  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
-
-  comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
-
-  comotion segment "workcell:truck/a?duration=5" --json
-"""
-
-
-def segment(
-    ctx: typer.Context,
-    what: Annotated[
-        str,
-        typer.Argument(
-            metavar="WHAT",
-            help="A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            envvar="COMOTION_OUT",
-            metavar="FILE.mp4|DIR",
-            help="Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv or "
-            "--json is given.",
-        ),
-    ] = None,
-    csv: Annotated[
-        Path | None,
-        typer.Option(
-            "--csv",
-            envvar="COMOTION_CSV",
-            metavar="FILE.csv",
-            help="Table: frame, time, feature, x, y, hypothesis (-1: undetermined), confidence.",
-        ),
-    ] = None,
-    rate: camera.Rate = None,
-    max_features: camera.MaxFeatures = 400,
-    respawn_every: camera.RespawnEvery = 15,
-    tracker: camera.Tracker = None,
-    calibration: camera.CalibrationFile = None,
-    extrinsics: camera.ExtrinsicsFile = None,
-    depth: camera.Depth = True,
-    moving: camera.Moving = False,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(
-            "--trajectory",
-            envvar="COMOTION_TRAJECTORY",
-            metavar="FILE",
-            help="With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.",
-        ),
-    ] = None,
-    masks: Annotated[
-        Path | None,
-        typer.Option(
-            "--masks",
-            envvar="COMOTION_MASKS",
-            metavar="DIR",
-            help="Write the hypothesis of every pixel, as PNG of 16 bits (0: none). Needs scikit-image.",
-        ),
-    ] = None,
-    masks_every: Annotated[
-        float,
-        typer.Option("--masks-every", envvar="COMOTION_MASKS_EVERY", min=0, max=3600, help="s between them."),
-    ] = 0.5,
-    overwrite: camera.Overwrite = False,
-    method: options.Method = None,
-    assignments: options.Assignments = None,
-    json_: options.Json = False,
-    _config: options.ConfigFile = None,
-    _log_level: options.Log = options.LogLevel.WARNING,
-) -> None:
+@dataclass(kw_only=True)
+class Segment(Carried, Fusion, Json, Tool):
     """Track and group every frame of a video, and draw the result.
 
     No router and no other process is needed. The same video gives the same labels on every run.
     """
-    import cv2
 
-    from comotion_experiments.labelled import SegmentOptions
-    from comotion_experiments.segment import segment as run
-    from comotion_sources.klt.picture_file import NO_ENCODER
+    epilog = """
+Examples:
+  comotion segment drawer.mp4   # writes drawer-segmented.mp4
+  comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
+  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
+  comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
+  comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
+  comotion segment "workcell:truck/a?duration=5" --json
+"""
+    log_level = "warning"
 
-    cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-    if trajectory is not None and not moving:
-        raise UserError("--trajectory needs --moving")
-    if masks is not None:
-        require_dense()
-    if all(one is None for one in (out, csv, trajectory, masks)) and not json_:
-        out = Path(f"{_stem(what)}-segmented.mp4")
-    _check_outputs(what, out, csv, trajectory)
-    for folder in (out, masks):
-        camera.clear_frames(folder, overwrite=overwrite)
-    how = SegmentOptions(
-        out=out,
-        csv=csv,
-        masks=masks,
-        masks_every=masks_every,
-        tracker=camera.tracker_config(max_features, respawn_every, tracker, moving=moving),
-        fusion=fusion_config(ctx, method, assignments),
-        rate=rate,
-        calibration=camera.read_calibration(calibration, extrinsics),
-        use_depth=depth,
+    what: str = argument(
+        ..., "WHAT", "A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA."
     )
-    with _progress(what, how.fusion.method) as progress:
-        found = run(what, how, progress)
-    if trajectory is not None:
-        _write_trajectory(trajectory, found)
-    if json_:
-        import json
+    out: Path | None = setting(
+        None,
+        "Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv or "
+        "--json is given.",
+        metavar="FILE.mp4|DIR",
+    )
+    csv: Path | None = setting(
+        None,
+        "Table: frame, time, feature, x, y, hypothesis (-1: undetermined), confidence.",
+        metavar="FILE.csv",
+    )
+    trajectory: Path | None = setting(
+        None, "With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.", metavar="FILE"
+    )
+    masks: Path | None = setting(
+        None,
+        "Write the hypothesis of every pixel, as PNG of 16 bits (0: none). Needs scikit-image.",
+        metavar="DIR",
+    )
+    masks_every: float = setting(0.5, "s between them.", min=0, max=3600)
 
-        print(json.dumps(found.as_json(), indent=2))
-        return
-    _print_summary(found)
-    for path in (out, csv, trajectory, masks):
-        if path is not None:
+    def run(self) -> None:
+        """Segment the video and say what was written."""
+        import cv2
+
+        from comotion_experiments.segment import segment
+        from comotion_sources.klt.picture_file import NO_ENCODER
+
+        cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
+        options = self._options()
+        with _progress(self.what, options.fusion.method) as progress:
+            found = segment(self.what, options, progress)
+        if self.trajectory is not None:
+            _write_trajectory(self.trajectory, found)
+        if self.json_:
+            print(json.dumps(found.as_json(), indent=2))
+            return
+        _print_summary(found)
+        for path in self._outputs():
             print(f"wrote {path}")
-    if found.codec == "mpeg4":
-        print(f"the video is {NO_ENCODER}")
+        if found.codec == "mpeg4":
+            print(f"the video is {NO_ENCODER}")
+
+    def _options(self) -> "SegmentOptions":
+        from comotion_experiments.labelled import SegmentOptions
+
+        if self.trajectory is not None and not self.moving:
+            raise UserError("--trajectory needs --moving")
+        if self.masks is not None:
+            require_dense()
+        if not self._outputs() and not self.json_:
+            self.out = Path(f"{_stem(self.what)}-segmented.mp4")
+        for path in self._outputs():
+            if path.exists() and Path(self.what).exists() and path.samefile(self.what):
+                raise UserError(f"{path}: is the input")
+        for folder in (self.out, self.masks):
+            self.clear_frames(folder)
+        return SegmentOptions(
+            out=self.out,
+            csv=self.csv,
+            masks=self.masks,
+            masks_every=self.masks_every,
+            tracker=self.tracker_config(moving=self.moving),
+            fusion=self.fusion_config(),
+            rate=self.rate,
+            calibration=read_calibration(self.calibration, self.extrinsics),
+            use_depth=self.depth,
+        )
+
+    def _outputs(self) -> list[Path]:
+        """The files and folders to write."""
+        return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
 
 
 def _write_trajectory(path: Path, found: "Segmented") -> None:
@@ -164,13 +130,6 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _check_outputs(what: str, *paths: Path | None) -> None:
-    """Refuse to write over the input."""
-    for path in paths:
-        if path is not None and path.exists() and Path(what).exists() and path.samefile(what):
-            raise UserError(f"{path}: is the input")
-
-
 def _print_summary(found: "Segmented") -> None:
     speed = found.frames / found.seconds
     times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
@@ -182,7 +141,7 @@ def _print_summary(found: "Segmented") -> None:
 def _progress(what: str, method: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
     from comotion.library.compiling import compile_ahead
-    from comotion_clients.progress import reporting
+    from comotion_schemas.terminal import reporting
 
     compile_ahead(method, "px", 2)
     name = Path(what).name

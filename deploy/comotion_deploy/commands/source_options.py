@@ -1,61 +1,59 @@
 """Options that several source commands share."""
 
-from enum import StrEnum
-from typing import Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
-import typer
+from ..options import Command, Process, setting
 
-from .. import options
+if TYPE_CHECKING:
+    from comotion_sources.parts import Part
 
-
-class StampChoice(StrEnum):
-    """Stamps of recorded data: the time of publication, or those of the recording."""
-
-    NOW = "now"
-    ORIGINAL = "original"
+Stamps = Literal["now", "original"]
+"""Stamps of recorded data: the time of publication, or those of the recording."""
 
 
-Name = Annotated[
-    str,
-    typer.Option(
-        "--name",
-        envvar="COMOTION_SOURCE_NAME",
-        callback=options.name_of_certificate,
-        help="Name of the source. With a certificate: its name.",
-    ),
-]
-Names = Annotated[
-    str | None,
-    typer.Option(
-        "--name",
-        envvar="COMOTION_SOURCE_NAME",
-        callback=options.name_of_certificate,
-        help="Name of the source; with several, NAME-1, NAME-2, ... Default: that of the command.",
-    ),
-]
-Loop = Annotated[
-    bool, typer.Option("--loop", envvar="COMOTION_LOOP", help="Repeat; each pass is a new session.")
-]
-Duration = Annotated[
-    float | None,
-    typer.Option("--duration", envvar="COMOTION_DURATION", min=0, help="Stop after this time, s."),
-]
-Part = Annotated[
-    str | None,
-    typer.Option(
-        "--part",
-        envvar="COMOTION_PART",
+@dataclass(kw_only=True)
+class Timed(Command):
+    """The option of a source that may end by itself."""
+
+    duration: float | None = setting(None, "Stop after this time, s.", min=0)
+
+
+@dataclass(kw_only=True)
+class Played(Timed, Process):
+    """Options of a source that plays a scene or a recording, as one source or several."""
+
+    rate: str | None = setting(
+        None,
+        "Rate, or one rate per source for several sources. Default: that of the scene.",
+        metavar="HZ[,HZ...]",
+    )
+    part: str | None = setting(
+        None,
+        "Publish only the K-th of N sources; each feature belongs to exactly one of them.",
         metavar="K/N",
-        help="Publish only the K-th of N sources; each feature belongs to exactly one of them.",
-    ),
-]
-StartAt = Annotated[
-    str,
-    typer.Option(
-        "--start-at",
-        envvar="COMOTION_START_AT",
-        metavar="now|aligned|SECONDS",
-        help="Start now, at a multiple of the length of the scene or recording, or at a Unix time. "
+    )
+    loop: bool = setting(False, "Repeat; each pass is a new session.")
+    start_at: str = setting(
+        "now",
+        "Start now, at a multiple of the length of the scene or recording, or at a Unix time. "
         "Sources in several processes need 'aligned' or a Unix time to be in phase.",
-    ),
-]
+        metavar="now|aligned|SECONDS",
+    )
+    name: str | None = setting(
+        None,
+        "Name of the source; with several, NAME-1, NAME-2, ... Default: that of the command.",
+        env="COMOTION_SOURCE_NAME",
+    )
+
+    def chosen_part(self) -> "Part | None":
+        """Return the part of the sources that is to be published, if not all are."""
+        from comotion_sources.parts import parse_part
+
+        return parse_part(self.part) if self.part else None
+
+    def rates(self) -> "list[float] | None":
+        """Return the rate of each source, or of all of them, in Hz."""
+        from comotion_sources.parts import parse_rates
+
+        return parse_rates(self.rate) if self.rate else None

@@ -1,110 +1,63 @@
 """``comotion source simulator``: publishes a simulated scene with its truth."""
 
-from enum import StrEnum
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Literal
 
-import typer
-
-from .. import options
 from ..errors import UserError
-from . import source_options
+from ..options import argument, option, setting
+from .source_options import Played
 
-EPILOG = """
+
+@dataclass(kw_only=True)
+class Simulator(Played):
+    """Publish a simulated scene, with its truth, as one source or several."""
+
+    epilog = """
 Examples:
-
   comotion source simulator --list
-
   comotion source simulator fig4_4 --loop
-
   comotion source simulator fig4_4 --rate 15,30,100   # three sources in one process
-
   comotion source simulator fig4_4 --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
-
   comotion source simulator my_scene.toml --seed 7 --noise 2 --publish-sigma
 """
 
+    simulated: str | None = argument(None, "SCENE", "A scene of --list, or a TOML file.")
+    list_: bool = option(False, "List the scenes of the package and end.")
+    split: Literal["features", "objects"] = setting("features", "How several sources divide the scene.")
+    seed: int = setting(0, "Seed of the random numbers.", min=0)
+    noise: float = setting(1.0, "Factor on the noise.", min=0)
+    time_scale: float = setting(1.0, "2 plays twice as fast.")
+    publish_sigma: bool = setting(False, "Publish the true noise.")
 
-class SplitChoice(StrEnum):
-    """How several sources divide a scene."""
+    def run(self) -> None:
+        """Publish until stopped, or to the end of the scene."""
+        from comotion_sources import player, simulator
+        from comotion_sources.simulator import process
 
-    FEATURES = "features"
-    OBJECTS = "objects"
-
-
-def simulator(
-    simulated: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENE", help="A scene of --list, or a TOML file.", show_default=False),
-    ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="List the scenes of the package and end.")] = False,
-    rate: Annotated[
-        str | None,
-        typer.Option(
-            "--rate",
-            envvar="COMOTION_RATE",
-            metavar="HZ[,HZ...]",
-            help="Rate, or one rate per source for several sources. Default: that of the scene.",
-        ),
-    ] = None,
-    part: source_options.Part = None,
-    split: Annotated[
-        SplitChoice,
-        typer.Option("--split", envvar="COMOTION_SPLIT", help="How several sources divide the scene."),
-    ] = SplitChoice.FEATURES,
-    seed: Annotated[
-        int, typer.Option("--seed", envvar="COMOTION_SEED", min=0, help="Seed of the random numbers.")
-    ] = 0,
-    noise: Annotated[
-        float, typer.Option("--noise", envvar="COMOTION_NOISE", min=0, help="Factor on the noise.")
-    ] = 1.0,
-    time_scale: Annotated[
-        float, typer.Option("--time-scale", envvar="COMOTION_TIME_SCALE", help="2 plays twice as fast.")
-    ] = 1.0,
-    duration: source_options.Duration = None,
-    loop: source_options.Loop = False,
-    start_at: source_options.StartAt = "now",
-    publish_sigma: Annotated[
-        bool,
-        typer.Option("--publish-sigma", envvar="COMOTION_PUBLISH_SIGMA", help="Publish the true noise."),
-    ] = False,
-    name: source_options.Names = None,
-    scene: options.Scene = "default",
-    connect: options.Connect = None,
-    listen: options.Listen = None,
-    ready_file: options.ReadyFile = None,
-    _config: options.ConfigFile = None,
-    tls: options.Tls = None,
-    insecure: options.Insecure = False,
-    _log_level: options.Log = options.LogLevel.INFO,
-    _metrics: options.Metrics = None,
-) -> None:
-    """Publish a simulated scene, with its truth, as one source or several."""
-    from comotion_sources import parts, player, simulator
-    from comotion_sources.simulator import process
-
-    if list_:
-        _print_scenes()
-        return
-    if simulated is None:
-        raise UserError("which scene? see 'comotion source simulator --list'")
-    simulations = process.choose_sources(
-        simulator.load_scene(simulated),
-        part=parts.parse_part(part) if part else None,
-        rates=parts.parse_rates(rate) if rate else None,
-        seed=seed,
-        noise=noise,
-        time_scale=time_scale,
-        split=split.value,
-    )
-    process.run(
-        simulations,
-        player.Schedule(start_at=player.parse_start(start_at), loop=loop, duration=duration),
-        name=name,
-        scene=scene,
-        settings=options.session_settings(connect, listen, tls, insecure=insecure),
-        ready_file=ready_file,
-        publish_sigma=publish_sigma,
-    )
+        if self.list_:
+            _print_scenes()
+            return
+        if self.simulated is None:
+            raise UserError("which scene? see 'comotion source simulator --list'")
+        simulations = process.choose_sources(
+            simulator.load_scene(self.simulated),
+            part=self.chosen_part(),
+            rates=self.rates(),
+            seed=self.seed,
+            noise=self.noise,
+            time_scale=self.time_scale,
+            split=self.split,
+        )
+        start = player.parse_start(self.start_at)
+        process.run(
+            simulations,
+            player.Schedule(start_at=start, loop=self.loop, duration=self.duration),
+            name=self.name,
+            scene=self.scene,
+            settings=self.settings(),
+            ready_file=self.ready_file,
+            publish_sigma=self.publish_sigma,
+        )
 
 
 def _print_scenes() -> None:

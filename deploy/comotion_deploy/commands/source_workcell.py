@@ -1,102 +1,62 @@
 """``comotion source workcell``: publishes the joint states of a simulated workcell."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from .. import options
 from ..errors import UserError
-from . import source_options
+from ..options import Process, argument, option, setting
+from .source_options import Timed
 
-EPILOG = """
+
+@dataclass(kw_only=True)
+class Workcell(Timed, Process):
+    """Publish the joint states of a simulated workcell, which its cameras follow."""
+
+    epilog = """
 Examples:
-
   comotion source workcell --list
-
   comotion source workcell truck   # publishes joint states; then, in other terminals:
-
   comotion source klt workcell:truck/a --name klt-a
-
   comotion source proprioception workcell:truck --name gripper
-
   comotion source workcell shelf --write-tum shelf-a --camera "a?size=320x240"
 """
 
-
-def workcell(
-    workcell_scene: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENE", help="A workcell scene of --list.", show_default=False),
-    ] = None,
-    list_: Annotated[
-        bool, typer.Option("--list", help="List the scenes with their cameras and end.")
-    ] = False,
-    rate: Annotated[
-        float,
-        typer.Option("--rate", envvar="COMOTION_RATE", min=1, max=1000, help="Joint states per second."),
-    ] = 200.0,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed",
-            envvar="COMOTION_SEED",
-            min=0,
-            help="Seed of the timing (and of the cameras, if they have the same ?seed=).",
-        ),
-    ] = 0,
-    duration: source_options.Duration = None,
-    write_tum: Annotated[
-        Path | None,
-        typer.Option(
-            "--write-tum",
-            metavar="DIR",
-            help="Write the frames of a camera as a TUM RGB-D folder instead, and end.",
-        ),
-    ] = None,
-    camera: Annotated[
-        str, typer.Option("--camera", help="The camera for --write-tum, with options after '?'.")
-    ] = "a",
-    name: Annotated[
-        str,
-        typer.Option(
-            "--name",
-            envvar="COMOTION_SOURCE_NAME",
-            callback=options.name_of_certificate,
-            help="Name of the stream of joint states. With a certificate: its name.",
-        ),
-    ] = "workcell",
-    scene: options.Scene = "default",
-    connect: options.Connect = None,
-    listen: options.Listen = None,
-    ready_file: options.ReadyFile = None,
-    _config: options.ConfigFile = None,
-    tls: options.Tls = None,
-    insecure: options.Insecure = False,
-    _log_level: options.Log = options.LogLevel.INFO,
-    _metrics: options.Metrics = None,
-) -> None:
-    """Publish the joint states of a simulated workcell, which its cameras follow."""
-    from comotion_sources.workcell import process
-    from comotion_sources.workcell.scene import Scene
-
-    if list_:
-        _print_scenes()
-        return
-    if workcell_scene is None:
-        raise UserError("which scene? 'comotion source workcell --list' names them")
-    if write_tum is not None:
-        _write(workcell_scene, camera, seed, duration, write_tum)
-        return
-    process.run(
-        Scene.named(workcell_scene, seed),
-        rate=rate,
-        duration=duration,
-        name=name,
-        scene=scene,
-        settings=options.session_settings(connect, listen, tls, insecure=insecure),
-        ready_file=ready_file,
+    workcell_scene: str | None = argument(None, "SCENE", "A workcell scene of --list.")
+    list_: bool = option(False, "List the scenes with their cameras and end.")
+    rate: float = setting(200.0, "Joint states per second.", min=1, max=1000)
+    seed: int = setting(0, "Seed of the timing (and of the cameras, if they have the same ?seed=).", min=0)
+    write_tum: Path | None = option(
+        None, "Write the frames of a camera as a TUM RGB-D folder instead, and end.", metavar="DIR"
     )
+    camera: str = option("a", "The camera for --write-tum, with options after '?'.")
+    name: str = setting(
+        "workcell",
+        "Name of the stream of joint states. With a certificate: its name.",
+        env="COMOTION_SOURCE_NAME",
+    )
+
+    def run(self) -> None:
+        """Publish until stopped."""
+        from comotion_sources.workcell import process
+        from comotion_sources.workcell.scene import Scene
+
+        if self.list_:
+            _print_scenes()
+            return
+        if self.workcell_scene is None:
+            raise UserError("which scene? 'comotion source workcell --list' names them")
+        if self.write_tum is not None:
+            _write(self.workcell_scene, self.camera, self.seed, self.duration, self.write_tum)
+            return
+        process.run(
+            Scene.named(self.workcell_scene, self.seed),
+            rate=self.rate,
+            duration=self.duration,
+            name=self.name,
+            scene=self.scene,
+            settings=self.settings(),
+            ready_file=self.ready_file,
+        )
 
 
 def _print_scenes() -> None:

@@ -3,252 +3,171 @@
 import os
 import re
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from .. import options
 from ..errors import UserError, missing_extra, require_dense
+from ..options import Client, Json, Ready, argument, setting
+from .watch import BodyNames
 
 if TYPE_CHECKING:
-    from comotion_clients.viewing.process import Viewed, ViewOptions
+    from comotion_clients.viewing.process import Viewed
     from comotion_clients.viewing.sink import Destination, RerunSink
-    from comotion_schemas.transport import SessionSettings
-
-EPILOG = """
-Examples:
-
-  comotion view   # a window
-
-  comotion view --web --scene workcell   # a page for the browser
-
-  comotion view --web --rate 2   # for a browser without a graphics card
-
-  comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
-
-  comotion view --foxglove   # for the Foxglove app: open ws://127.0.0.1:8765
-
-  comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
-"""
+    from comotion_schemas.message_log import MessageLog
 
 
-def view(
-    recording: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[FILE.mcap]", help="A recording to show instead of a running scene.", show_default=False
-        ),
-    ] = None,
-    web: Annotated[
-        bool,
-        typer.Option("--web", envvar="COMOTION_WEB", help="Serve a page for the browser of this machine."),
-    ] = False,
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            "--save",
-            envvar="COMOTION_SAVE",
-            metavar="FILE.rrd",
-            help="Write a new file for the Rerun viewer.",
-        ),
-    ] = None,
-    foxglove: Annotated[
-        bool,
-        typer.Option("--foxglove", envvar="COMOTION_FOXGLOVE", help="Serve the scene to the Foxglove app."),
-    ] = False,
-    foxglove_port: Annotated[
-        int,
-        typer.Option(
-            "--foxglove-port", envvar="COMOTION_FOXGLOVE_PORT", min=0, max=65535, help="Its port; 0: any."
-        ),
-    ] = 8765,
-    port: Annotated[
-        int, typer.Option("--port", envvar="COMOTION_WEB_PORT", min=1, max=65535, help="Port of the page.")
-    ] = 9090,
-    data_port: Annotated[
-        int,
-        typer.Option(
-            "--data-port", envvar="COMOTION_WEB_DATA_PORT", min=1, max=65535, help="Port of the page's data."
-        ),
-    ] = 9876,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", envvar="COMOTION_BROWSER", help="Open the page.")
-    ] = True,
-    memory: Annotated[
-        str,
-        typer.Option(
-            "--memory",
-            envvar="COMOTION_VIEW_MEMORY",
-            help="Memory for the history, e.g. 500MB, 2GB or 25%; the oldest data is dropped first.",
-        ),
-    ] = "1GB",
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate",
-            envvar="COMOTION_VIEW_RATE",
-            min=0.1,
-            max=1000,
-            metavar="HZ",
-            help="Most updates, and images of each camera, per second. Fewer for a slow browser.",
-        ),
-    ] = None,
-    regions: Annotated[
-        bool,
-        typer.Option(
-            "--regions",
-            envvar="COMOTION_REGIONS",
-            help="Colour the region of each hypothesis in images. Needs scikit-image.",
-        ),
-    ] = False,
-    duration: Annotated[
-        float | None,
-        typer.Option("--duration", envvar="COMOTION_DURATION", min=0.1, help="Stop after this time, s."),
-    ] = None,
-    names: options.BodyNames = None,
-    scene: options.Scene = "default",
-    connect: options.Connect = None,
-    json_: options.Json = False,
-    ready_file: options.ReadyFile = None,
-    _config: options.ConfigFile = None,
-    tls: options.Tls = None,
-    _log_level: options.Log = options.LogLevel.WARNING,
-) -> None:
+@dataclass(kw_only=True)
+class View(BodyNames, Json, Ready, Client):
     """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun or Foxglove.
 
     In a window where there is a display; with --web, --save or --foxglove elsewhere.
     """
-    from comotion_schemas.naming import read_names
 
-    called = read_names(names or ())
-    if foxglove:
-        _serve_foxglove(
-            recording,
-            foxglove_port,
-            called,
-            scene,
-            options.session_settings(connect, tls=tls),
-            duration,
-            ready_file,
-            json_=json_,
-        )
-        return
-    _require_rerun()
-    if regions:
-        require_dense()
-    from comotion_clients.viewing.sink import Destination
+    epilog = """
+Examples:
+  comotion view   # a window
+  comotion view --web --scene workcell   # a page for the browser
+  comotion view --web --rate 2   # for a browser without a graphics card
+  comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
+  comotion view --foxglove   # for the Foxglove app: open ws://127.0.0.1:8765
+  comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
+"""
+    log_level = "warning"
 
-    if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", memory) is None:
-        raise UserError(f"--memory {memory}: expected something like 500MB, 2GB or 25%")
-    if recording is not None and recording.suffix == ".rrd":
-        raise UserError(f"{recording} is a file of Rerun's own; look at it with: rerun {recording}")
-    if save is not None and save.suffix != ".rrd":
-        raise UserError(f"{save}: the name of a file for Rerun ends in .rrd")
-    window = not web and save is None
-    if window:
-        _require_display()
-    where = Destination(
-        window=window,
-        web_port=port if web else None,
-        data_port=data_port,
-        open_browser=browser and _has_display(),
-        file=save,
-        memory=memory,
+    recording: Path | None = argument(None, "[FILE.mcap]", "A recording to show instead of a running scene.")
+    web: bool = setting(False, "Serve a page for the browser of this machine.")
+    save: Path | None = setting(None, "Write a new file for the Rerun viewer.", metavar="FILE.rrd")
+    foxglove: bool = setting(False, "Serve the scene to the Foxglove app.")
+    foxglove_port: int = setting(8765, "Its port; 0: any.", min=0, max=65535)
+    port: int = setting(9090, "Port of the page.", env="COMOTION_WEB_PORT", min=1, max=65535)
+    data_port: int = setting(9876, "Port of the page's data.", env="COMOTION_WEB_DATA_PORT", min=1, max=65535)
+    browser: bool = setting(True, "Open the page.")
+    memory: str = setting(
+        "1GB",
+        "Memory for the history, e.g. 500MB, 2GB or 25%; the oldest data is dropped first.",
+        env="COMOTION_VIEW_MEMORY",
     )
-    if recording is not None:
-        _show_recording(recording, where, duration, dense=regions, names=called)
-    else:
-        from comotion_clients.viewing.process import ViewOptions
+    rate: float | None = setting(
+        None,
+        "Most updates, and images of each camera, per second. Fewer for a slow browser.",
+        env="COMOTION_VIEW_RATE",
+        min=0.1,
+        max=1000,
+        metavar="HZ",
+    )
+    regions: bool = setting(False, "Colour the region of each hypothesis in images. Needs scikit-image.")
+    duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
 
-        how = ViewOptions(duration=duration, rate=rate, ready_file=ready_file, dense=regions, names=called)
-        _show_scene(where, scene, options.session_settings(connect, tls=tls), how, json_=json_)
-
-
-def _serve_foxglove(
-    recording: Path | None,
-    port: int,
-    names: dict[int, str],
-    scene: str,
-    settings: "SessionSettings",
-    duration: float | None,
-    ready_file: Path | None,
-    *,
-    json_: bool,
-) -> None:
-    try:
-        from comotion_clients.foxglove.server import FoxgloveDisplay
-    except ImportError as error:
-        raise missing_extra("foxglove", error) from None
-    from comotion_clients.viewing.process import ViewOptions, follow
-    from comotion_schemas import Keys
-
-    Keys(scene)  # checks the name before the server starts
-    with FoxgloveDisplay(port, names) as display:
-        print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
-        if recording is None:
-            how = ViewOptions(duration=duration, ready_file=ready_file)
-            _print_viewed(follow(display, scene, settings, how), json_=json_)
+    def run(self) -> None:
+        """Show it until stopped."""
+        if self.foxglove:
+            self._serve_foxglove()
             return
+        _require_rerun()
+        if self.regions:
+            require_dense()
+        where = self._destination()
+        if self.recording is not None:
+            self._show_recording(self.recording, where)
+        else:
+            self._show_scene(where)
+
+    def _destination(self) -> "Destination":
+        from comotion_clients.viewing.sink import Destination
+
+        if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", self.memory) is None:
+            raise UserError(f"--memory {self.memory}: expected something like 500MB, 2GB or 25%")
+        if self.recording is not None and self.recording.suffix == ".rrd":
+            raise UserError(
+                f"{self.recording} is a file of Rerun's own; look at it with: rerun {self.recording}"
+            )
+        if self.save is not None and self.save.suffix != ".rrd":
+            raise UserError(f"{self.save}: the name of a file for Rerun ends in .rrd")
+        window = not self.web and self.save is None
+        if window and not _has_display():
+            raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
+        return Destination(
+            window=window,
+            web_port=self.port if self.web else None,
+            data_port=self.data_port,
+            open_browser=self.browser and _has_display(),
+            file=self.save,
+            memory=self.memory,
+        )
+
+    def _serve_foxglove(self) -> None:
         try:
-            from comotion_clients.recording.reading import Reading
+            from comotion_clients.foxglove.server import FoxgloveDisplay
         except ImportError as error:
-            raise missing_extra("record", error) from None
-        with Reading(recording) as reading:
-            print(f"{recording}: {display.play(reading.messages())} updates", file=sys.stderr)
+            raise missing_extra("foxglove", error) from None
+        from comotion_clients.viewing.process import ViewOptions, follow
+        from comotion_schemas import Keys
+
+        settings = self.settings()
+        Keys(self.scene)  # checks the name before the server starts
+        with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
+            print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
+            if self.recording is None:
+                how = ViewOptions(duration=self.duration, ready_file=self.ready_file)
+                self._print_viewed(follow(display, self.scene, settings, how))
+                return
+            with _message_log()(self.recording) as log:
+                print(f"{self.recording}: {display.play(log.decoded())} updates", file=sys.stderr)
+
+    def _print_viewed(self, result: "Viewed") -> None:
+        import json
+        from dataclasses import asdict
+
+        if self.json_:
+            print(json.dumps(asdict(result), indent=2))
+        else:
+            print(result.line(), file=sys.stderr)
+
+    def _show_scene(self, where: "Destination") -> None:
+        from comotion_clients.viewing.process import ViewOptions, view
+        from comotion_clients.viewing.sink import RerunSink
+        from comotion_schemas import Keys
+
+        how = ViewOptions(
+            duration=self.duration,
+            rate=self.rate,
+            ready_file=self.ready_file,
+            dense=self.regions,
+            names=self.names(),
+        )
+        settings = self.settings()
+        Keys(self.scene)  # checks the name before a window opens
+        with RerunSink(where) as sink:
+            _print_address(sink)
+            result = view(sink, self.scene, settings, how)
+        self._print_viewed(result)
+
+    def _show_recording(self, recording: Path, where: "Destination") -> None:
+        import threading
+
+        from comotion_clients.viewing.process import view_messages
+        from comotion_clients.viewing.sink import RerunSink
+        from comotion_schemas.component import stop_on_signals
+
+        names, stop = self.names(), threading.Event()
+        with _message_log()(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
+            _print_address(sink)
+            shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
+            if not shown:
+                raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
+            print(f"{recording}: {shown} updates", file=sys.stderr)
+            if where.window or where.web_port is not None:
+                sink.wait(stop, self.duration)
 
 
-def _print_viewed(result: "Viewed", *, json_: bool) -> None:
-    import json
-    from dataclasses import asdict
-
-    if json_:
-        print(json.dumps(asdict(result), indent=2))
-    else:
-        print(result.line(), file=sys.stderr)
-
-
-def _show_scene(
-    where: "Destination",
-    scene: str,
-    settings: "SessionSettings",
-    how: "ViewOptions",
-    *,
-    json_: bool,
-) -> None:
-    from comotion_clients.viewing.process import view as run
-    from comotion_clients.viewing.sink import RerunSink
-    from comotion_schemas import Keys
-
-    Keys(scene)  # checks the name before a window opens
-    with RerunSink(where) as sink:
-        _print_address(sink)
-        result = run(sink, scene, settings, how)
-    _print_viewed(result, json_=json_)
-
-
-def _show_recording(
-    recording: Path, where: "Destination", duration: float | None, *, dense: bool, names: dict[int, str]
-) -> None:
-    import threading
-
+def _message_log() -> "type[MessageLog]":
+    """The reader of recordings, which needs an extra."""
     try:
-        from comotion_clients.recording.reading import Reading
+        from comotion_schemas.message_log import MessageLog
     except ImportError as error:
         raise missing_extra("record", error) from None
-    from comotion_clients.viewing.process import view_messages
-    from comotion_clients.viewing.sink import RerunSink
-    from comotion_schemas.component import stop_on_signals
-
-    stop = threading.Event()
-    with Reading(recording) as reading, RerunSink(where) as sink, stop_on_signals(stop):
-        _print_address(sink)
-        shown = view_messages(reading.messages(), reading.scene(), sink, dense=dense, names=names)
-        if not shown:
-            raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
-        print(f"{recording}: {shown} updates", file=sys.stderr)
-        if where.window or where.web_port is not None:
-            sink.wait(stop, duration)
+    return MessageLog
 
 
 def _print_address(sink: "RerunSink") -> None:
@@ -260,11 +179,6 @@ def _has_display() -> bool:
     if sys.platform != "linux":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _require_display() -> None:
-    if not _has_display():
-        raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
 
 
 def _require_rerun() -> None:

@@ -1,87 +1,67 @@
 """``comotion watch``: a live table of one scene."""
 
-from enum import StrEnum
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Literal
 
-import typer
-
-from .. import options
-
-EPILOG = """
-Examples:
-
-  comotion watch
-
-  comotion watch --scene workcell --sort age
-
-  comotion watch --once --json | jq .service.state
-
-  comotion watch --once --pose
-
-  comotion watch --name 2=truck --name 3=gripper
-
-  comotion watch > scene.log   # one line a second
-"""
+from ..options import Client, Command, Json, Ready, setting
 
 
-class SortChoice(StrEnum):
-    """Order of sources and hypotheses."""
+@dataclass(kw_only=True)
+class BodyNames(Command):
+    """The option of a command that shows hypotheses."""
 
-    SIZE = "size"
-    NAME = "name"
-    AGE = "age"
+    name: list[str] | None = setting(
+        None,
+        "Name of a hypothesis, such as 2=truck; may be repeated.",
+        env="COMOTION_NAMES",
+        metavar="ID=NAME",
+    )
+
+    def names(self) -> dict[int, str]:
+        """Return the name of each hypothesis that has one."""
+        from comotion_schemas.naming import read_names
+
+        return read_names(self.name or ())
 
 
-def watch(
-    once: Annotated[
-        bool, typer.Option("--once", envvar="COMOTION_ONCE", help="Show it once and end.")
-    ] = False,
-    sort: Annotated[
-        SortChoice,
-        typer.Option(
-            "--sort", envvar="COMOTION_SORT", help="By size, by name or id, or by age; the key s changes it."
-        ),
-    ] = SortChoice.SIZE,
-    pose: Annotated[
-        bool,
-        typer.Option("--pose", envvar="COMOTION_POSE", help="Angular speed and pose; the key p changes it."),
-    ] = False,
-    timeout: Annotated[
-        float,
-        typer.Option(
-            "--timeout", envvar="COMOTION_TIMEOUT", min=0.1, help="s that --once waits for the scene."
-        ),
-    ] = 5.0,
-    names: options.BodyNames = None,
-    all_events: Annotated[
-        bool,
-        typer.Option(
-            "--all-events", envvar="COMOTION_ALL_EVENTS", help="Events of joints too, not of bodies alone."
-        ),
-    ] = False,
-    scene: options.Scene = "default",
-    connect: options.Connect = None,
-    json_: options.Json = False,
-    ready_file: options.ReadyFile = None,
-    _config: options.ConfigFile = None,
-    tls: options.Tls = None,
-    _log_level: options.Log = options.LogLevel.WARNING,
-) -> None:
+@dataclass(kw_only=True)
+class Watch(BodyNames, Json, Ready, Client):
     """Show the current sources, hypotheses, tracks and events of a scene.
 
     Plain lines if the output is not a terminal; with --json one object per line.
     """
-    from comotion_clients.watch import WatchOptions, watch
-    from comotion_schemas.naming import read_names
 
-    how = WatchOptions(
-        once=once,
-        json=json_,
-        sort=sort.value,
-        pose=pose,
-        timeout=timeout,
-        ready_file=ready_file,
-        names=read_names(names or ()),
-        all_events=all_events,
+    epilog = """
+Examples:
+  comotion watch
+  comotion watch --scene workcell --sort age
+  comotion watch --once --json | jq .service.state
+  comotion watch --once --pose
+  comotion watch --name 2=truck --name 3=gripper
+  comotion watch > scene.log   # one line a second
+"""
+    log_level = "warning"
+
+    once: bool = setting(False, "Show it once and end.")
+    sort: Literal["size", "name", "age"] = setting(
+        "size", "By size, by name or id, or by age; the key s changes it."
     )
-    watch(scene, options.session_settings(connect, tls=tls), how)
+    pose: bool = setting(False, "Angular speed and pose; the key p changes it.")
+    timeout: float = setting(5.0, "s that --once waits for the scene.", min=0.1)
+    all_events: bool = setting(False, "Events of joints too, not of bodies alone.")
+
+    def run(self) -> None:
+        """Show it until stopped."""
+        from comotion_clients.watch import WatchOptions, watch
+
+        how = WatchOptions(
+            once=self.once,
+            json=self.json_,
+            sort=self.sort,
+            pose=self.pose,
+            timeout=self.timeout,
+            ready_file=self.ready_file,
+            names=self.names(),
+            all_events=self.all_events,
+        )
+        watch(self.scene, self.settings(), how)

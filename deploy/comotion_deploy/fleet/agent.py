@@ -8,10 +8,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from comotion.runtime.etcd import Etcd, EtcdUnavailableError
+from comotion.runtime.standby import Etcd, EtcdUnavailableError
+from comotion_schemas.component import stop_on_signals
+from comotion_schemas.readiness import announce_ready
 
 from ..child import Child
 from ..errors import UserError
@@ -39,6 +43,21 @@ class _Running:
     @property
     def ended(self) -> bool:
         return all(child.pid is None for child in self.children)
+
+
+def run_agent(
+    name: str, capacity: int, etcd: Etcd, options: Sequence[str], *, log: Path | None, ready_file: Path | None
+) -> None:
+    """Run an :class:`Agent` until SIGINT or SIGTERM; its lines go to `log`, or to standard output."""
+    stop = threading.Event()
+    with (
+        TemporaryDirectory(prefix="comotion-fleet-") as folder,
+        LogLines([name], log) as lines,
+        stop_on_signals(stop),
+        ExitStack() as ready,
+    ):
+        agent = Agent(name, capacity, etcd, options, Path(folder), lines)
+        agent.run(stop, lambda: ready.enter_context(announce_ready(ready_file)))
 
 
 class Agent:

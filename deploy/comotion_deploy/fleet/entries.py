@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from comotion.runtime.etcd import Entry, Etcd
+from comotion.runtime.standby import Entry, Etcd
 
 from .plan import Agent, Fleet, Holder, Place, Scene
 

@@ -1,9 +1,7 @@
 """Runs of the default method without each of its rules, beside the whole method."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ from comotion import FusionConfig
 from ..accuracy.cases import recorded_cases
 from ..accuracy.study import PERIOD
 from ..offline import run_offline
+from ..processes import Progress, quiet, run_all
 from ..stress import run_family
 from .rules import RULES, Rule
 
@@ -56,7 +55,7 @@ def run_experiment(
     folders: Sequence[Path] = (),
     *,
     jobs: int = 2,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Results:
     """Run families and recordings with all rules, and without each of `rules`.
 
@@ -76,20 +75,11 @@ def run_experiment(
         *((rule, None, name, seed) for rule in [WHOLE, *rules] for name in families for seed in seeds),
         *((rule, folder, name, 0) for rule in [WHOLE, *rules] for folder, name in paths),
     ]
-    results = Results(seeds)
-    for done, run in enumerate(_runs(work, jobs), start=1):
-        results.runs.append(run)
-        progress(f"{done} of {len(work)}: without {run.rule}, {run.scene}: NMI {run.nmi:.3f}")
-    return results
+    return Results(seeds, list(run_all(_run, work, jobs, _said, progress)))
 
 
-_Work = tuple[str, Path | None, str, int]
-
-
-def _runs(work: Sequence[_Work], jobs: int) -> Iterator[Run]:
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(_run, *one) for one in work]):
-            yield future.result()
+def _said(run: Run) -> str:
+    return f"without {run.rule}, {run.scene}: NMI {run.nmi:.3f}"
 
 
 def _run(name: str, folder: Path | None, scene: str, seed: int) -> Run:

@@ -1,6 +1,6 @@
 """Runs all cases of the accuracy report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,10 +10,10 @@ from comotion import FusionConfig
 from comotion.config import RigidConfig, ThesisConfig
 
 from ..brox_malik import CLUSTERINGS, compare
+from ..processes import Progress, quiet
+from .baselines import ReferenceFusion, linkage_nmi
 from .cases import Case
-from .linkage import linkage_nmi
 from .motion import MotionErrors, motion_errors
-from .reference import ReferenceFusion
 from .study import Array, Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"
@@ -23,7 +23,6 @@ ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
 PARTS = ("scores", "comparator", "motion", "robustness")
 """Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Results:
     variations: list["Variation"] = field(default_factory=list)
 
 
-def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
+def run_experiment(experiment: Experiment, progress: Progress = quiet) -> Results:
     """Run all cases; `progress` is called with the name of the next run."""
     results = Results(experiment)
     for case in experiment.cases:

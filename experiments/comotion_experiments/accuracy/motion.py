@@ -13,7 +13,8 @@ from comotion_schemas import Hypothesis, HypothesisUpdate
 from comotion_sources import simulator
 
 from ..offline import run_offline
-from .study import PERIOD, Array, objects_of
+from ..trace import objects_of
+from .study import PERIOD, Array
 
 SPEEDS = (0.2, 0.4)
 _BODY = {
@@ -76,8 +77,7 @@ def _run(seed: int, found: MotionErrors) -> None:
     (simulation,) = simulator.simulate(spec, seed=seed)
     truth = Truth()
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         objects = objects_of(update, truth)
         for hypothesis in update.hypotheses:
             members = objects[update.track_hypothesis == hypothesis.id]

@@ -1,10 +1,12 @@
 """The accuracy report as Markdown and as a picture."""
 
-import statistics
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..plot import new_figure
+from ..tables import Table, plain, spread
 from .experiment import DEFAULT, REFERENCE, ROBUST_SCENES, THESIS, Results
 from .study import PERIOD, Array, Outcome
 
@@ -42,54 +44,64 @@ The methods are described [here](../method.md). The recordings are those on whic
 [27 others](unseen.md) came after."""
 
 
+def as_json(results: Results) -> Any:
+    """Plain values: mean NMI of each case by method and seed, and the other parts that were run."""
+    scores: dict[str, dict[str, list[float]]] = {}
+    for (name, method), outcomes in results.outcomes.items():
+        scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
+    moved = "motion" in results.experiment.parts
+    found = {
+        "seeds": results.experiment.seeds,
+        "nmi": scores,
+        "linkage": {name: np.nanmean(nmi) for name, nmi in results.linkage.items()},
+        "comparator": results.compared,
+        "motion": results.motion.medians() if moved else None,
+        "parameters": results.variations,
+    }
+    return plain(found)
+
+
 def _head(results: Results) -> str:
     return _HEAD.format(seeds=", ".join(str(s) for s in results.experiment.seeds))
 
 
 def _table(results: Results, group: str) -> str:
     recorded = group == "recordings"
-    head = "| | default | t ≥ 1 s | switches | thesis | switches | by scikit-learn |"
-    lines = [f"## {group[0].upper()}{group[1:]}", "", head + (" linkage 5 mm |" if recorded else "")]
-    lines.append("|" + "---|" * (8 if recorded else 7))
+    titles = ["", "default", "t ≥ 1 s", "switches", "thesis", "switches", "by scikit-learn"]
+    found = Table([*titles, *(["linkage 5 mm"] if recorded else [])])
     names = [case.name for case in results.experiment.cases if case.group == group]
-    lines += [_row(results, name, recorded=recorded) for name in names]
+    for name in names:
+        found.add(*_row(results, name, recorded=recorded))
     if recorded:
-        lines.append(_means(results, group))
-    return "\n".join(lines)
+        found.add(*_means(results, names))
+    return f"## {group[0].upper()}{group[1:]}\n\n{found.markdown()}"
 
 
-def _row(results: Results, name: str, *, recorded: bool) -> str:
-    ours, thesis = results.outcomes[name, DEFAULT], results.outcomes[name, THESIS]
-    cells = [
+def _row(results: Results, name: str, *, recorded: bool) -> list[str]:
+    ours, thesis, reference = (results.outcomes[name, m] for m in (DEFAULT, THESIS, REFERENCE))
+    return [
         name,
-        _spread([o.mean for o in ours]),
-        _spread([_late(o) for o in ours]),
+        spread([o.mean for o in ours]),
+        spread([_late(o) for o in ours]),
         f"{np.mean([o.switches for o in ours]):.2f}",
-        _spread([o.mean for o in thesis]),
+        spread([o.mean for o in thesis]),
         f"{np.mean([o.switches for o in thesis]):.2f}",
-        _spread([o.mean for o in results.outcomes[name, REFERENCE]]),
+        spread([o.mean for o in reference]),
+        *([f"{np.nanmean(results.linkage[name]):.3f}"] if recorded else []),
     ]
-    if recorded:
-        cells.append(f"{np.nanmean(results.linkage[name]):.3f}")
-    return "| " + " | ".join(cells) + " |"
 
 
-def _means(results: Results, group: str) -> str:
-    names = [c.name for c in results.experiment.cases if c.group == group]
+def _means(results: Results, names: list[str]) -> list[str]:
     ours, thesis, reference = (
-        np.mean([results.outcomes[n, m][0].mean for n in names]) for m in (DEFAULT, THESIS, REFERENCE)
+        f"{np.mean([results.outcomes[n, m][0].mean for n in names]):.3f}"
+        for m in (DEFAULT, THESIS, REFERENCE)
     )
     plain = np.mean([np.nanmean(results.linkage[n]) for n in names])
-    return f"| **mean** | **{ours:.3f}** | | | {thesis:.3f} | | {reference:.3f} | {plain:.3f} |"
+    return ["**mean**", f"**{ours}**", "", "", thesis, "", reference, f"{plain:.3f}"]
 
 
 def _late(outcome: Outcome) -> float:
     return float(np.nanmean(outcome.nmi[outcome.seconds >= 0.99]))
-
-
-def _spread(values: list[float]) -> str:
-    mean = statistics.fmean(values)
-    return f"{mean:.3f} ± {statistics.pstdev(values):.3f}" if len(values) > 1 else f"{mean:.3f}"
 
 
 _COMPARED = """## The affinity of Brox and Malik
@@ -109,15 +121,15 @@ def _compared(results: Results) -> str:
     if not results.compared:
         return ""
     clusterings = list(next(iter(results.compared.values())))
-    lines = [_COMPARED, "", "| | default | thesis | " + " | ".join(clusterings) + " |"]
-    lines.append("|" + "---|" * (3 + len(clusterings)))
+    table = Table(("", "default", "thesis", *clusterings))
     rows: dict[str, list[list[float]]] = {}
     for name, found in results.compared.items():
         ours = [[_whole(o) for o in results.outcomes[name, method]] for method in (DEFAULT, THESIS)]
         rows[name] = [*ours, *(found[c] for c in clusterings)]
-        lines.append(f"| {name} | " + " | ".join(_spread(cell) for cell in rows[name]) + " |")
+        table.add(name, *map(spread, rows[name]))
     means = np.array([[np.mean(cell) for cell in row] for row in rows.values()]).mean(0)
-    return "\n".join([*lines, "| **mean** | " + " | ".join(f"{one:.3f}" for one in means) + " |"])
+    table.add("**mean**", *(f"{one:.3f}" for one in means))
+    return f"{_COMPARED}\n\n{table.markdown()}"
 
 
 def _whole(outcome: Outcome) -> float:
@@ -126,19 +138,17 @@ def _whole(outcome: Outcome) -> float:
     return float(np.nanmean(outcome.nmi[(off < PERIOD / 2) & (outcome.seconds > PERIOD)]))
 
 
+_POSES = """## Pose since birth and twist
+
+Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds."""
+
+
 def _motion(results: Results) -> str:
     if "motion" not in results.experiment.parts:
         return ""
-    lines = [
-        "## Pose since birth and twist",
-        "",
-        "Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds.",
-        "",
-        "| error | median |",
-        "|---|---|",
-    ]
-    lines += [f"| {name} | {value:.2f} |" for name, value in results.motion.medians().items()]
-    return "\n".join(lines)
+    medians = results.motion.medians().items()
+    table = Table(("error", "median"), rows=[(name, f"{value:.2f}") for name, value in medians])
+    return f"{_POSES}\n\n{table.markdown()}"
 
 
 def pooled(results: Results) -> tuple[Array, Array]:
@@ -164,20 +174,23 @@ def bins(results: Results) -> list[tuple[float, float, int]]:
     ]
 
 
+_CONFIDENCE = """## Confidence
+
+How often an assignment of a given confidence is right, on the simulated scenes without those whose
+bodies rest before they move, because bodies at rest cannot be distinguished."""
+
+
 def _reliability(results: Results, picture: str) -> str:
-    lines = [
-        "## Confidence",
-        "",
-        "How often an assignment of a given confidence is right, on the simulated scenes without those whose",
-        "bodies rest before they move, because bodies at rest cannot be distinguished.",
-        "",
-        f"![reliability]({picture})",
-        "",
-        "| confidence | right | assignments |",
-        "|---|---|---|",
-    ]
-    lines += [f"| {c:.3f} | {r:.3f} | {n} |" for c, r, n in bins(results)]
-    return "\n".join(lines)
+    table = Table(("confidence", "right", "assignments"), words=0)
+    for confidence, right, count in bins(results):
+        table.add(f"{confidence:.3f}", f"{right:.3f}", f"{count}")
+    return f"{_CONFIDENCE}\n\n![reliability]({picture})\n\n{table.markdown()}"
+
+
+_ROBUSTNESS = """## Robustness
+
+Mean NMI over {scenes} (first seed) and the first 10 s of the recordings,
+each parameter of the method halved and doubled."""
 
 
 def _robustness(results: Results) -> str:
@@ -186,17 +199,17 @@ def _robustness(results: Results) -> str:
     base, *scaled = results.variations
     halved = {v.parameter: v.mean for v in scaled if v.factor < 1}
     doubled = {v.parameter: v.mean for v in scaled if v.factor > 1}
-    lines = [
-        "## Robustness",
-        "",
-        f"Mean NMI over {', '.join(ROBUST_SCENES)} (first seed) and the first 10 s of the recordings,",
-        "each parameter of the method halved and doubled.",
-        "",
-        "| parameter | halved | as it is | doubled |",
-        "|---|---|---|---|",
-    ]
-    lines += [f"| {k} | {halved[k]:.3f} | {base.mean:.3f} | {doubled[k]:.3f} |" for k in halved]
-    return "\n".join(lines) + _leave_one_out(results)
+    table = Table(("parameter", "halved", "as it is", "doubled"))
+    for name, value in halved.items():
+        table.add(name, f"{value:.3f}", f"{base.mean:.3f}", f"{doubled[name]:.3f}")
+    text = _ROBUSTNESS.format(scenes=", ".join(ROBUST_SCENES))
+    return f"{text}\n\n{table.markdown()}{_leave_one_out(results)}"
+
+
+_LEFT_OUT = """### Leave one recording out
+
+For each recording: the setting of the table above with the best mean on the other recordings,
+and its score on this one."""
 
 
 def _leave_one_out(results: Results) -> str:
@@ -205,33 +218,21 @@ def _leave_one_out(results: Results) -> str:
     if len(names) < 2:
         return ""
     scores = np.array([[v.scores[name] for name in names] for v in results.variations])
-    lines = [
-        "",
-        "",
-        "### Leave one recording out",
-        "",
-        "For each recording: the setting of the table above with the best mean on the other recordings,",
-        "and its score on this one.",
-        "",
-        "| recording | setting chosen | there | as it is |",
-        "|---|---|---|---|",
-    ]
+    table = Table(("recording", "setting chosen", "there", "as it is"), words=2)
     chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
     for k, name in enumerate(names):
         best = results.variations[chosen[k]]
         setting = f"{best.parameter} x {best.factor:g}" if best.parameter else "as it is"
-        lines.append(f"| {name} | {setting} | {scores[chosen[k], k]:.3f} | {scores[0, k]:.3f} |")
+        table.add(name, setting, f"{scores[chosen[k], k]:.3f}", f"{scores[0, k]:.3f}")
     there = scores[chosen, np.arange(len(names))].mean()
-    lines.append(f"| **mean** | | **{there:.3f}** | {scores[0].mean():.3f} |")
-    return "\n".join(lines)
+    table.add("**mean**", "", f"**{there:.3f}**", f"{scores[0].mean():.3f}")
+    return f"\n\n{_LEFT_OUT}\n\n{table.markdown()}"
 
 
 def save_reliability(path: Path, results: Results) -> None:
     """Draw the reliability diagram."""
-    from matplotlib.figure import Figure
-
     found = np.array(bins(results))
-    figure = Figure(figsize=(5, 4.5), dpi=100, layout="constrained")
+    figure = new_figure(5, 4.5)
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color="#999999", linewidth=1)
     axes.plot(found[:, 0], found[:, 1], marker="o", color="#0072b2")

@@ -4,13 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from comotion import Fusion, FusionConfig
-from comotion_clients.metrics import Labels, Score, Truth, contingency
+from comotion_clients.metrics import Score, Truth
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
 from ..offline import run_offline
+from ..trace import objects_of, rightly_assigned
 from .cases import Case
 
 PERIOD = 1 / 3
@@ -44,35 +44,13 @@ class _Collector:
     confidence: list[Array] = field(default_factory=list)
     right: list[NDArray[np.bool_]] = field(default_factory=list)
 
-    def add(self, update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def add(self, update: HypothesisUpdate, _: Score) -> None:
         objects = objects_of(update, self.truth)
         labels = update.track_hypothesis
         known = (objects >= 0) & (labels != UNDETERMINED)
         if known.any():
             self.confidence.append(update.track_confidence[known].astype(np.float64))
             self.right.append(rightly_assigned(labels[known], objects[known]))
-
-
-def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
-    """Return the true object of each track of an update, int32 [N]; -1 where unknown."""
-    found = np.full(len(update.track_id), -1, np.int32)
-    for k, source in enumerate(update.sources):
-        mine = update.track_source == k
-        found[mine] = truth.objects((source.name, source.session), update.track_id[mine])
-    return found
-
-
-def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
-    """Whether the hypothesis of each track is the one assigned to its object, bool [N].
-
-    Hypotheses and objects are assigned one to one so that the number of right tracks is largest.
-    """
-    counts = contingency(labels, objects)
-    rows, columns = linear_sum_assignment(counts, maximize=True)
-    hypotheses, true = np.unique(labels), np.unique(objects)
-    object_of = dict(zip(hypotheses[rows].tolist(), true[columns].tolist(), strict=True))
-    return np.array([object_of.get(h) == o for h, o in zip(labels.tolist(), objects.tolist(), strict=True)])
 
 
 def run_case(

@@ -1,10 +1,8 @@
 """Runs the benchmark: every method at every number of features, each in a separate process."""
 
 import math
-import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,8 @@ import numpy as np
 from comotion import FusionConfig
 
 from ..inputs import find_inputs
+from ..processes import Progress, alone, quiet
+from ..tables import plain
 from .machine import Machine, describe_machine
 from .scene import SceneSpec
 from .straightforward import Baseline, time_straightforward
@@ -80,16 +80,10 @@ class Costs:
                 return self.baseline.update_ms / row.median_ms
         return math.nan
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Any:
         """Plain values."""
-        rows = [asdict(row) for row in self.rows]
-        return {
-            "machine": asdict(self.machine),
-            "rows": [{name: _known(value) for name, value in row.items()} for row in rows],
-            "exponents": self.exponents(),
-            "baseline": None if self.baseline is None else asdict(self.baseline),
-            "times_faster_than_straightforward": _known(self.ratio()),
-        }
+        more = {"exponents": self.exponents(), "times_faster_than_straightforward": self.ratio()}
+        return plain({**vars(self), **more})
 
 
 def run_bench(
@@ -99,7 +93,7 @@ def run_bench(
     *,
     recordings: Sequence[str] = (),
     baseline: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Costs:
     """Time every configuration on every scene and recording.
 
@@ -139,10 +133,6 @@ def run_bench(
     return Costs(machine, rows, found)
 
 
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
-
-
 def _time_named(name: str, config: FusionConfig) -> Timing:
     return time_input(find_inputs([name])[0], config)
 
@@ -153,13 +143,6 @@ def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
     if config.method == "comotion" and spec.features >= _MANY and not given:
         changes["period"] = _LONG_PERIOD
     return config.model_copy(update=changes)
-
-
-def alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a fresh process."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(function, *arguments).result()
 
 
 def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:

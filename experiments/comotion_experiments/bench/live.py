@@ -11,6 +11,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -66,24 +67,29 @@ def run_source(endpoint: str, folder: Path, index: int, features: int, start: fl
     """Publish one source of the scene in real time until stopped; then write (stamp, time of put)."""
     spec = SceneSpec(features=features, sources=SOURCES, rate=RATE)
     log: list[tuple[int, int]] = []
-    settings = SessionSettings(connect=(endpoint,))
-    publisher = SourcePublisher(
-        f"s{index}", space="world", unit="m", dim=3, scene=SCENE, settings=settings,
-        ready_file=Path(os.environ[_READY]), rate=RATE,
-    )  # fmt: skip
-    with publisher as source:
-        source.ready()
-        for batch in Scene(spec, round(start * 1e9)).frames(index):
-            if source.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
-                break
-            # The acquisition time is the time at which the batch is due, also if its put is delayed.
-            source.observe(
-                ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended
-            )
-            log.append((batch.stamp_ns, time.time_ns()))
-            if len(log) % round(RATE) == 0:
-                _write(folder / f"s{index}.npy", log)
+    for stamp_ns in publish(endpoint, SCENE, f"s{index}", Scene(spec, round(start * 1e9)), index):
+        log.append((stamp_ns, time.time_ns()))
+        if len(log) % round(RATE) == 0:
+            _write(folder / f"s{index}.npy", log)
     _write(folder / f"s{index}.npy", log)
+
+
+def publish(endpoint: str, name: str, source: str, scene: Scene, index: int = 0) -> Iterator[int]:
+    """Publish one source of a scene in real time until stopped; yields the stamp of every batch.
+
+    The acquisition time is the time at which a batch is due, also if its put is delayed.
+    """
+    publisher = SourcePublisher(
+        source, space="world", unit="m", dim=3, scene=name, settings=SessionSettings(connect=(endpoint,)),
+        ready_file=Path(os.environ[_READY]), rate=scene.spec.rate,
+    )  # fmt: skip
+    with publisher as live:
+        live.ready()
+        for batch in scene.frames(index):
+            if live.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
+                break
+            live.observe(ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended)
+            yield batch.stamp_ns
 
 
 def _write(path: Path, log: list[tuple[int, int]]) -> None:

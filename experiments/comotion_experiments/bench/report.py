@@ -1,14 +1,13 @@
 """The benchmark as a table, as Markdown and as a picture."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
-
-from rich.table import Table
 
 from comotion_schemas.errors import KnownError
 
-from .experiment import Costs, Row
+from ..plot import new_figure
+from ..tables import Table
+from .experiment import Costs
 
 TITLES = (
     "scene",
@@ -28,10 +27,11 @@ TITLES = (
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
-def cells(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Format the rows of the table."""
-    return [
-        (
+def table(costs: Costs) -> Table:
+    """Build a line for each scene and method."""
+    found = Table(TITLES, words=2)
+    for row in costs.rows:
+        found.add(
             row.scene,
             row.method,
             f"{row.features}",
@@ -46,18 +46,7 @@ def cells(rows: Sequence[Row]) -> list[tuple[str, ...]]:
             f"{row.nmi:.3f}",
             f"{row.limit_ms:.1f}" if row.limit_ms else "-",
         )
-        for row in rows
-    ]
-
-
-def table(costs: Costs) -> Table:
-    """Build the table for a terminal."""
-    drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for k, title in enumerate(TITLES):
-        drawn.add_column(title, justify="left" if k < 2 else "right", no_wrap=True)
-    for row in cells(costs.rows):
-        drawn.add_row(*row)
-    return drawn
+    return found
 
 
 def lines(costs: Costs) -> list[str]:
@@ -74,8 +63,7 @@ def lines(costs: Costs) -> list[str]:
         texts += [
             f"straightforward version (NumPy sums, scikit-learn 2-means, ten starts), N = {base.features}: "
             f"{base.update_ms:.0f} ms per update, NMI {base.nmi:.3f}",
-            f"of it {base.sums_ms:.0f} ms sums and {base.clustering_ms:.0f} ms clustering; the definitions "
-            f"as printed, extrapolated from a few pairs: {base.literal_ms / 1e3:.0f} s",
+            f"of it {base.sums_ms:.0f} ms sums and {base.clustering_ms:.0f} ms clustering",
         ]
         if not math.isnan(costs.ratio()):
             texts.append(f"thesis method: {costs.ratio():.0f} times as fast as the straightforward version")
@@ -84,17 +72,14 @@ def lines(costs: Costs) -> list[str]:
 
 def markdown(costs: Costs, picture: str, command: str) -> str:
     """Format the measured part of the page; `picture` is the path of the plot."""
-    rows = [TITLES, ("---", "---", *["---:"] * (len(TITLES) - 2)), *cells(costs.rows)]
-    drawn = "\n".join("| " + " | ".join(row) + " |" for row in rows)
     listed = "\n".join(f"- {line}" for line in lines(costs))
+    drawn = table(costs).markdown()
     return f"Made by `{command}`.\n\n{listed}\n\n{drawn}\n\n![cost against N]({picture})\n"
 
 
 def save_picture(path: Path, costs: Costs) -> None:
     """Draw the cost against the number of features, with the fitted power."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 4.5), dpi=100, layout="constrained")
+    figure = new_figure(6, 4.5)
     axes = figure.subplots()
     powers = costs.exponents()
     for colour, method in zip(_COLOURS, dict.fromkeys(row.method for row in costs.rows), strict=False):

@@ -8,14 +8,14 @@ One source process a scene, see :mod:`comotion_deploy.bench_scaling`::
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_schemas.transport import SessionSettings
-from comotion_sources.runtime import SourcePublisher
-
-from .live import processor_seconds
+from ..plot import new_figure
+from ..tables import Table
+from .live import processor_seconds, publish
 from .scene import Scene, SceneSpec
 
 RATE = 30.0
@@ -83,18 +83,7 @@ def loads(counts: Sequence[int], features: int) -> list[Load]:
 def run_source(endpoint: str, scene: str, features: int, bodies: int) -> None:
     """Publish one scene in real time until stopped."""
     spec = SceneSpec(features=features, bodies=bodies, sources=1, rate=RATE)
-    publisher = SourcePublisher(
-        "s0", space="world", unit="m", dim=3, scene=scene, settings=SessionSettings(connect=(endpoint,)),
-        ready_file=Path(os.environ["COMOTION_READY_FILE"]), rate=RATE,
-    )  # fmt: skip
-    with publisher as source:
-        source.ready()
-        for batch in Scene(spec, time.time_ns()).frames(0):
-            if source.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
-                break
-            source.observe(
-                ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended
-            )
+    deque(publish(endpoint, scene, "s0", Scene(spec, time.time_ns())), maxlen=0)
 
 
 def seconds_of(pids: dict[str, list[int]]) -> dict[str, float]:
@@ -115,31 +104,25 @@ def markdown(shares: Sequence[Share]) -> str:
     """A table with one row a configuration."""
     titles = ["scenes x features", "standby", *KINDS, "all", "others", "overruns / updates"]
     titles += ["latency ms, median (p99)", *(f"{what} kB/s" for what in shares[0].bytes_per_s)]
-    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(_cells(share)) + " |" for share in shares)])
-
-
-def _cells(share: Share) -> list[str]:
-    cores = [*(share.cores[kind] for kind in KINDS), share.total, share.others]
-    middle, p99 = share.latency_ms
-    return [
-        str(share.load),
-        "yes" if share.load.standby else "no",
-        *(f"{value:.2f}" for value in cores),
-        f"{share.overruns} / {share.updates}",
-        f"{middle:.0f} ({p99:.0f})",
-        *(f"{size / 1000:.1f}" for size in share.bytes_per_s.values()),
-    ]
+    found = Table(titles, words=2)
+    for share in shares:
+        cores = [*(share.cores[kind] for kind in KINDS), share.total, share.others]
+        middle, p99 = share.latency_ms
+        found.add(
+            str(share.load),
+            "yes" if share.load.standby else "no",
+            *(f"{value:.2f}" for value in cores),
+            f"{share.overruns} / {share.updates}",
+            f"{middle:.0f} ({p99:.0f})",
+            *(f"{size / 1000:.1f}" for size in share.bytes_per_s.values()),
+        )
+    return found.markdown()
 
 
 def save_picture(path: Path, shares: Sequence[Share]) -> None:
     """Draw the cores of each configuration, stacked by kind of process."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(8, 1 + 0.3 * len(shares)), layout="constrained")
+    figure = new_figure(8, 1 + 0.3 * len(shares), dpi=110)
+    axes = figure.subplots()
     names = [f"{share.load}{' + standby' if share.load.standby else ''}" for share in shares]
     left = [0.0] * len(shares)
     for kind, colour in zip(KINDS, _COLOURS, strict=True):
@@ -150,8 +133,7 @@ def save_picture(path: Path, shares: Sequence[Share]) -> None:
     axes.set_xlabel("cores")
     axes.set_title("Processor time by kind of process; scenes x features at 30 Hz")
     axes.legend()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    figure.savefig(path)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
 """Baseline: a straightforward version of the thesis method in NumPy, with 2-means of scikit-learn.
 
 Observations are stored by source, frame and feature, so that all operations are on arrays. The sums are
-incremental, with one pass over all pairs for each instant that enters or leaves the window. The module also
-has the definitions as printed, for single pairs.
+incremental, with one pass over all pairs for each instant that enters or leaves the window.
 """
 
 import math
@@ -140,15 +139,11 @@ def divide(affinity: Floats, stop_affinity: float = _STOP) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Cost of an update of the baseline in ms of wall clock.
-
-    `literal_ms`: cost of the definitions as printed, extrapolated from a few pairs; `nmi`: of the updates.
-    """
+    """Cost of an update of the baseline in ms of wall clock, and the NMI of the updates."""
 
     features: int
     sums_ms: float
     clustering_ms: float
-    literal_ms: float
     nmi: float
 
     @property
@@ -185,45 +180,5 @@ def time_straightforward(spec: SceneSpec, config: FusionConfig, updates: int) ->
         spec.features,
         float(np.median(sums)),
         float(np.median(clustering)),
-        _literal_ms(spec, config),
         float(np.mean(agreement)),
     )
-
-
-def _literal_ms(spec: SceneSpec, config: FusionConfig) -> float:
-    """Time of (3.2), (3.3) and (3.5) as printed for all pairs of a full window, from a few pairs."""
-    scene, tracks = Scene(spec), dict[tuple[str, int], list[tuple[int, Floats]]]()
-    for batch in scene.merged(config.window):
-        for track, x in zip(batch.ids[:8].tolist(), batch.positions[:8].astype(np.float64), strict=True):
-            tracks.setdefault((batch.source, track), []).append((batch.stamp_ns, x))
-    whole = max(len(track) for track in tracks.values())
-    chosen = [track for track in tracks.values() if len(track) == whole]
-    begun = time.perf_counter()
-    for k, track in enumerate(chosen):
-        literal_variance(track, chosen[k - 1], config.thesis.v_move_for("m"))
-    each = (time.perf_counter() - begun) / len(chosen)
-    return 1e3 * each * spec.features * (spec.features - 1) / 2
-
-
-def literal_variance(i: list[tuple[int, Floats]], j: list[tuple[int, Floats]], v_move: float | None) -> float:
-    """Equation (3.3) for two trajectories, lists of (time in ns, position [3])."""
-    begin, end = max(i[0][0], j[0][0]), min(i[-1][0], j[-1][0])
-    weights, distances = [], []
-    for t in sorted({t for t, _ in i} | {t for t, _ in j}):
-        if not begin <= t <= end:
-            continue
-        (x, v), (y, u) = _state(i, t), _state(j, t)
-        weights.append(float(velocity_weight(np.array([max(v, u)]), v_move)[0]))
-        distances.append(math.dist(x, y))
-    mean = math.fsum(w * d for w, d in zip(weights, distances, strict=True)) / math.fsum(weights)
-    return math.fsum(w * (d - mean) ** 2 for w, d in zip(weights, distances, strict=True)) / math.fsum(
-        weights
-    )
-
-
-def _state(track: list[tuple[int, Floats]], t: int) -> tuple[Floats, float]:
-    """Interpolated position, and speed of the segment that ends at or after a time."""
-    k = next(k for k, (stamp, _) in enumerate(track) if stamp >= t)
-    (before, left), (after, right) = track[max(k - 1, 0)], track[max(k, 1)]
-    share = (t - before) / (after - before)
-    return left + share * (right - left), math.dist(left, right) / ((after - before) * 1e-9)

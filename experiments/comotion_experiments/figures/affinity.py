@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .numbers import count, parameters, spread
+from .numbers import count, parameters
 from .runs import SceneRuns, ViewRequest
 from .study import Study, describe, spec_of, thesis
 

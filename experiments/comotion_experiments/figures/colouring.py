@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-from scipy.optimize import linear_sum_assignment
-
 from comotion_schemas import UNDETERMINED
 from comotion_schemas.colours import GREY, HUES, MARKERS, RGB, colour
 
+from ..plot import Rgb, unit
+from ..trace import matched
 from .runs import SeedRun
 
 # The thesis's letters R, G, P, Y, B as the nearest hues of Okabe and Ito.
@@ -18,7 +17,6 @@ LETTERS: dict[str, RGB] = {
     "Y": (240, 228, 66),
     "B": (0, 114, 178),
 }
-Rgb = tuple[float, float, float]
 _SURPLUS = MARKERS[1:]
 
 
@@ -38,7 +36,7 @@ class Styles:
 
     def __init__(self, run: SeedRun) -> None:
         self.objects = object_colours(run.names)
-        self._matched = _match(run.votes)
+        self._matched = matched(run.votes)
         self._free = [hue for hue in HUES if hue not in self.objects.values()] or list(HUES)
         others = sorted({h for h, _ in run.votes} - set(self._matched) - {UNDETERMINED})
         self._ranks = {h: rank for rank, h in enumerate(others)}
@@ -52,19 +50,3 @@ class Styles:
             return unit(self.objects.get(number, GREY)), "o"
         turn, place = divmod(self._ranks[hypothesis], len(self._free))
         return unit(self._free[place]), _SURPLUS[turn % len(_SURPLUS)]
-
-
-def unit(rgb: RGB) -> Rgb:
-    """Colour in 0..1, as matplotlib wants it."""
-    return rgb[0] / 255, rgb[1] / 255, rgb[2] / 255
-
-
-def _match(votes: Mapping[tuple[int, int], int]) -> dict[int, int]:
-    """Object of each hypothesis, by the most shared tracks (Hungarian method)."""
-    pairs = {pair: n for pair, n in votes.items() if pair[0] != UNDETERMINED and pair[1] >= 0}
-    hypotheses, objects = sorted({h for h, _ in pairs}), sorted({o for _, o in pairs})
-    counts = np.zeros((len(hypotheses), len(objects)))
-    for (hypothesis, number), count in pairs.items():
-        counts[hypotheses.index(hypothesis), objects.index(number)] = count
-    rows, columns = linear_sum_assignment(counts, maximize=True)
-    return {hypotheses[r]: objects[c] for r, c in zip(rows, columns, strict=True) if counts[r, c]}

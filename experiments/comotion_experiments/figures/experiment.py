@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..processes import Progress, quiet
 from .figure import Figure, Row
 from .panels import mean_and_spread
 from .runs import SceneRuns
-from .study import Note, Options, Study
+from .study import Options, Study
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def reproduce(
     out: Path,
     *,
     workcell: bool = True,
-    note: Note = lambda what: None,  # noqa: ARG005
+    note: Progress = quiet,
 ) -> Results:
     """Run and draw figures.
 

@@ -11,8 +11,8 @@ from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.sensor import SensorNoise
 
-from ..fusion.recording import keep, track
 from ..offline import Message
+from ..rendered import Sources, filmed, keep
 from .runs import SceneRuns, ViewRequest, run_seed
 from .study import Study, describe
 
@@ -40,7 +40,7 @@ def film_setup(study: Study, respawn_every: int) -> FilmSetup:
     return FilmSetup(size, 30.0, 18.0, tracker)
 
 
-def filmed(
+def takes_of(
     study: Study, scene: str, respawn_every: int, config: FusionConfig, times: tuple[float, ...]
 ) -> SceneRuns:
     """Run all seeds of a workcell scene."""
@@ -60,12 +60,14 @@ def filmed(
 def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Message]:
     how = film_setup(study, respawn_every)
 
-    def make() -> dict[str, list[Message]]:
+    def make() -> Sources:
         study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
         scene = Scene.named(name, seed)
-        view = Viewpoint(scene, CAMERA, how.size, atlas=build_atlas(scene.model, seed))
-        frames = track(view, how.tracker, _SOURCE, how.rate, how.seconds)
-        return {_SOURCE: [message for messages, _ in frames for message in messages]}
+        return {
+            _SOURCE: filmed(
+                scene, CAMERA, _SOURCE, how.tracker, size=how.size, rate=how.rate, seconds=how.seconds
+            )[0]
+        }
 
     return keep(study.options.cache, f"camera-{name}-{seed}", how, make)[_SOURCE]
 

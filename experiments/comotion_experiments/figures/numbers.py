@@ -6,21 +6,12 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..accuracy.study import rightly_assigned
+from ..tables import spread
+from ..trace import rightly_assigned
 from .runs import SceneRuns, View
 from .study import Study, describe, spec_of
 
 DEFAULT = "default method"
-
-
-def spread(values: Any, digits: int = 3) -> str:
-    """Mean and, after ±, standard deviation of one value per seed."""
-    known = np.asarray(values, np.float64)
-    known = known[np.isfinite(known)]
-    if not len(known):
-        return "-"
-    tail = f" ± {known.std():.{digits}f}" if len(known) > 1 else ""
-    return f"{known.mean():.{digits}f}{tail}"
 
 
 def count(values: Any) -> str:

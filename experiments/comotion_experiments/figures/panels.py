@@ -1,6 +1,7 @@
 """The kinds of panels that figures are made of. Needs matplotlib, imported when first drawn."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,27 +9,17 @@ from numpy.typing import NDArray
 
 from comotion_sources.simulator import SceneSpec, simulate
 
-from ..plot import broken
-from .colouring import LETTERS, Styles, object_colours, unit
+from .. import plot
+from .colouring import LETTERS, Styles, object_colours
 from .runs import SceneRuns, View
 
-DPI = 110
+new_figure = partial(plot.new_figure, dpi=110)
 DEFAULT_COLOUR = "black"
 # Red is 0 and blue is 1 as in the thesis; safe for the colour-blind (ColorBrewer).
 AFFINITY_COLOURS = "RdYlBu"
 # Dark to light, so that the order can be seen without hues as well (viridis, less its pale end).
 RAMP = ("#440154", "#31688e", "#1f9e89", "#e69f00", "#d55e00")
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (4, 1, 1, 1, 1, 1)))
-
-
-def new_figure(width: float, height: float) -> Any:
-    """Make an empty figure of a size in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def halves(figure: Any, left: str, right: str) -> tuple[Any, Any]:
@@ -44,7 +35,7 @@ def scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: in
     from matplotlib.patches import Polygon
 
     for name, corners in outlines(spec, seed, view.t):
-        rgb = unit(LETTERS[name])
+        rgb = plot.unit(LETTERS[name])
         axes.add_patch(Polygon(corners, facecolor=(*rgb, 0.10), edgecolor=(*rgb, 0.9), linewidth=1.0))
     draw_tracks(axes, view, styles, size=3.4)
     axes.set_xlim(-0.08, 1.14)
@@ -77,7 +68,7 @@ def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float 
     for label in np.unique(labels).tolist():
         members = np.flatnonzero(labels == label)
         rgb, shape = styles.of(label)
-        axes.plot(*broken(view.trails, members, 2), color=rgb, linewidth=0.9, alpha=0.75)
+        axes.plot(*plot.broken(view.trails, members, 2), color=rgb, linewidth=0.9, alpha=0.75)
         points = view.moment.positions[members].T
         width = 0.9 if shape == "x" else edge
         axes.plot(
@@ -133,7 +124,7 @@ def object_legend(figure: Any, names: Mapping[int, str]) -> None:
 
     colours = object_colours(names)
     handles: list[Any] = [
-        Patch(facecolor=(*unit(colours[n]), 0.35), edgecolor=unit(colours[n]), label=name)
+        Patch(facecolor=(*plot.unit(colours[n]), 0.35), edgecolor=plot.unit(colours[n]), label=name)
         for n, name in sorted(names.items())
     ]
     style: dict[str, Any] = {"linestyle": "", "color": "0.6", "markeredgecolor": "black", "markersize": 5}
@@ -168,6 +159,15 @@ def curve(
             linewidth=0,
             zorder=order - 1,
         )
+
+
+def switch_curves(axes: Any, takes: Mapping[str, SceneRuns], default: str) -> None:
+    """Draw NMI over time for several σ of the thesis method, and for the default one, by their labels."""
+    for k, (label, take) in enumerate(takes.items()):
+        if label == default:
+            curve(axes, take, label, colour=DEFAULT_COLOUR, width=2.6, order=5)
+        else:
+            curve(axes, take, f"thesis, {label}", colour=RAMP[k], dashes=DASHES[k])
 
 
 def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .numbers import DEFAULT, parameters, right_at, spread, summary
+from .numbers import DEFAULT, parameters, right_at, summary
 from .runs import SceneRuns, ViewRequest
 from .study import Study, describe, spec_of, thesis
 

@@ -160,8 +160,7 @@ class _Watch:
         self._trails = Trails(batches)
         self._main: list[dict[int, int]] = []
 
-    def see(self, update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def see(self, update: HypothesisUpdate, _: Score) -> None:
         (space,) = set(self._spaces.values())
         moment = moment_of(update, self.truth, self._spaces, space)
         now = Counter(zip(moment.hypotheses.tolist(), moment.objects.tolist(), strict=True))

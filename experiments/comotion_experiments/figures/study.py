@@ -10,9 +10,8 @@ from comotion.config import ThesisConfig
 from comotion_sources import simulator
 from comotion_sources.simulator import SceneSpec
 
+from ..processes import Progress, quiet
 from .runs import SceneRuns, ViewRequest, run_seed
-
-Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Study:
         Called with the name of the next run.
     """
 
-    def __init__(self, options: Options, note: Note = lambda what: None) -> None:  # noqa: ARG005
+    def __init__(self, options: Options, note: Progress = quiet) -> None:
         self.options = options
         self.note = note
         self._takes: dict[Any, SceneRuns] = {}

@@ -1,9 +1,10 @@
 """Figures 4.1 and 4.2: the effect of γ, chosen by the standard deviation where affinity switches."""
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .numbers import DEFAULT, format_times, parameters, perfect_from, spread, summary
+from .numbers import DEFAULT, format_times, parameters, perfect_from, summary
 from .runs import SceneRuns, ViewRequest
 from .study import Study, spec_of, thesis
 
@@ -52,11 +53,7 @@ def draw_nmi(study: Study) -> Drawn:
     takes = _takes(study)
     figure = panels.new_figure(9.5, 5.0)
     axes = figure.subplots()
-    for k, (label, take) in enumerate(takes.items()):
-        if label == DEFAULT:
-            panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.6, order=5)
-        else:
-            panels.curve(axes, take, f"thesis, {label}", colour=panels.RAMP[k], dashes=panels.DASHES[k])
+    panels.switch_curves(axes, takes, DEFAULT)
     panels.nmi_axes(axes, duration=10, legend="center right")
     axes.set_title(panels.spread_note(study.options.seeds), fontsize=10)
     return Drawn(figure, _mean_rows(takes), _parameters(study), takes, summary(takes))

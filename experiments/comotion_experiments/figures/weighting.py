@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from ..tables import spread
 from . import panels
 from .figure import Drawn, Row
-from .numbers import DEFAULT, parameters, perfect_from, spread, summary
+from .numbers import DEFAULT, parameters, perfect_from, summary
 from .runs import SceneRuns
 from .study import Study, thesis
 

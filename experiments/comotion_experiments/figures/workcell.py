@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
-from .footage import PERIOD, PICTURE, Stills, film_setup, filmed
-from .numbers import DEFAULT, best, right_at, spread, summary
+from .footage import PERIOD, PICTURE, Stills, film_setup, takes_of
+from .numbers import DEFAULT, best, right_at, summary
 from .runs import SceneRuns, View
 from .study import Study, thesis
 
@@ -60,7 +61,7 @@ SHELF = Shot(
 def _takes(study: Study, shot: Shot) -> dict[str, SceneRuns]:
     configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
     return {
-        label: filmed(study, shot.scene, shot.respawn_every, config, shot.times)
+        label: takes_of(study, shot.scene, shot.respawn_every, config, shot.times)
         for label, config in configs.items()
     }
 
@@ -94,11 +95,7 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
         takes = _takes(study, shot)
         figure = panels.new_figure(9.5, 4.8)
         axes = figure.subplots()
-        for k, (label, take) in enumerate(takes.items()):
-            if label == DEFAULT:
-                panels.curve(axes, take, label, colour=panels.DEFAULT_COLOUR, width=2.4, order=5)
-            else:
-                panels.curve(axes, take, f"thesis, {label}", colour=panels.RAMP[k], dashes=panels.DASHES[k])
+        panels.switch_curves(axes, takes, DEFAULT)
         panels.nmi_axes(axes, duration=film_setup(study, shot.respawn_every).seconds, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         found = _parameters(study, shot, drawn=False)

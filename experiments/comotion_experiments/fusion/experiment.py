@@ -1,6 +1,5 @@
 """Runs the fusion experiment: all scenes, seeds and variants, with camera A open and covered."""
 
-import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +9,13 @@ import numpy as np
 from comotion import FusionConfig
 from comotion_sources.workcell import Scene
 
+from ..processes import Progress, quiet
 from .recording import record
 from .setup import ALL, ALONE_A, ALONE_B, VARIANTS, Setup, Variant
 from .study import Outcome, run_variant
 
 AFTER_S = 3.0
 """Length of the interval "after the cover", s, from the uncovering of the lens."""
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -73,6 +72,7 @@ def run_experiment(
     setup: Setup | None = None,
     cache: Path | None = None,
     period: float = 1 / 3,
+    progress: Progress = quiet,
 ) -> Results:
     """Run every scene with every seed in every variant.
 
@@ -88,6 +88,8 @@ def run_experiment(
         Where tracks are kept, so that a second run need not render.
     period
         Seconds between updates.
+    progress
+        Receives what is being run.
     """
     setup = setup or Setup()
     cases = {
@@ -96,7 +98,7 @@ def run_experiment(
     }
     for scene in scenes:
         for seed in seeds:
-            _log.info("%s, seed %d", scene, seed)
+            progress(f"{scene}, seed {seed}")
             recording, truth = record(scene, seed, setup, cache), Scene.named(scene, seed)
             for _, covered, variant in _plan([scene]):
                 outcome = run_variant(recording, truth, variant, config, covered=covered, period=period)

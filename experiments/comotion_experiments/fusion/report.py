@@ -1,14 +1,12 @@
 """The fusion experiment as a table, as a page, as JSON and as a picture."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from comotion_clients.scoring import finite_or_none
-
+from ..plot import new_figure
+from ..tables import Table, plain, spread
 from .experiment import AFTER_S, Case, Results, verdict
 from .setup import ALL, ALONE_A, ALONE_B, WITH_ROBOT
 from .study import Outcome
@@ -22,15 +20,11 @@ _NUMBERS = ("NMI of A", f"{AFTER_S:.0f} s after", "NMI of all", "surface %", "id
 
 def table(results: Results) -> Table:
     """One row per scene, cover and variant: means and, after ±, the spread over seeds."""
-    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in _NAMES:
-        found.add_column(title, no_wrap=True)
-    for title in _NUMBERS:
-        found.add_column(title, justify="right", no_wrap=True)
+    found = Table((*_NAMES, *_NUMBERS), words=len(_NAMES))
     for scene in results.scenes:
         for case in (c for c in results.cases if c.scene == scene):
-            found.add_row(*_cells(case, results))
-        found.add_section()
+            found.add(*_cells(case, results))
+        found.end_section()
     return found
 
 
@@ -42,20 +36,12 @@ def _cells(case: Case, results: Results) -> tuple[str, ...]:
         case.scene,
         "covered" if case.covered else "-" if case.variant is ALONE_B else "open",
         case.variant.name,
-        _spread(case.nmi_a()),
-        _spread(after),
-        _spread(case.nmi()),
-        _spread(100 * case.surface(), 1),
-        _spread(100 * kept, 0),
+        spread(case.nmi_a()),
+        spread(after),
+        spread(case.nmi()),
+        spread(100 * case.surface(), 1),
+        spread(100 * kept, 0),
     )
-
-
-def _spread(values: np.ndarray, digits: int = 3) -> str:
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "-"
-    spread = f" ±{known.std():.{digits}f}" if len(known) > 1 else ""
-    return f"{known.mean():.{digits}f}{spread}"
 
 
 def lines(results: Results) -> list[str]:
@@ -99,10 +85,6 @@ NMI cannot reach 1 here: the truth separates objects that have not moved yet.
 def markdown(results: Results, picture: str) -> str:
     """The whole report; `picture` is the path of the plot from there."""
     setup = results.setup
-    rows = [(*_NAMES, *_NUMBERS), ("---",) * 3 + ("---:",) * len(_NUMBERS)]
-    rows += [
-        _cells(case, results) for scene in results.scenes for case in results.cases if case.scene == scene
-    ]
     return _PAGE.format(
         method=results.method,
         rate_a=setup.rate_a,
@@ -117,36 +99,28 @@ def markdown(results: Results, picture: str) -> str:
         after=AFTER_S,
         lines="\n".join(f"- {line}" for line in lines(results)),
         picture=picture,
-        table="\n".join(f"| {' | '.join(row)} |" for row in rows),
+        table=table(results).markdown(),
     )
 
 
-def as_json(results: Results) -> dict[str, Any]:
-    """Everything as plain values: one entry per case, with one number per seed, and the verdict."""
+def as_json(results: Results) -> Any:
+    """Everything as plain values, one entry per scene, cover and variant."""
     start, stop = results.setup.cover
-    return {
-        "method": results.method,
-        "seeds": list(results.seeds),
-        "setup": asdict(results.setup),
-        "cases": [
-            {
-                "scene": case.scene,
-                "covered": case.covered,
-                "sources": list(case.variant.sources),
-                "nmi_a": _plain(case.nmi_a()),
-                "nmi_a_after": _plain(case.nmi_a(stop, stop + AFTER_S)),
-                "nmi": _plain(case.nmi()),
-                "surface": _plain(case.surface()),
-                "ids_kept": _plain(case.kept((start, stop))),
-            }
-            for case in results.cases
-        ],
-        "verdict": finite_or_none(asdict(verdict(results))),
-    }
-
-
-def _plain(values: np.ndarray) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+    cases = [
+        {
+            "scene": case.scene,
+            "covered": case.covered,
+            "sources": case.variant.sources,
+            "nmi_a": case.nmi_a(),
+            "nmi_a_after": case.nmi_a(stop, stop + AFTER_S),
+            "nmi": case.nmi(),
+            "surface": case.surface(),
+            "ids_kept": case.kept((start, stop)),
+        }
+        for case in results.cases
+    ]
+    about = {"method": results.method, "seeds": results.seeds, "setup": results.setup}
+    return plain({**about, "cases": cases, "verdict": verdict(results)})
 
 
 def save_picture(path: Path, results: Results) -> None:
@@ -157,12 +131,8 @@ def save_picture(path: Path, results: Results) -> None:
     ImportError
         If matplotlib is not installed.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     scenes = results.scenes
-    figure = Figure(figsize=(12, 1.2 + 2.4 * len(scenes)), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(12, 1.2 + 2.4 * len(scenes))
     axes = figure.subplots(len(scenes), 2, sharex=True, sharey=True, squeeze=False)
     for row, scene in zip(axes, scenes, strict=True):
         for covered, axis in enumerate(row):

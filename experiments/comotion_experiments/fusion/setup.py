@@ -31,31 +31,26 @@ ALL = Variant("A + B + robot", (CAMERA_A, CAMERA_B, ROBOT))
 VARIANTS = (ALONE_A, ALONE_B, WITH_ROBOT, ALL)
 
 
-@dataclass(frozen=True)
-class Setup:
-    """Image size, rates, features, cover and duration.
+@dataclass(frozen=True, kw_only=True)
+class Filming:
+    """How cameras film a scene: `size` of the images (px), `features` of each camera, `duration`.
 
-    Attributes
-    ----------
-    size
-        Width and height of the images in pixels.
-    rate_a, rate_b, rate_robot
-        Hz.
-    features
-        Feature budget of each camera.
-    cover
-        Start and end, in seconds, of the time during which camera A is covered.
-    duration
-        Seconds; None: one period of the scene.
+    The duration is in seconds; None: one period of the scene.
     """
 
     size: tuple[int, int] = (480, 360)
+    features: int = 150
+    duration: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup(Filming):
+    """Two cameras and a robot: their rates in Hz, and begin and end (s) of the cover of camera A."""
+
     rate_a: float = 30.0
     rate_b: float = 15.0
     rate_robot: float = 200.0
-    features: int = 150
     cover: tuple[float, float] = (7.5, 10.5)
-    duration: float | None = None
 
 
 QUICK = Setup(size=(320, 240), features=100, duration=14.0)

@@ -13,8 +13,9 @@ from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from comotion_sources.workcell import Scene
 
-from ..offline import run_offline
-from .recording import Message, Recording
+from ..offline import Message, run_offline
+from ..trace import objects_of
+from .recording import Recording
 from .setup import CAMERA_A, Variant
 from .surface import Surfaces
 
@@ -89,10 +90,7 @@ class _Scorer:
         self.ids.append(self._main_hypotheses(update))
 
     def _surface(self, update: HypothesisUpdate, t: float) -> float:
-        objects = np.full(len(update.track_id), -1)
-        for index, source in enumerate(update.sources):
-            rows = update.track_source == index
-            objects[rows] = self.truth.objects((source.name, source.session), update.track_id[rows])
+        objects = objects_of(update, self.truth)
         shares = self.surfaces.covered(t, update.track_position.astype(np.float64), objects)
         return float(np.mean(list(shares.values())))
 
@@ -135,14 +133,14 @@ def run_variant(
     """
     streams = [recording.of(source, covered=covered) for source in variant.sources]
     scorer = _Scorer(Truth(), Surfaces(scene))
-
-    def messages() -> Iterator[Message]:
-        for message in in_time_order(streams):
-            if isinstance(message, ObservationBatch):
-                scorer.observed.add(message)
-            yield message
-
-    run_offline(messages(), config, truth=scorer.truth, period=period, on_update=scorer.add)
+    run_offline(
+        in_time_order(streams),
+        config,
+        truth=scorer.truth,
+        observed=scorer.observed,
+        period=period,
+        on_update=scorer.add,
+    )
     t, nmi, nmi_a, surface = np.array(scorer.rows).T
     numbers = sorted({number for ids in scorer.ids for number in ids})
     ids = {n: np.array([row.get(n, -1) for row in scorer.ids], np.int64) for n in numbers}

@@ -5,17 +5,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..fusion.setup import Setup
+from ..processes import Progress, quiet
 from .cost import Cost, measure
 from .eye_in_hand import HandResult, run_seed
-from .features import Found, joints_from_features
+from .features import LIVE, Found, joints_from_features
 from .free_bodies import SCENES, longest_false_joint
 from .people import Person, run_person
 from .poses import CASES, PoseCase, run_case
-from .recording import LIVE
 
 PARTS = ("poses", "features", "sparse", "free", "people", "cost", "hand")
 WORKCELL = ("shelf", "arm")
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Results:
     hand: list[HandResult] = field(default_factory=list)
 
 
-def run_experiment(experiment: Experiment, progress: Progress = lambda what: None) -> Results:  # noqa: ARG005
+def run_experiment(experiment: Experiment, progress: Progress = quiet) -> Results:
     """Run the parts; `progress` is called with the name of the next run."""
     results = Results(experiment)
     for part in experiment.parts:

@@ -11,7 +11,6 @@ from comotion import FusionConfig
 from comotion_clients.metrics import Score
 from comotion_schemas import HypothesisUpdate
 from comotion_sources.calibration.model import Extrinsics
-from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.poses import PoseBuffer
@@ -19,8 +18,8 @@ from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.viewpoint import mount
 
-from ..fusion.recording import Message, keep
-from ..offline import run_offline
+from ..offline import Message, run_offline
+from ..rendered import keep, message_builder
 
 SCENE, HAND, FIXED = "eye-in-hand", "hand", "a"
 SIZE, RATE_HZ, SECONDS, FEATURES = (320, 240), 15.0, 10.0, 150
@@ -48,8 +47,7 @@ def run_seed(seed: int, cache: Path | None) -> HandResult:
     errors: list[tuple[float, float]] = []
     first: list[Extrinsics] = []
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         frame = next(iter(update.frames.values()), None)
         if frame is None or not isinstance(frame.rotation, list):
             return
@@ -72,27 +70,28 @@ def _make(seed: int) -> dict[str, list[Message]]:
     carried = CameraSpace("hand/optical", "m", 3, hand.intrinsics)
     still = CameraSpace("world", "m", 3, fixed.intrinsics, fixed.extrinsics)
     observers = {
-        "posed": Observer(world, _builder(world), scene.objects, robot_poses(scene)),
-        "carried": Observer(carried, _builder(carried, moving=True), scene.objects),
+        "posed": Observer(world, message_builder("klt", world), scene.objects, robot_poses(scene)),
+        "carried": Observer(carried, message_builder("klt", carried, moving=True), scene.objects),
     }
     found: dict[str, list[Message]] = {"posed": [], "carried": [], "fixed": []}
-    for name, observer, messages in _seen(hand, observers, moving=True):
-        del observer
+    for name, messages in _seen(hand, observers, moving=True):
         found[name] += messages
-    for name, _, messages in _seen(fixed, {"fixed": Observer(still, _builder(still), scene.objects)}):
+    for name, messages in _seen(
+        fixed, {"fixed": Observer(still, message_builder("klt", still), scene.objects)}
+    ):
         found[name] += messages
     return found
 
 
 def _seen(
     view: Viewpoint, observers: dict[str, Observer], *, moving: bool = False
-) -> Iterator[tuple[str, Observer, list[Message]]]:
+) -> Iterator[tuple[str, list[Message]]]:
     tracker = Tracker(TrackerConfig(max_features=FEATURES, moving=moving), view.intrinsics)
     for index in range(round(SECONDS * RATE_HZ)):
         frame = view.frame(view.scene.configuration(index / RATE_HZ), round(index * 1e9 / RATE_HZ))
         tracks = tracker.step(frame)
         for name, observer in observers.items():
-            yield name, observer, list(observer.messages(tracks, frame))
+            yield name, list(observer.messages(tracks, frame))
 
 
 def robot_poses(scene: Scene) -> PoseBuffer:
@@ -105,9 +104,3 @@ def robot_poses(scene: Scene) -> PoseBuffer:
         poses = kinematics.poses(kinematics.encoded(reading))
         buffer.add(stamp, Extrinsics.from_quaternion(poses.quaternions[0], poses.positions[0]))
     return buffer
-
-
-def _builder(space: CameraSpace, *, moving: bool = False) -> MessageBuilder:
-    return MessageBuilder(
-        source="klt", session="0" * 16, space=space.name, unit=space.unit, dim=space.dim, moving=moving
-    )

@@ -10,15 +10,32 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion_clients.metrics import Score, Truth
 from comotion_schemas import HypothesisUpdate, Joint
+from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene
 
-from ..accuracy.study import objects_of
-from ..fusion.setup import Setup
-from ..offline import run_offline
-from .recording import LIVE, camera_messages
+from ..fusion.setup import CAMERA_A, Setup
+from ..offline import Message, run_offline
+from ..rendered import Sources, filmed, keep
+from ..tables import Table, spread
+from ..trace import objects_of
 
+LIVE = Setup(size=(640, 480), features=400)
+"""As ``comotion source klt workcell:SCENE/a`` without options."""
 PERIOD = 0.1
 KINDS = ("fixed", "prismatic", "revolute")
+_TITLES = (
+    "scene",
+    "joint",
+    "true kind",
+    "seeds that moved it and saw both",
+    "found",
+    "kind right, % of updates",
+    "called free, %",
+    "axis, degrees",
+    "its sigma",
+    "point, mm",
+    "s until known",
+)
 # rad and m: a joint that has moved so far in all can be known.
 MOVED = {"revolute": np.radians(20), "prismatic": 0.05}
 
@@ -86,8 +103,7 @@ def joints_from_features(name: str, seed: int, cache: Path | None, how: Setup = 
     data, truth = scene.new_data(), Truth()
     path: dict[int, list[float]] = {one.joint.number: [] for one in found.values()}
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         t = update.stamp_ns * 1e-9
         scene.place(data, scene.configuration(t))
         main = main_objects(update, truth)
@@ -113,6 +129,21 @@ def joints_from_features(name: str, seed: int, cache: Path | None, how: Setup = 
     messages = camera_messages(name, seed, cache, how)
     run_offline(messages, FusionConfig(), truth=truth, period=PERIOD, on_update=on_update)
     return list(found.values())
+
+
+def camera_messages(scene: str, seed: int, cache: Path | None, how: Setup = LIVE) -> list[Message]:
+    """Messages of the KLT tracker of camera A over one period of a scene."""
+
+    def make() -> Sources:
+        config = TrackerConfig(max_features=how.features)
+        size, opened = how.size, Scene.named(scene, seed)
+        return {
+            CAMERA_A: filmed(opened, "a", CAMERA_A, config, size=size, rate=how.rate_a, seconds=how.duration)[
+                0
+            ]
+        }
+
+    return keep(cache, f"joints-{scene}-{seed}", how, make)[CAMERA_A]
 
 
 def main_objects(update: HypothesisUpdate, truth: Truth) -> dict[int, int]:
@@ -146,35 +177,25 @@ def angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 def table(rows: Sequence[tuple[str, list[Found]]]) -> str:
     """Markdown table of scenes: (name, one per seed and joint)."""
-    lines = [
-        "| scene | joint | true kind | seeds that moved it and saw both | found | kind right, % of updates "
-        "| called free, % | axis, degrees | its sigma | point, mm | s until known |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    drawn = Table(_TITLES, words=3)
     for scene, found in rows:
         for name in dict.fromkeys(one.joint.name for one in found):
             runs = [one for one in found if one.joint.name == name and one.moved_at is not None and one.seen]
             if runs:
-                lines.append(f"| {scene} | {name} | {runs[0].joint.kind} | {_cells(runs)} |")
-    return "\n".join(lines)
+                drawn.add(scene, name, runs[0].joint.kind, *_cells(runs))
+    return drawn.markdown()
 
 
-def _cells(runs: Sequence[Found]) -> str:
+def _cells(runs: Sequence[Found]) -> list[str]:
     hits = [one for one in runs if one.axis]
-    cells = [str(len(runs)), str(len(hits))]
-    shares = [100 * one.right_share() for one in runs if one.known]
-    waits = [one.until_known() for one in hits]
     revolute = runs[0].joint.kind == "revolute"
-    cells.append(_spread(shares, 0))
-    cells.append(_spread([100 * one.free / one.entries for one in runs if one.entries], 0))
-    cells.append(_spread([float(np.median(one.axis)) for one in hits], 2))
-    cells.append(_spread([float(np.nanmedian(one.sigma)) for one in hits], 2))
-    cells.append(_spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-")
-    cells.append(_spread(waits, 1))
-    return " | ".join(cells)
-
-
-def _spread(values: Sequence[float], digits: int) -> str:
-    if not values:
-        return "-"
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}"
+    return [
+        str(len(runs)),
+        str(len(hits)),
+        spread([100 * one.right_share() for one in runs if one.known], 0),
+        spread([100 * one.free / one.entries for one in runs if one.entries], 0),
+        spread([float(np.median(one.axis)) for one in hits], 2),
+        spread([float(np.nanmedian(one.sigma)) for one in hits], 2),
+        spread([float(np.median(one.point)) for one in hits], 1) if revolute else "-",
+        spread([one.until_known() for one in hits], 1),
+    ]

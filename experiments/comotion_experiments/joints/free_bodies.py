@@ -35,9 +35,8 @@ def longest_joint(messages: Iterable[Message], hinges: Collection[frozenset[str]
     since: dict[tuple[int, int], int] = {}
     longest = 0.0
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         nonlocal since, longest
-        del score
         main = main_objects(update, truth)
         pairs = [
             (j.parent, j.child)

@@ -11,6 +11,7 @@ from comotion_schemas import HypothesisUpdate
 from comotion_sources.recordings import read_recording, recording_batches
 
 from ..offline import run_offline
+from ..tables import Table
 from .features import main_objects
 
 # Names of the two segments that meet at a joint, as recordings call them.
@@ -40,8 +41,7 @@ def run_person(path: Path) -> Person:
     """Run the first minute of a recording with the default method."""
     found, truth = Person(path.stem), Truth()
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         found.updates += 1
         segments = {one: truth.names.get(number, "") for one, number in main_objects(update, truth).items()}
         _note(found, update, segments)
@@ -67,21 +67,15 @@ def _note(found: Person, update: HypothesisUpdate, segments: Mapping[int, str]) 
 def table(people: list[Person]) -> str:
     """Markdown table: share of the updates with an entry in which it is of each kind, percent."""
     kinds = ("revolute", "undetermined", "free", "fixed", "prismatic")
-    lines = [
-        "| recording | joint | pairs with two hypotheses, per update | entries per update | "
-        + " | ".join(f"{kind}, %" for kind in kinds)
-        + " |",
-        "|---|---|---|---|" + "---|" * len(kinds),
-    ]
+    seen = ("pairs with two hypotheses, per update", "entries per update")
+    drawn = Table(("recording", "joint", *seen, *(f"{kind}, %" for kind in kinds)), words=2)
     for one in people:
         rows = [(name, one.kinds.get(name, Counter()), one.apart[name]) for name in ANATOMY]
         for name, counter, apart in [*rows, ("other pairs", one.others, -1)]:
             total = sum(counter.values())
             if not total:
                 continue
-            cells = [f"{100 * counter[kind] / total:.0f}" for kind in kinds]
-            seen = "-" if apart < 0 else f"{apart / one.updates:.2f}"
-            lines.append(
-                f"| {one.name} | {name} | {seen} | {total / one.updates:.2f} | " + " | ".join(cells) + " |"
-            )
-    return "\n".join(lines)
+            pairs = "-" if apart < 0 else f"{apart / one.updates:.2f}"
+            shares = (f"{100 * counter[kind] / total:.0f}" for kind in kinds)
+            drawn.add(one.name, name, pairs, f"{total / one.updates:.2f}", *shares)
+    return drawn.markdown()

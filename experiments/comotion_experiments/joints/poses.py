@@ -15,6 +15,7 @@ from comotion.joints.pair import Pair
 from comotion.joints.states import States, relative_states
 from comotion.partition import BodyMotion
 
+from ..tables import Table
 from . import screw_fit
 from .features import angle_between
 
@@ -146,31 +147,29 @@ def _child(kind: str, moved: float, seed: int) -> tuple[BodyMotion, Floats, Floa
 
 def table(cases: list[PoseCase]) -> str:
     """Markdown table, medians over seeds."""
-    lines = [
-        "| joint | moved by | axis, degrees | GTSAM | bound | point, mm | GTSAM | bound | kind right, % "
-        "| undetermined, % | CPU ms |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    measured = ("axis, degrees", "GTSAM", "bound", "point, mm", "GTSAM", "bound")
+    drawn = Table(("joint", "moved by", *measured, "kind right, %", "undetermined, %", "CPU ms"))
     for one in cases:
         hinge = one.kind == "revolute"
-        moved = f"{one.moved:g}°" if hinge else f"{100 * one.moved:g} cm"
-        axis = _medians([(value,) for value in one.axis], one.screw, one.floor, 0)
-        point = _medians([(value,) for value in one.point], one.screw, one.floor, 1) if hinge else "- | - | -"
         right = 100 * np.mean([kind == one.kind for kind in one.kinds])
         unknown = 100 * np.mean([kind == "undetermined" for kind in one.kinds])
-        lines.append(
-            f"| {one.kind} | {moved} | {axis} | {point} | {right:.0f} | {unknown:.0f} "
-            f"| {np.median(one.milliseconds):.1f} |"
+        drawn.add(
+            one.kind,
+            f"{one.moved:g}°" if hinge else f"{100 * one.moved:g} cm",
+            *_medians(one.axis, one.screw, one.floor, 0),
+            *(_medians(one.point, one.screw, one.floor, 1) if hinge else "---"),
+            f"{right:.0f}",
+            f"{unknown:.0f}",
+            f"{np.median(one.milliseconds):.1f}",
         )
-    return "\n".join(lines)
+    return drawn.markdown()
 
 
 def _medians(
-    own: Sequence[tuple[float, ...]],
+    own: Sequence[float],
     screw: Sequence[tuple[float, float]],
     floor: Sequence[tuple[float, float]],
     which: int,
-) -> str:
-    columns = [own, screw, floor]
-    found = [np.array(column)[:, min(which, len(column[0]) - 1)] if column else None for column in columns]
-    return " | ".join("-" if one is None else f"{np.median(one):.2f}" for one in found)
+) -> list[str]:
+    columns = [own, [one[which] for one in screw], [one[which] for one in floor]]
+    return [f"{np.median(column):.2f}" if column else "-" for column in columns]

@@ -1,10 +1,10 @@
 """Results of the experiments with joints, as Markdown and plain values."""
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from ..tables import Table, mean, plain
 from . import features, people, poses
 from .experiment import Results
 
@@ -33,57 +33,31 @@ def markdown(results: Results) -> str:
 
 def _free_table(results: Results) -> str:
     seeds = results.experiment.seeds
-    lines = [
-        "Longest time in s for which two bodies had a joint.",
-        "",
-        "| scene | " + " | ".join(f"seed {seed}" for seed in seeds) + " |",
-        "|---|" + "---|" * len(seeds),
-    ]
+    drawn = Table(("scene", *(f"seed {seed}" for seed in seeds)))
     for scene, times in results.free.items():
-        lines.append(f"| {scene} | " + " | ".join(f"{one:.1f}" for one in times) + " |")
-    return "\n".join(lines)
+        drawn.add(scene, *(f"{one:.1f}" for one in times))
+    return f"Longest time in s for which two bodies had a joint.\n\n{drawn.markdown()}"
 
 
 def _cost_table(results: Results) -> str:
-    lines = [
-        "| seed | update without joints, ms | update that judges a pair, ms | share, % |",
-        "|---|---|---|---|",
-    ]
+    drawn = Table(("seed", "update without joints, ms", "update that judges a pair, ms", "share, %"))
     for seed, one in zip(results.experiment.seeds, results.cost, strict=True):
-        lines.append(f"| {seed} | {one.without:.1f} | {one.judging:.1f} | {100 * one.share:.1f} |")
-    mean = 100 * np.mean([one.share for one in results.cost])
-    return "\n".join([*lines, f"| mean | | | {mean:.1f} |"])
+        drawn.add(str(seed), f"{one.without:.1f}", f"{one.judging:.1f}", f"{100 * one.share:.1f}")
+    drawn.add("mean", "", "", f"{100 * mean(one.share for one in results.cost):.1f}")
+    return drawn.markdown()
 
 
 def _hand_table(results: Results) -> str:
-    lines = [
-        "| seed | NMI, fixed camera | NMI, hand with the robot's poses | NMI, images alone "
-        "| largest error, mm | largest error, degrees |",
-        "|---|---|---|---|---|---|",
-    ]
+    scored = ("NMI, fixed camera", "NMI, hand with the robot's poses", "NMI, images alone")
+    drawn = Table(("seed", *scored, "largest error, mm", "largest error, degrees"))
     rows = [(r.fixed, r.with_poses, r.alone, 1e3 * r.shift, r.turn) for r in results.hand]
     names = [*map(str, results.experiment.seeds), "mean"]
     for name, row in zip(names, [*rows, np.mean(rows, axis=0).tolist()], strict=True):
-        nmi, (shift, turn) = [f"{one:.3f}" for one in row[:3]], row[3:]
-        lines.append(f"| {name} | " + " | ".join(nmi) + f" | {shift:.1f} | {turn:.2f} |")
-    return "\n".join(lines)
+        drawn.add(name, *(f"{one:.3f}" for one in row[:3]), f"{row[3]:.1f}", f"{row[4]:.2f}")
+    return drawn.markdown()
 
 
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """All results as plain values."""
-    return {
-        "seeds": list(results.experiment.seeds),
-        "poses": [asdict(one) for one in results.poses],
-        "features": [[scene, [asdict(one) for one in found]] for scene, found in results.features],
-        "sparse": [[scene, [asdict(one) for one in found]] for scene, found in results.sparse],
-        "free": results.free,
-        "people": [_person(one) for one in results.people],
-        "cost": [asdict(one) for one in results.cost],
-        "hand": [asdict(one) for one in results.hand],
-    }
-
-
-def _person(one: people.Person) -> dict[str, Any]:
-    """Plain values; ``asdict`` does not keep counters before Python 3.12."""
-    kinds = {name: dict(counter) for name, counter in one.kinds.items()}
-    return dict(vars(one)) | {"apart": dict(one.apart), "kinds": kinds, "others": dict(one.others)}
+    parts = {name: part for name, part in vars(results).items() if name != "experiment"}
+    return plain({"seeds": results.experiment.seeds, **parts})

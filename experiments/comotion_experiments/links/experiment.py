@@ -1,6 +1,6 @@
 """The whole experiment: every scene and seed, scored with and without links."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion.config import LinkingConfig
 
+from ..processes import Progress, quiet
 from .recording import plain_camera, record
 from .setup import PLAIN_SPACE, Setup
 from .study import Count, Outcome, run_seed
@@ -53,7 +54,7 @@ def run_experiment(
     cache: Path | None = None,
     period: float = 1 / 3,
     turned: float = 0.0,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Results:
     """Run every scene with every seed.
 

@@ -1,16 +1,17 @@
 """Renders and tracks a scene with both cameras: scene and seed -> messages, cached on disk."""
 
 from pathlib import Path
+from typing import Any
 
 from scipy.spatial.transform import Rotation
 
 from comotion.linking import Camera
 from comotion_sources.klt import TrackerConfig
-from comotion_sources.workcell import Scene, Viewpoint
+from comotion_sources.workcell import Scene
 from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.viewpoint import calibration
 
-from ..fusion.recording import Sources, keep, track
+from ..rendered import Sources, filmed, keep
 from .setup import DEPTH_CAMERA, PLAIN_CAMERA, Setup
 
 
@@ -48,10 +49,8 @@ def _make(name: str, seed: int, setup: Setup) -> Sources:
     scene = Scene.named(name, seed)
     atlas = build_atlas(scene.model, seed)
     config = TrackerConfig(max_features=setup.features)
-    seconds = setup.duration or scene.period
-    sources: Sources = {}
-    for camera, source in (("a", DEPTH_CAMERA), ("b", PLAIN_CAMERA)):
-        view = Viewpoint(scene, camera, setup.size, atlas=atlas)
-        frames = track(view, config, source, setup.rate, seconds, depth=source == DEPTH_CAMERA)
-        sources[source] = [message for messages, _ in frames for message in messages]
-    return sources
+    how: dict[str, Any] = {"size": setup.size, "rate": setup.rate, "seconds": setup.duration, "atlas": atlas}
+    return {
+        DEPTH_CAMERA: filmed(scene, "a", DEPTH_CAMERA, config, **how)[0],
+        PLAIN_CAMERA: filmed(scene, "b", PLAIN_CAMERA, config, depth=False, **how)[0],
+    }

@@ -1,14 +1,8 @@
 """The link experiment as a table and as JSON."""
 
-from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rich.table import Table
-
-from comotion_clients.scoring import finite_or_none
-
+from ..tables import Table, number, plain, spread
 from .experiment import Case, Results
 
 _READINGS = ("apart", "rest", "joined", "oracle")
@@ -29,24 +23,16 @@ HEADINGS = (
 
 
 def table(results: Results) -> Table:
-    """One row per scene: means and, after ±, the spread over seeds."""
-    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for number, title in enumerate(HEADINGS):
-        found.add_column(title, justify="right" if number else "left", no_wrap=True)
-    for cells in rows(results):
-        found.add_row(*cells)
+    """One row per scene, the last of all: means and, after ±, the spread over seeds."""
+    found = Table(HEADINGS)
+    for case in [*results.cases, results.all()]:
+        found.add(*_cells(case))
     return found
 
 
 def markdown(results: Results) -> str:
     """The same as a table for the documentation."""
-    lines = [HEADINGS, ["---", *["---:"] * (len(HEADINGS) - 1)], *rows(results)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
-
-
-def rows(results: Results) -> list[list[str]]:
-    """Cells of the table; the last row is of all scenes."""
-    return [_cells(case) for case in [*results.cases, results.all()]]
+    return table(results).markdown() + "\n"
 
 
 def _cells(case: Case) -> list[str]:
@@ -55,45 +41,30 @@ def _cells(case: Case) -> list[str]:
         _links(case, "moving"),
         _links(case, "pure"),
         _links(case, "resting"),
-        *(_spread(case.scores("nmi", reading)) for reading in _READINGS),
-        *(_spread(case.scores("nmi_plain", reading)) for reading in ("apart", "joined")),
-        *(_spread(100 * case.scores("error_plain", reading), 1) for reading in ("apart", "joined")),
+        *(spread(case.scores("nmi", reading)) for reading in _READINGS),
+        *(spread(case.scores("nmi_plain", reading)) for reading in ("apart", "joined")),
+        *(spread(100 * case.scores("error_plain", reading), 1) for reading in ("apart", "joined")),
     ]
 
 
 def _links(case: Case, what: str) -> str:
     """Precision, recall and how many could be linked."""
     count = case.count(what)
-    return f"{_percent(count.precision)}/{_percent(count.recall)} ({count.linkable})"
+    return f"{number(100 * count.precision, 0)}/{number(100 * count.recall, 0)} ({count.linkable})"
 
 
-def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{100 * share:.0f}"
-
-
-def _spread(values: NDArray[np.float64], digits: int = 3) -> str:
-    return f"{values.mean():.{digits}f} ±{values.std():.{digits}f}"
-
-
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Everything as plain values, one entry per scene, with one number per seed."""
-    return {
-        "seeds": list(results.seeds),
-        "setup": asdict(results.setup),
-        "cases": [
-            {
-                "scene": case.scene,
-                **{
-                    f"{what}_links": asdict(count)
-                    | finite_or_none({"precision": count.precision, "recall": count.recall})
-                    for what in ("moving", "pure", "resting")
-                    for count in [case.count(what)]
-                },
-                **{
-                    what: {reading: case.scores(what, reading).tolist() for reading in _READINGS}
-                    for what in ("nmi", "nmi_plain", "error_plain")
-                },
-            }
-            for case in results.cases
-        ],
-    }
+    cases: list[dict[str, Any]] = []
+    for case in results.cases:
+        counts = {what: case.count(what) for what in ("moving", "pure", "resting")}
+        links = {
+            f"{what}_links": {**vars(count), "precision": count.precision, "recall": count.recall}
+            for what, count in counts.items()
+        }
+        scores = {
+            what: {reading: case.scores(what, reading) for reading in _READINGS}
+            for what in ("nmi", "nmi_plain", "error_plain")
+        }
+        cases.append({"scene": case.scene, **links, **scores})
+    return plain({"seeds": results.seeds, "setup": results.setup, "cases": cases})

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ..fusion.setup import Filming
+
 SCENES = ("truck", "shelf", "arm", "truck-clutter", "shelf-clutter", "arm-clutter")
 
 DEPTH_CAMERA, PLAIN_CAMERA = "klt-a", "klt-b"
@@ -9,26 +11,12 @@ DEPTH_CAMERA, PLAIN_CAMERA = "klt-a", "klt-b"
 PLAIN_SPACE = f"{PLAIN_CAMERA}/pixels"
 
 
-@dataclass(frozen=True)
-class Setup:
-    """Image size, rate, features and duration.
+@dataclass(frozen=True, kw_only=True)
+class Setup(Filming):
+    """Two cameras of one rate, Hz."""
 
-    Attributes
-    ----------
-    size
-        Width and height of the images in pixels.
-    rate
-        Hz, of both cameras.
-    features
-        Feature budget of each camera.
-    duration
-        Seconds; None: one period of the scene.
-    """
-
-    size: tuple[int, int] = (480, 360)
     rate: float = 15.0
     features: int = 250
-    duration: float | None = None
 
 
 QUICK = Setup(size=(320, 240), features=150, duration=12.0)

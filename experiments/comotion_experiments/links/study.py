@@ -1,19 +1,19 @@
 """One run of the link experiment: scene and seed -> counts of right links, and scores with and without."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Score, Truth, bodies_of, score_labels, tracks_of
+from comotion_clients.metrics import Score, Truth, bodies_of, labels_of, score_labels
 from comotion_clients.scoring import Observed
-from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
-from ..fusion.recording import Message, Sources
 from ..fusion.study import in_time_order
 from ..offline import run_offline
+from ..rendered import Sources
 from .setup import DEPTH_CAMERA, PLAIN_CAMERA, PLAIN_SPACE
 
 Labels = NDArray[np.int64]
@@ -100,9 +100,8 @@ class _Scorer:
     pure: Count = field(default_factory=Count)
     rows: list[list[list[float]]] = field(default_factory=list)
 
-    def add(self, update: HypothesisUpdate, score: Score) -> None:
-        """Score one update; `score` is not of interest."""
-        del score
+    def add(self, update: HypothesisUpdate, _: Score) -> None:
+        """Score one update."""
         labels, objects, plain = self._tracks(update)
         if not (plain & (objects >= 0)).any() or not (~plain & (objects >= 0)).any():
             return
@@ -122,14 +121,9 @@ class _Scorer:
 
     def _tracks(self, update: HypothesisUpdate) -> tuple[Labels, Objects, NDArray[np.bool_]]:
         """Hypothesis and true object of every observed feature, and whether the plain camera's."""
-        listed = tracks_of(update)
-        labels, objects, plain = [], [], []
-        for key, ids in self.observed.at(update.stamp_ns).items():
-            table = listed.get(key, {})
-            labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
-            objects.append(self.truth.objects(key, ids))
-            plain.append(np.full(len(ids), key[0] == PLAIN_CAMERA))
-        return np.concatenate(labels), np.concatenate(objects), np.concatenate(plain)
+        observed = self.observed.at(update.stamp_ns)
+        plain = [np.full(len(ids), source == PLAIN_CAMERA) for (source, _), ids in observed.items()]
+        return *labels_of(update, self.truth, observed), np.concatenate(plain)
 
 
 def main_objects(labels: Labels, objects: Objects, share: float = 0.0) -> dict[int, int]:
@@ -188,14 +182,14 @@ def run_seed(sources: Sources, config: FusionConfig, *, period: float = 1 / 3) -
         Seconds between updates.
     """
     scorer = _Scorer(Truth())
-
-    def messages() -> Iterator[Message]:
-        for message in in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]):
-            if isinstance(message, ObservationBatch):
-                scorer.observed.add(message)
-            yield message
-
-    run_offline(messages(), config, truth=scorer.truth, period=period, on_update=scorer.add)
+    run_offline(
+        in_time_order([sources[DEPTH_CAMERA], sources[PLAIN_CAMERA]]),
+        config,
+        truth=scorer.truth,
+        observed=scorer.observed,
+        period=period,
+        on_update=scorer.add,
+    )
     means = np.nanmean(np.array(scorer.rows), axis=0)
     nmi, nmi_plain, error_plain = (Partitions(*column) for column in means.T.tolist())
     return Outcome(scorer.moving, scorer.resting, scorer.pure, nmi, nmi_plain, error_plain)

@@ -1,6 +1,6 @@
 """Runs the pixel benchmark: data sets -> scores of the method and of baselines."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
 
+from ..processes import Progress, quiet
 from .methods import (
     divisive_brox_malik,
     engine,
@@ -89,7 +90,7 @@ def run_benchmark(
     *,
     baselines: bool = True,
     cross_validate: bool = True,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Benchmark:
     """Score the engine and the baselines on whole sequences and on their first frames.
 

@@ -4,7 +4,7 @@ The regions of each hypothesis are scored once a second against the truth of eve
 walker: the nearest labelled feature, and both with the true object of every feature as its label.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from comotion_sources.klt import Tracks
 from comotion_sources.workcell import Scene
 
 from ..labelled import Labelled, SegmentOptions, labelled_frames
+from ..processes import Progress, quiet
 
 SCENES = ("shelf", "truck", "arm")
 METHODS = ("random walker", "nearest feature", "random walker, true labels", "nearest feature, true labels")
@@ -25,7 +26,6 @@ _EVERY_S = 1.0
 _MOVED_M, _MOVED_RAD = 0.02, 0.1
 # Objects with fewer pixels are left out.
 _LEAST_PIXELS = 200
-Progress = Callable[[str], None]
 Objects = NDArray[np.int32]
 
 
@@ -49,7 +49,7 @@ def run_experiment(
     config: FusionConfig,
     *,
     duration: float | None = None,
-    progress: Progress = lambda what: None,  # noqa: ARG005
+    progress: Progress = quiet,
 ) -> list[Scored]:
     """Score every seed of every scene; `duration` s, one period by default."""
     found = []

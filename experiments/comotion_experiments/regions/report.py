@@ -1,38 +1,25 @@
 """Scores of regions, as Markdown and plain values."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
+from ..tables import Table, mean, plain, spread
 from .experiment import METHODS, Scored
 
 
 def markdown(results: Sequence[Scored]) -> str:
     """Build a table of IoU: mean over bodies and frames, and its standard deviation over seeds."""
     seeds = ", ".join(str(one) for one in sorted({r.seed for r in results}))
-    lines = [
-        "# Dense regions: results",
-        "",
-        f"Made by `comotion dev reproduce regions`; seeds {seeds}.",
-        "",
-        "| scene | object | " + " | ".join(METHODS) + " |",
-        "|---|---|" + "---|" * len(METHODS),
-    ]
+    found = Table(("scene", "object", *METHODS), words=2)
     for scene in dict.fromkeys(r.scene for r in results):
         runs = [r for r in results if r.scene == scene]
         for name, kind in (("bodies that have moved", "bodies"), ("background", "background")):
-            cells = [_spread([getattr(r, kind)[method] for r in runs]) for method in METHODS]
-            lines.append(f"| {scene} | {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+            scores = [[mean(getattr(r, kind)[method]) for r in runs] for method in METHODS]
+            found.add(scene, name, *map(spread, scores))
+    head = f"# Dense regions: results\n\nMade by `comotion dev reproduce regions`; seeds {seeds}."
+    return f"{head}\n\n{found.markdown()}\n"
 
 
-def _spread(runs: Sequence[Sequence[float]]) -> str:
-    means = [float(np.mean(one)) for one in runs if one]
-    return f"{np.mean(means):.3f} ± {np.std(means):.3f}" if means else "-"
-
-
-def as_json(results: Sequence[Scored]) -> list[dict[str, Any]]:
+def as_json(results: Sequence[Scored]) -> Any:
     """All scores as plain values."""
-    return [asdict(one) for one in results]
+    return plain(list(results))

@@ -1,5 +1,7 @@
 """Families in which bodies move in their own way: rest, stop and go, slow, soft, hinged, coupled, hidden."""
 
+from typing import Any
+
 import numpy as np
 
 from comotion_schemas.errors import KnownError
@@ -9,8 +11,8 @@ from comotion_sources.simulator.spec import Sines
 
 from .lives import cut, replaced
 from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
-from .scene import Body, Happening, Scene, Slip, Source, rng_of
-from .worlds import background, box, lives_of, respawning, swinging, swinging_scene
+from .scene import Body, Happening, Scene, Slip, rng_of
+from .worlds import background, box, made, respawning, swinging, swinging_scene
 
 _RAMP_S = 0.3
 
@@ -20,7 +22,7 @@ def rest(
 ) -> list[Scene]:
     """Stop all bodies for longer than the window, then let them move on."""
     profile = speed_profile([stop, stop + seconds], moving=True, ramp=_RAMP_S)
-    return [_profiled(seed, [profile] * bodies, duration)]
+    return _profiled(seed, [profile] * bodies, duration)
 
 
 def late_movers(
@@ -28,7 +30,7 @@ def late_movers(
 ) -> list[Scene]:
     """Let bodies that have rested start one after the other."""
     profiles = [speed_profile([first + every * k], moving=False, ramp=_RAMP_S) for k in range(bodies)]
-    return [_profiled(seed, profiles, duration)]
+    return _profiled(seed, profiles, duration)
 
 
 def stop_and_go(
@@ -50,7 +52,7 @@ def stop_and_go(
             moving = not moving
             time += float(rng.uniform(2.0, 6.0) if moving else rng.uniform(2.0, 25.0))
         profiles.append(speed_profile(switches, moving=True, ramp=_RAMP_S))
-    return [_profiled(seed, profiles, duration, renewal=renewal, rate=rate, period=period)]
+    return _profiled(seed, profiles, duration, renewal=renewal, rate=rate, period=period)
 
 
 def ten_minutes(
@@ -65,7 +67,7 @@ def ten_minutes(
     """Move for ten minutes with features replaced, and an object hidden every half minute."""
     bodies = swinging_scene(seed, 3)
     hidden = [(t, t + seconds, 1 + k % 3) for k, t in enumerate(np.arange(every, duration - every, every))]
-    return [_with_hidden(seed, bodies, hidden, duration, rate=rate, period=period)]
+    return _with_hidden(seed, bodies, hidden, duration, rate=rate, period=period)
 
 
 def object_cover(
@@ -73,7 +75,7 @@ def object_cover(
 ) -> list[Scene]:
     """Hide one object after the other for seconds while it moves on; it returns with new features."""
     hidden = [(first + every * k, first + every * k + seconds, 1 + k) for k in range(bodies)]
-    return [_with_hidden(seed, swinging_scene(seed, bodies), hidden, first + every * bodies + 2.0)]
+    return _with_hidden(seed, swinging_scene(seed, bodies), hidden, first + every * bodies + 2.0)
 
 
 def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30.0) -> list[Scene]:
@@ -81,8 +83,7 @@ def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30
     names = [f"body {k + 1}" for k in range(bodies)]
     moving = [Body(n, at_speed(swinging(seed, n), speed), 8, box(seed, n)) for n in names]
     all_bodies = [background(), *moving]
-    spans = respawning(all_bodies, duration, seed)
-    return [Scene(bodies=all_bodies, lives=lives_of(all_bodies, seed, spans), seed=seed, duration=duration)]
+    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed))
 
 
 def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> list[Scene]:
@@ -103,18 +104,8 @@ def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> li
     if spec.respawn is not None:
         rng = rng_of(seed, "respawn")
         spans = replaced(bodies, duration, rng, share=spec.respawn.share, every=spec.respawn.every / speed)
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives_of(bodies, seed, spans),
-            seed=seed,
-            duration=duration,
-            dim=spec.dim,
-            unit=spec.unit,
-            space=spec.space,
-            period=1 / 3,
-        )
-    ]
+    where: dict[str, Any] = {"dim": spec.dim, "unit": spec.unit, "space": spec.space}
+    return made(seed, bodies, duration, spans, period=1 / 3, **where)
 
 
 def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -131,15 +122,8 @@ def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.01, duration: float
     way *= amplitude / np.linalg.norm(way, axis=1, keepdims=True)
     way[: all_bodies[0].features] = 0.0
     frequency, phase = rng.uniform(0.2, 0.8, slots), rng.uniform(0.0, 2.0 * np.pi, slots)
-    return [
-        Scene(
-            bodies=all_bodies,
-            lives=lives_of(all_bodies, seed, respawning(all_bodies, duration, seed)),
-            slip=Slip(way, frequency, phase, np.zeros((slots, 3))),
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    slip = Slip(way, frequency, phase, np.zeros((slots, 3)))
+    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed), slip=slip)
 
 
 def hinge(
@@ -158,8 +142,7 @@ def hinge(
     ]
     door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
     bodies = [background(24, sigma), door]
-    duration = at + seconds + 10.0
-    return [Scene(bodies=bodies, lives=lives_of(bodies, seed), seed=seed, duration=duration)]
+    return made(seed, bodies, at + seconds + 10.0)
 
 
 def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> list[Scene]:
@@ -172,8 +155,7 @@ def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> li
         Body("body 2", coupled(leader, own, until, offset), 10, box(seed, "body 2")),
         Body("body 3", swinging(seed, "body 3"), 10, box(seed, "body 3")),
     ]
-    spans = respawning(bodies, duration, seed)
-    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration)]
+    return made(seed, bodies, duration, respawning(bodies, duration, seed))
 
 
 def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scene]:
@@ -186,8 +168,7 @@ def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scen
         Body("link 2", chained([first, second], lengths), 10, size, sigma),
     ]
     bodies = [background(sigma=sigma), *links]
-    spans = respawning(bodies, duration, seed)
-    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration)]
+    return made(seed, bodies, duration, respawning(bodies, duration, seed))
 
 
 def _turning(seed: int, name: str) -> PoseAt:
@@ -202,20 +183,13 @@ def _profiled(
     renewal: float = 0.0,
     rate: float = 15.0,
     period: float = 0.2,
-) -> Scene:
+) -> list[Scene]:
     names = [f"body {k + 1}" for k in range(len(profiles))]
     motions: list[PoseAt] = [retimed(swinging(seed, n), *p) for n, p in zip(names, profiles, strict=True)]
     bodies = [background(), *(Body(n, m, 8, box(seed, n)) for n, m in zip(names, motions, strict=True))]
     rng = rng_of(seed, "respawn")
     spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else None
-    return Scene(
-        bodies=bodies,
-        lives=lives_of(bodies, seed, spans),
-        sources=[Source("simulator", rate)],
-        seed=seed,
-        duration=duration,
-        period=period,
-    )
+    return made(seed, bodies, duration, spans, rate=rate, period=period)
 
 
 def _with_hidden(
@@ -223,21 +197,12 @@ def _with_hidden(
     bodies: list[Body],
     hidden: list[tuple[float, float, int]],
     duration: float,
-    *,
-    rate: float = 15.0,
-    period: float = 0.2,
-) -> Scene:
+    **how: float,
+) -> list[Scene]:
     """Hide whole bodies: (begin, end, body)."""
     of_slot = np.repeat(np.arange(len(bodies)), [b.features for b in bodies])
     spans = cut(
         respawning(bodies, duration, seed), [(begin, end, of_slot == body) for begin, end, body in hidden]
     )
-    return Scene(
-        bodies=bodies,
-        lives=lives_of(bodies, seed, spans),
-        sources=[Source("simulator", rate)],
-        seed=seed,
-        duration=duration,
-        period=period,
-        happenings=[Happening(begin, end, "object-lost", (body,)) for begin, end, body in hidden],
-    )
+    happenings = [Happening(begin, end, "object-lost", (body,)) for begin, end, body in hidden]
+    return made(seed, bodies, duration, spans, happenings=happenings, **how)

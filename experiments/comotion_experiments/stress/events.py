@@ -1,13 +1,14 @@
 """Families in which something happens to the sources: restarts, covers, rebirths, late starts, loops."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from .lives import cut
 from .motion import at_speed, looped
 from .scene import Body, Event, Happening, Scene, Source, rng_of
-from .worlds import background, displaced, lives_of, respawning, swinging_body, swinging_scene
+from .worlds import background, displaced, made, respawning, swinging_body, swinging_scene
 
 _DEMO_SPEED = 12.0 / 38.0
 _RATES = (15.0, 30.0, 100.0)
@@ -17,38 +18,30 @@ _PHASES = 10
 
 def rebirth(seed: int, *, share: float = 1.0, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
     """Lose a share of all features at one instant; new ones come at once under new ids."""
-    return [_lost(seed, at, at, share=share, duration=duration)]
+    return _lost(seed, at, at, share=share, duration=duration)
 
 
 def cover(seed: int, *, seconds: float = 1.0, at: float = 6.0, duration: float = 16.0) -> list[Scene]:
     """Lose all features for a time; then there are new ones."""
-    return [_lost(seed, at, at + seconds, share=1.0, duration=duration)]
+    return _lost(seed, at, at + seconds, share=1.0, duration=duration)
 
 
 def restart(seed: int, *, silent: float = 0.3, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
     """Restart the tracker: silence, then a new session whose ids count from 0 again."""
-    scene = _lost(seed, at, at + silent, share=1.0, duration=duration)
     source = Source("simulator", sessions=(at,), off=((at, at + silent),))
-    return [_with_sources(scene, [source])]
+    return _lost(seed, at, at + silent, share=1.0, duration=duration, sources=[source])
 
 
 def loop(seed: int, *, length: float = 8.0, times: int = 2) -> list[Scene]:
     """Replay a recording several times: everything jumps back, the sessions are new."""
-    bodies = [Body(b.name, looped(b.motion, length), b.features, b.size) for b in swinging_scene(seed)]
+    bodies = [replace(body, motion=looped(body.motion, length)) for body in swinging_scene(seed)]
     ends = [length * (k + 1) for k in range(times - 1)]
     spans = respawning(bodies, length * times, seed)
     everything = np.ones(len(spans), np.bool_)
     spans = cut(spans, [(end, end, everything) for end in ends])
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives_of(bodies, seed, spans),
-            sources=[Source("simulator", sessions=tuple(ends))],
-            seed=seed,
-            duration=length * times,
-            happenings=[Happening(end, end, "lost", tuple(range(len(bodies)))) for end in ends],
-        )
-    ]
+    sources = [Source("simulator", sessions=tuple(ends))]
+    happenings = [Happening(end, end, "lost", tuple(range(len(bodies)))) for end in ends]
+    return made(seed, bodies, length * times, spans, sources=sources, happenings=happenings)
 
 
 def late_start(
@@ -64,22 +57,13 @@ def late_start(
     """Join three sources of 15, 30 and 100 Hz late, at several times; bodies move as in the demo."""
     bodies = [background(), *(_slowly(swinging_body(seed, k + 1, 12)) for k in range(2))]
     spans = respawning(bodies, longest + duration, seed)
-    lives = lives_of(bodies, seed, spans)
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives,
-            sources=_three_sources(seed, mm, degrees, ms),
-            seed=seed,
-            start=start,
-            duration=start + duration,
-        )
-        for start in np.linspace(0.0, longest, phases).tolist()
-    ]
+    (whole,) = made(seed, bodies, duration, spans, sources=_three_sources(seed, mm, degrees, ms))
+    starts = np.linspace(0.0, longest, phases).tolist()
+    return [replace(whole, start=start, duration=start + duration) for start in starts]
 
 
 def _slowly(body: Body) -> Body:
-    return Body(body.name, at_speed(body.motion, _DEMO_SPEED), body.features, body.size, body.sigma)
+    return replace(body, motion=at_speed(body.motion, _DEMO_SPEED))
 
 
 def _three_sources(seed: int, mm: float, degrees: float, ms: float) -> list[Source]:
@@ -94,49 +78,34 @@ def _three_sources(seed: int, mm: float, degrees: float, ms: float) -> list[Sour
 
 def source_joins(seed: int, *, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
     """Let a second source join a running scene."""
-    return [_two_sources(seed, duration, ((0.0, at),), at)]
+    return _two_sources(seed, duration, ((0.0, at),), at)
 
 
 def source_leaves(seed: int, *, at: float = 6.0, away: float = 4.0, duration: float = 16.0) -> list[Scene]:
     """Let the second of two sources leave for a time, and come back with the features it had."""
-    return [_two_sources(seed, duration, ((at, at + away),), at, at + away)]
+    return _two_sources(seed, duration, ((at, at + away),), at, at + away)
 
 
 def clock_step(seed: int, *, step: float = 0.2, at: float = 6.0, duration: float = 16.0) -> list[Scene]:
     """Set the clock of the second of two sources while it runs."""
-    scene = _two_sources(seed, duration, (), at)
-    second = scene.sources[1]
-    stepped = Source(
-        second.name,
-        second.rate,
-        second.phase,
-        second.rotation,
-        second.translation,
-        clock=(*second.clock, (at, step)),
-    )
-    return [_with_sources(scene, [scene.sources[0], stepped])]
+    (scene,) = _two_sources(seed, duration, (), at)
+    first, second = scene.sources
+    return [replace(scene, sources=[first, replace(second, clock=(*second.clock, (at, step)))])]
 
 
 def _two_sources(
     seed: int, duration: float, off: tuple[tuple[float, float], ...], begin: float, end: float | None = None
-) -> Scene:
+) -> list[Scene]:
     bodies = swinging_scene(seed, bodies=3, features=12)
     second = displaced(seed, "simulator-2", 30.0, _PHASE_STEP, mm=2.0, degrees=0.5, ms=5.0)
-    second = Source(
-        second.name, second.rate, second.phase, second.rotation, second.translation, second.clock, off=off
-    )
+    sources = [Source("simulator-1", 15.0), replace(second, off=off)]
     last = begin if end is None else end
-    return Scene(
-        bodies=bodies,
-        lives=lives_of(bodies, seed, respawning(bodies, duration, seed)),
-        sources=[Source("simulator-1", 15.0), second],
-        seed=seed,
-        duration=duration,
-        happenings=[Happening(begin, last, "change", tuple(range(len(bodies))))],
-    )
+    happenings = [Happening(begin, last, "change", tuple(range(len(bodies))))]
+    spans = respawning(bodies, duration, seed)
+    return made(seed, bodies, duration, spans, sources=sources, happenings=happenings)
 
 
-def _lost(seed: int, begin: float, end: float, *, share: float, duration: float) -> Scene:
+def _lost(seed: int, begin: float, end: float, *, share: float, duration: float, **what: Any) -> list[Scene]:
     bodies = swinging_scene(seed)
     spans = respawning(bodies, duration, seed)
     # The same share of every body.
@@ -146,15 +115,5 @@ def _lost(seed: int, begin: float, end: float, *, share: float, duration: float)
         lost[place + rng.permutation(body.features)[: round(share * body.features)]] = True
         place += body.features
     kind: Event = "lost" if share == 1.0 else "change"
-    return Scene(
-        bodies=bodies,
-        lives=lives_of(bodies, seed, cut(spans, [(begin, end, lost)])),
-        seed=seed,
-        duration=duration,
-        happenings=[Happening(begin, end, kind, tuple(range(len(bodies))))],
-    )
-
-
-def _with_sources(scene: Scene, sources: list[Source]) -> Scene:
-
-    return replace(scene, sources=sources)
+    happenings = [Happening(begin, end, kind, tuple(range(len(bodies))))]
+    return made(seed, bodies, duration, cut(spans, [(begin, end, lost)]), happenings=happenings, **what)

@@ -1,9 +1,7 @@
 """Runs of families: every scene through the core, and its metrics."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,8 @@ from comotion.config import ThesisConfig
 from comotion_clients.metrics import Truth
 
 from ..offline import run_offline
+from ..processes import Progress, quiet, run_all
+from ..tables import mean
 from . import metrics
 from .apart import apart
 from .catalogue import FAMILIES, AnyFamily, Family
@@ -157,7 +157,7 @@ def run_experiment(
     *,
     methods: Sequence[str] = METHODS,
     jobs: int = 2,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = quiet,
 ) -> Results:
     """Run families with every seed and method.
 
@@ -180,27 +180,22 @@ def run_experiment(
         if isinstance(family, Family) or method == DEFAULT
     ]
     results = Results(seeds)
-    for done, outcome in enumerate(_outcomes(work, jobs), start=1):
-        what = f"{done} of {len(work)}: {outcome.family}, seed {outcome.seed}"
+    for outcome in run_all(run_outcome, work, jobs, _said, progress):
         if isinstance(outcome, ImageOutcome):
             results.images.append(outcome)
-            progress(f"{what}: error {outcome.figures.error:.1f} %")
         else:
             results.outcomes.append(outcome)
-            progress(f"{what}, {outcome.method}: NMI {outcome.figures.nmi_apart:.3f}")
-    results.outcomes.sort(key=lambda o: list(seeds).index(o.seed))
-    results.images.sort(key=lambda o: list(seeds).index(o.seed))
+    place = list(seeds).index
+    results.outcomes.sort(key=lambda o: place(o.seed))
+    results.images.sort(key=lambda o: place(o.seed))
     return results
 
 
-def _outcomes(work: Sequence[tuple[str, int, str]], jobs: int) -> Iterator[Outcome | ImageOutcome]:
-    if jobs <= 1:
-        yield from (run_outcome(*one) for one in work)
-        return
-    # A fresh process: a forked one would share locks of threads that numerical libraries started.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(run_outcome, *one) for one in work]):
-            yield future.result()
+def _said(outcome: Outcome | ImageOutcome) -> str:
+    what = f"{outcome.family}, seed {outcome.seed}"
+    if isinstance(outcome, ImageOutcome):
+        return f"{what}: error {outcome.figures.error:.1f} %"
+    return f"{what}, {outcome.method}: NMI {outcome.figures.nmi_apart:.3f}"
 
 
 def _run(
@@ -213,7 +208,7 @@ def _run(
 ) -> Outcome:
     runs = [run_scene(scene, config(scene)) for scene in family.scenes(seed, **overrides)]
     names = list(Figures.__dataclass_fields__)
-    means = {name: metrics.mean([getattr(f, name) for f, _ in runs]) for name in names}
+    means = {name: mean([getattr(f, name) for f, _ in runs]) for name in names}
     return Outcome(family.name, method, seed, Figures(**means), [trace for _, trace in runs])
 
 
@@ -242,17 +237,17 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:
         nmi_apart=metrics.mean_nmi_apart(moments),
         all_bodies=metrics.all_bodies_nmi(moments, since),
         wrong=metrics.wrong_late(moments),
-        delay=metrics.mean(metrics.delays(moments, since, last)),
-        healing=metrics.mean(healings),
-        healed_in_1s=metrics.mean([float(h <= 1.0) for h in healings if not np.isnan(h)]),
-        kept=metrics.mean([metrics.kept(moments, h) for h in scene.happenings]),
+        delay=mean(metrics.delays(moments, since, last)),
+        healing=mean(healings),
+        healed_in_1s=mean([float(h <= 1.0) for h in healings if not np.isnan(h)]),
+        kept=mean([metrics.kept(moments, h) for h in scene.happenings]),
         ids=metrics.ids_per_object(moments, since),
         spurious=max(events - true, 0) / minutes,
         true=true / minutes,
         switches=run.summary.switches_per_100,
-        hypotheses=metrics.mean(found),
-        bodies=metrics.mean(apart_now),
-        over=metrics.mean([float(k > true_k) for k, true_k in zip(found, apart_now, strict=True)]),
+        hypotheses=mean(found),
+        bodies=mean(apart_now),
+        over=mean([float(k > true_k) for k, true_k in zip(found, apart_now, strict=True)]),
         ms=float(np.median(run.update_ms)),
     )
     return figures, _trace(moments)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from .lives import dropouts, renewed
-from .scene import Body, Noise, Scene, Slip, Source, rng_of, slot_bodies
-from .worlds import background, lives_of, respawning, swinging_scene
+from .scene import Body, Noise, Scene, Slip, rng_of, slot_bodies
+from .worlds import background, made, respawning, swinging_scene
 
 _SIGMA_PER_SWITCH = 3.3
 
@@ -32,15 +32,7 @@ def _renewed_scene(
     """Bodies that move, and features that live for as long as `life` draws, s."""
     bodies = swinging_scene(seed, features=10)
     spans = renewed(_slots(bodies), duration, rng_of(seed, "lives"), life)
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives_of(bodies, seed, spans),
-            sources=[Source("simulator", rate)],
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    return made(seed, bodies, duration, spans, rate=rate)
 
 
 def drift(
@@ -53,16 +45,7 @@ def drift(
     way *= speed * rng.uniform(0.0, 2.0, (slots, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
     still = np.zeros(slots)
     slip = Slip(np.zeros((slots, 3)), still, still, way) if speed else None
-    return [
-        Scene(
-            bodies=all_bodies,
-            lives=lives_of(all_bodies, seed),
-            noise=Noise(walk=walk),
-            slip=slip,
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    return made(seed, all_bodies, duration, noise=Noise(walk=walk), slip=slip)
 
 
 def sliding(
@@ -83,15 +66,8 @@ def sliding(
             mine = sliders[edge::2]
             amplitude[mine, rng.integers(3)] = reach * rng.uniform(0.5, 1.5, len(mine))
             frequency[mine], phase[mine] = rng.uniform(0.1, 0.3), rng.uniform(0, 2 * np.pi)
-    return [
-        Scene(
-            bodies=all_bodies,
-            lives=lives_of(all_bodies, seed, respawning(all_bodies, duration, seed)),
-            slip=Slip(amplitude, frequency, phase, np.zeros((slots, 3))),
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    slip = Slip(amplitude, frequency, phase, np.zeros((slots, 3)))
+    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed), slip=slip)
 
 
 def correlated(
@@ -99,7 +75,7 @@ def correlated(
 ) -> list[Scene]:
     """Noise that is correlated in time: a first-order autoregression of a given time constant."""
     all_bodies = [background(40, sigma), *swinging_scene(seed, bodies, sigma=sigma)[1:]]
-    return [_noisy(seed, all_bodies, Noise(correlation=seconds), duration)]
+    return _noisy(seed, all_bodies, Noise(correlation=seconds), duration)
 
 
 def heavy(
@@ -112,7 +88,7 @@ def heavy(
 ) -> list[Scene]:
     """Much noise: white, with wild observations, or along the viewing ray with the depth squared (1/m)."""
     noise = Noise(outliers=outliers, depth=depth)
-    return [_noisy(seed, swinging_scene(seed, 3, 10, sigma), noise, duration)]
+    return _noisy(seed, swinging_scene(seed, 3, 10, sigma), noise, duration)
 
 
 def depth_camera(
@@ -128,7 +104,7 @@ def depth_camera(
     """What an RGB-D camera sees: its noise along the ray is a multiple of that across it."""
     all_bodies = [background(40, sigma), *swinging_scene(seed, bodies, 12, sigma)[1:]]
     noise = Noise(ray=ratio, flying=flying, published=published)
-    return [_noisy(seed, all_bodies, noise, duration)]
+    return _noisy(seed, all_bodies, noise, duration)
 
 
 def gaps(
@@ -142,29 +118,16 @@ def gaps(
     """Hide every feature now and then; it keeps its id."""
     bodies = swinging_scene(seed)
     rng = rng_of(seed, "gaps")
-    return [
-        Scene(
-            bodies=bodies,
-            lives=lives_of(bodies, seed, respawning(bodies, duration, seed)),
-            hidden=dropouts(_slots(bodies), duration, rng, every=every, shortest=shortest, longest=longest),
-            seed=seed,
-            duration=duration,
-        )
-    ]
+    hidden = dropouts(_slots(bodies), duration, rng, every=every, shortest=shortest, longest=longest)
+    return made(seed, bodies, duration, respawning(bodies, duration, seed), hidden=hidden)
 
 
-def _noisy(seed: int, bodies: list[Body], noise: Noise, duration: float) -> Scene:
+def _noisy(seed: int, bodies: list[Body], noise: Noise, duration: float) -> list[Scene]:
     moving = len(bodies) > 1
     spans = respawning(bodies, duration, seed) if moving else None
     largest = bodies[0].sigma * (noise.outlier_factor * noise.outliers + noise.ray)
-    return Scene(
-        bodies=bodies,
-        lives=lives_of(bodies, seed, spans),
-        noise=noise,
-        seed=seed,
-        duration=duration,
-        sigma_switch=_SIGMA_PER_SWITCH * max(largest, 4.0 * noise.depth),
-    )
+    switch = _SIGMA_PER_SWITCH * max(largest, 4.0 * noise.depth)
+    return made(seed, bodies, duration, spans, noise=noise, sigma_switch=switch)
 
 
 def _slots(bodies: list[Body]) -> int:

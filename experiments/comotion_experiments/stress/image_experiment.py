@@ -12,8 +12,8 @@ from comotion_clients.metrics import isolate, misclassification, nmi
 
 from ..pixels.methods import engine, one_object, spectral_interaction
 from ..pixels.sequences import Sequence
+from ..tables import mean
 from .images import ImageParameters, image_sequences
-from .metrics import mean
 
 IMAGES = "images"
 """The group of all image families."""

@@ -4,12 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from rich.table import Table
-
-from comotion_clients.scoring import finite_or_none
-
+from ..tables import Table, mean, number, plain
 from .image_experiment import IMAGE_FAMILIES, ImageFigures, ImageOutcome
-from .metrics import mean
 
 # Field of the figures, title, digits, factor.
 _COLUMNS = (
@@ -34,45 +30,24 @@ features are one object."""
 
 
 def table(outcomes: Sequence[ImageOutcome]) -> Table:
-    """For a terminal: a row for each family."""
-    drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    drawn.add_column("family", no_wrap=True)
-    for _, title, _, _ in _COLUMNS:
-        drawn.add_column(title, justify="right", no_wrap=True)
-    for name in _names(outcomes):
-        drawn.add_row(name, *_cells(outcomes, name))
-    return drawn
+    """Build a row for each family."""
+    found = Table(("family", "what is seen", *(title for _, title, _, _ in _COLUMNS)), words=2)
+    ran = {o.family for o in outcomes}
+    for name in (one for one in IMAGE_FAMILIES if one in ran):
+        rows = [asdict(o.figures) for o in outcomes if o.family == name]
+        means = {key: mean([row[key] for row in rows]) for key in ImageFigures.__dataclass_fields__}
+        cells = (number(factor * means[key], digits) for key, _, digits, factor in _COLUMNS)
+        found.add(f"`{name}`", IMAGE_FAMILIES[name].title, *cells)
+    return found
 
 
 def markdown(outcomes: Sequence[ImageOutcome]) -> str:
     """For a document."""
-    lines = [
-        _TEXT,
-        "",
-        "| family | what is seen | " + " | ".join(title for _, title, _, _ in _COLUMNS) + " |",
-        "|---|---|" + "---:|" * len(_COLUMNS),
-    ]
-    lines += [
-        f"| `{name}` | {IMAGE_FAMILIES[name].title} | " + " | ".join(_cells(outcomes, name)) + " |"
-        for name in _names(outcomes)
-    ]
-    return "\n".join(lines)
+    return f"{_TEXT}\n\n{table(outcomes).markdown()}"
 
 
-def as_json(outcomes: Sequence[ImageOutcome]) -> list[dict[str, Any]]:
+def as_json(outcomes: Sequence[ImageOutcome]) -> Any:
     """Plain values, an entry for each family and seed."""
-    return [
-        {"family": o.family, "seed": o.seed, **finite_or_none(asdict(o.figures)), "errors": o.errors}
-        for o in outcomes
-    ]
-
-
-def _names(outcomes: Sequence[ImageOutcome]) -> list[str]:
-    ran = {o.family for o in outcomes}
-    return [name for name in IMAGE_FAMILIES if name in ran]
-
-
-def _cells(outcomes: Sequence[ImageOutcome], family: str) -> list[str]:
-    rows = [asdict(o.figures) for o in outcomes if o.family == family]
-    means = {name: mean([row[name] for row in rows]) for name in ImageFigures.__dataclass_fields__}
-    return [f"{factor * means[name]:.{digits}f}" for name, _, digits, factor in _COLUMNS]
+    return plain(
+        [{"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in outcomes]
+    )

@@ -5,11 +5,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from comotion_sources.simulator.images import Glide, ImageScene, Pinhole, Solid, observe_images
-
 from ..pixels.sequences import Sequence
 from .motion import Array
 from .scene import rng_of
+from .solids import Glide, ImageScene, Pinhole, Solid, observe_images
 
 # Three points and a few more: an affine motion is known and can be checked.
 _FEWEST = 6
@@ -48,7 +47,7 @@ class ImageParameters:
         The camera stands so many times as far away, with so many times the focal length: the image stays,
         its perspective weakens.
     frames, complete, returns, dropout, sigma, drift
-        As in :class:`~comotion_sources.simulator.images.ImageScene`.
+        As in :class:`~~.solids.ImageScene`.
     """
 
     scenes: int = 6

@@ -10,6 +10,8 @@ from .motion import Array
 from .scene import Body, Lives, slot_bodies
 
 Span: TypeAlias = tuple[float, float]
+Spans: TypeAlias = list[list[Span]]
+"""(birth, death) of the features of each slot, one after another, s."""
 Cut: TypeAlias = tuple[float, float, NDArray[np.bool_]]
 """(lost, back, slots): features of these slots (bool [slots]) are lost; new ones come later or at once."""
 
@@ -42,14 +44,14 @@ def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.rand
     )
 
 
-def lasting(slots: int) -> list[list[Span]]:
+def lasting(slots: int) -> Spans:
     """Every feature lives for ever."""
     return [[(0.0, np.inf)] for _ in range(slots)]
 
 
 def replaced(
     bodies: list[Body], duration: float, rng: np.random.Generator, *, share: float, every: float
-) -> list[list[Span]]:
+) -> Spans:
     """Replace a share of each body's features at once every so many seconds, as the simulator does."""
     births: list[list[float]] = [[0.0] for body in bodies for _ in range(body.features)]
     of_slot = slot_bodies(bodies)
@@ -63,9 +65,9 @@ def replaced(
 
 def renewed(
     slots: int, duration: float, rng: np.random.Generator, draw: Callable[[np.random.Generator], float]
-) -> list[list[Span]]:
+) -> Spans:
     """Follow each life by the next at once; `draw` draws the length of one, s."""
-    spans: list[list[Span]] = []
+    spans: Spans = []
     for _ in range(slots):
         time, lives = -draw(rng) * float(rng.uniform()), []
         while time < duration:
@@ -76,7 +78,7 @@ def renewed(
     return spans
 
 
-def cut(spans: Sequence[Sequence[Span]], cuts: Sequence[Cut]) -> list[list[Span]]:
+def cut(spans: Sequence[Sequence[Span]], cuts: Sequence[Cut]) -> Spans:
     """Lose features at given times; new ones come later or at once."""
     found = [list(lives) for lives in spans]
     for lost, back, slots in cuts:

@@ -7,6 +7,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
+from ..tables import mean
 from .apart import Apart
 from .moments import Moment
 from .scene import Happening
@@ -137,9 +138,3 @@ def true_events(apart: Apart, end: float, happenings: Sequence[Happening]) -> in
     births = int(apart.components(end).max()) + 1
     returns = sum(2 * len(h.bodies) for h in happenings if h.kind != "change" and h.end > h.begin)
     return births + returns
-
-
-def mean(values: Sequence[float]) -> float:
-    """Mean of the values that are not NaN; NaN without any."""
-    known = [v for v in values if not np.isnan(v)]
-    return float(np.mean(known)) if known else float("nan")

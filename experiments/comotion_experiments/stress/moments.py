@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_clients.metrics import Truth, score_labels, tracks_of
+from comotion_clients.metrics import Truth, labels_of, score_labels
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
@@ -90,17 +90,12 @@ class Watcher:
     def add(self, update: HypothesisUpdate) -> None:
         """Take in an update."""
         t = (update.stamp_ns - EPOCH_NS) / 1e9
-        listed = tracks_of(update)
-        labels, bodies = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-        for key, ids in self._observed.at(update.stamp_ns).items():
-            table = listed.get(key, {})
-            labels.append(np.array([table.get(i, UNDETERMINED) for i in ids.tolist()], np.int64))
-            bodies.append(self.truth.objects(key, ids).astype(np.int64))
+        labels, bodies = labels_of(update, self.truth, self._observed.at(update.stamp_ns))
         self.moments.append(
             moment(
                 t,
-                np.concatenate(labels),
-                np.concatenate(bodies),
+                labels,
+                bodies.astype(np.int64),
                 self.apart.components(t),
                 confirmed=frozenset(h.id for h in update.hypotheses if getattr(h, "confirmed", True)),
                 events=self._new_events(update),

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from comotion_clients.scoring import finite_or_none
-
+from ..plot import new_figure
+from ..tables import Table, mean, number, plain
 from . import image_report
 from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Figures, Results
-from .metrics import mean
 from .motion import Array
 
 _PICTURES_A_ROW = 5
@@ -23,7 +21,7 @@ _PALETTE = 64
 _WIDTH = 110
 _COLOURS = {DEFAULT: "#0072b2", THESIS: "#d55e00"}
 
-# Field of the figures, title, digits, factor.
+# Field of the figures, title, digits.
 _COLUMNS = (
     ("nmi_apart", "NMI", 3),
     ("all_bodies", "all bodies", 3),
@@ -63,40 +61,33 @@ def tables(results: Results) -> list[Table]:
 
 
 def _table(results: Results) -> Table:
-    drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    drawn.add_column("family", no_wrap=True)
-    drawn.add_column("method", no_wrap=True)
-    for _, title, _ in _COLUMNS:
-        drawn.add_column(title, justify="right", no_wrap=True)
+    drawn = Table(("family", "method", *(title for _, title, _ in _COLUMNS)), words=2)
     for family in families_of(results):
         for method in results.methods:
-            drawn.add_row(family, method, *_cells(means(results, family, method)))
+            row = means(results, family, method)
+            drawn.add(family, method, *(number(row[name], digits) for name, _, digits in _COLUMNS))
     return drawn
 
 
-def _cells(row: dict[str, float]) -> list[str]:
-    return [_number(row[name], digits) for name, _, digits in _COLUMNS]
+def traces(results: Results) -> str:
+    """NMI of every update of every scene: time, NMI, NMI with bodies as one until apart, hypotheses."""
+    lines = []
+    for outcome in results.outcomes:
+        for scene, trace in enumerate(outcome.traces):
+            which = f"{outcome.family}, {outcome.method}, seed {outcome.seed}, scene {scene}"
+            lines.append(f"{which}: t NMI/apart K")
+            rows = zip(trace.seconds, trace.nmi, trace.nmi_apart, trace.hypotheses, strict=True)
+            cells = [f"{t:6.2f} {nmi:.2f}/{apart:.2f} {count:2d}" for t, nmi, apart, count in rows]
+            lines += ["  " + " | ".join(cells[k : k + 8]) for k in range(0, len(cells), 8)]
+    return "\n".join(lines)
 
 
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def as_json(results: Results) -> dict[str, Any]:
+def as_json(results: Results) -> Any:
     """Everything but the traces as plain values."""
-    return {
-        "seeds": list(results.seeds),
-        "images": image_report.as_json(results.images),
-        "runs": [
-            {
-                "family": o.family,
-                "method": o.method,
-                "seed": o.seed,
-                **finite_or_none(asdict(o.figures)),
-            }
-            for o in results.outcomes
-        ],
-    }
+    runs = [
+        {"family": o.family, "method": o.method, "seed": o.seed, **vars(o.figures)} for o in results.outcomes
+    ]
+    return plain({"seeds": results.seeds, "images": image_report.as_json(results.images), "runs": runs})
 
 
 def markdown(results: Results, picture: str) -> str:
@@ -154,41 +145,35 @@ def _group(results: Results, group: str) -> str:
     rows = {name: [means(results, name, method) for method in results.methods] for name in names}
     # A column without a value in the whole group says nothing.
     columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
-    lines = [
-        f"## {group[0].upper()}{group[1:]}",
-        "",
-        "| family | what happens | " + " | ".join(title for _, title, _ in columns) + " |",
-        "|---|---|" + "---:|" * len(columns),
-    ]
+    drawn = Table(("family", "what happens", *(title for _, title, _ in columns)), words=2)
     for name, row in rows.items():
-        cells = [" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns]
-        lines.append(f"| `{name}` | {FAMILIES[name].title} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        cells = (" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns)
+        drawn.add(f"`{name}`", FAMILIES[name].title, *cells)
+    return f"## {group[0].upper()}{group[1:]}\n\n{drawn.markdown()}"
 
 
 def _short(value: float, digits: int) -> str:
     """Write a number below 1 without the zero."""
-    text = _number(value, digits)
+    text = number(value, digits)
     return text[1:] if text.startswith("0.") else text
 
 
 def save_picture(path: Path, results: Results) -> None:
     """Draw NMI over time, mean over runs, a small picture for each family of scenes of equal length."""
-    from matplotlib.figure import Figure
     from PIL import Image
 
     names = [name for name in families_of(results) if not FAMILIES[name].slow]
     rows = max(math.ceil(len(names) / _PICTURES_A_ROW), 1)
-    figure = Figure(figsize=(2.4 * _PICTURES_A_ROW, 1.5 * rows), dpi=100, layout="constrained")
-    for number, name in enumerate(names):
-        axes = figure.add_subplot(rows, _PICTURES_A_ROW, number + 1)
+    figure = new_figure(2.4 * _PICTURES_A_ROW, 1.5 * rows)
+    for place, name in enumerate(names, start=1):
+        axes = figure.add_subplot(rows, _PICTURES_A_ROW, place)
         for method in results.methods:
             seconds, nmi = _mean_trace(results, name, method)
             axes.plot(seconds, nmi, color=_COLOURS[method], linewidth=1, label=method)
         axes.set_title(name, fontsize=8)
         axes.set_ylim(-0.02, 1.05)
         axes.tick_params(labelsize=6)
-        if not number:
+        if place == 1:
             axes.legend(fontsize=6)
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png")

@@ -1,11 +1,13 @@
 """The bodies most families start from: a static background and bodies that swing about."""
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .lives import draw_lives, lasting, replaced
+from .lives import Spans, draw_lives, lasting, replaced
 from .motion import SWINGING, Array, PoseAt, resting, simulated
-from .scene import Body, Lives, Source, rng_of
+from .scene import Body, Lives, Scene, Source, rng_of
 
 BACKGROUND_SIZE = (1.6, 1.6, 1.0)
 _SMALLEST, _LARGEST = 0.12, 0.4
@@ -39,16 +41,42 @@ def swinging_scene(seed: int, bodies: int = 4, features: int = 8, sigma: float =
     return [background(sigma=sigma), *(swinging_body(seed, k + 1, features, sigma) for k in range(bodies))]
 
 
-def respawning(bodies: list[Body], duration: float, seed: int) -> list[list[tuple[float, float]]]:
+def respawning(bodies: list[Body], duration: float, seed: int) -> Spans:
     """Replace features as the simulator's 3-D set does."""
     rng = rng_of(seed, "respawn")
     return replaced(bodies, duration, rng, share=RESPAWN_SHARE, every=RESPAWN_EVERY_S)
 
 
-def lives_of(bodies: list[Body], seed: int, spans: list[list[tuple[float, float]]] | None = None) -> Lives:
+def lives_of(bodies: list[Body], seed: int, spans: Spans | None = None) -> Lives:
     """Draw the places of features with given life times; by default they live for ever."""
     slots = sum(body.features for body in bodies)
     return draw_lives(bodies, lasting(slots) if spans is None else spans, rng_of(seed, "places"))
+
+
+def made(
+    seed: int,
+    bodies: list[Body],
+    duration: float,
+    spans: Spans | None = None,
+    *,
+    rate: float = 15.0,
+    **what: Any,
+) -> list[Scene]:
+    """Make the one scene of a family: these bodies, and features with given life times, for ever by default.
+
+    Parameters
+    ----------
+    seed, bodies, duration
+        Of the scene.
+    spans
+        Life times of the features of each slot, see :mod:`.lives`.
+    rate
+        Hz of its one source, unless `what` has sources.
+    what
+        Other attributes of :class:`Scene`.
+    """
+    what.setdefault("sources", [Source("simulator", rate)])
+    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration, **what)]
 
 
 def displaced(

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from comotion_schemas import Event, Hypothesis, Joint, Pose, Twist
+from comotion_schemas import Event, Hypothesis, Joint, Twist
 from comotion_schemas.hypotheses import EventKind, JointKind
+from comotion_schemas.rigid import matrix, rotation, spin, three
 
 from ..arrays import Floats
 from ..config import FusionConfig, JointsConfig, to_ns
@@ -42,9 +42,9 @@ class Place:
         """Of a hypothesis as it is published; None where it has no pose."""
         if one.pose is None:
             return None
-        R, t = _matrix(one.pose)
+        R, t = np.asarray(rotation(one.pose.rotation).as_matrix()), three(one.pose.translation)
         linear, angular = _velocities(one.twist)
-        return cls(R, t, linear, angular, _three(one.centroid))
+        return cls(R, t, linear, angular, three(one.centroid))
 
     def velocity(self, x: Floats) -> Floats:
         """Velocity of the point of the body that is at x."""
@@ -187,7 +187,7 @@ def _extent(view: SpaceView, one: Hypothesis) -> tuple[Floats, Floats]:
         slots = view.current[view.labels == one.id]
         points = view.window.positions[slots, view.window.stop[slots] - 1]
         return points.min(0), points.max(0)
-    turn = _rotation(one.box.rotation)[: len(one.box.half), : len(one.box.half)]
+    turn = matrix(one.box.rotation)
     centre, half = np.array(one.box.center), np.abs(turn) @ np.array(one.box.half)
     return centre - half, centre + half
 
@@ -241,23 +241,7 @@ def _state_now(pair: Pair, parent: Place, child: Place) -> States:
     return States(np.zeros(1, np.int64), R[None], p[None], pair.typical_information[None])
 
 
-def _matrix(pose: Pose) -> tuple[Floats, Floats]:
-    return _rotation(pose.rotation), _three(pose.translation)
-
-
-def _rotation(turn: list[float] | float) -> Floats:
-    """Rotation matrix [3, 3] of a quaternion, or of an angle in the plane."""
-    found = Rotation.from_quat(turn) if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn])
-    return np.asarray(found.as_matrix())
-
-
 def _velocities(twist: Twist | None) -> tuple[Floats, Floats]:
     if twist is None:
         return np.zeros(3), np.zeros(3)
-    if isinstance(twist.angular, list):
-        return np.array(twist.linear), np.array(twist.angular)
-    return _three(twist.linear), np.array([0.0, 0.0, twist.angular])
-
-
-def _three(values: Sequence[float]) -> Floats:
-    return np.array([*values, 0.0][:3])
+    return three(twist.linear), spin(twist)

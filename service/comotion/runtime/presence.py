@@ -1,6 +1,6 @@
 """Decides by liveliness tokens whether this service may publish for its scene.
 
-Without an election (:mod:`.election`) one service has a scene, and the others refuse:
+Without an election (:mod:`.standby`) one service has a scene, and the others refuse:
 
 - The token of a service is ``live/service/<name>-<claim>-<session>``, where the claim is the time at which it
   was declared, ns since the Unix epoch in 16 hex digits.

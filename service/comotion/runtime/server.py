@@ -24,17 +24,17 @@ from comotion_schemas.transport import SessionSettings
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, EventClock, make_clock
-from .election import DEFAULT_LEASE_S, Election, Leadership
-from .etcd import Etcd
 from .guard import Guard
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
-from .output import Follower, Output
+from .output import Leadership, Output
 from .overload import Overload
 from .presence import Presence
 from .queries import handlers
 from .source_clocks import SourceClocks
+from .standby import DEFAULT_LEASE_S, Election, Etcd
+from .standby.follower import Follower
 from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
 from .statuses import Sent

@@ -9,9 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from comotion_schemas.errors import KnownError
-
 from ..calibration.model import Extrinsics, Intrinsics
+from ..poses import stamp_ns
 from .types import CameraError, Frame, Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"})
@@ -20,7 +19,51 @@ DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
 
 
-class VideoFile:
+class RecordedCamera:
+    """What cameras have in common that are recorded: they can be read again, and know no calibration.
+
+    Parameters
+    ----------
+    rate
+        Frames per second.
+    frames
+        Number of frames; None: unknown.
+
+    Attributes
+    ----------
+    counters
+        Frames that were left out, by reason.
+    """
+
+    live = False
+    has_depth = False
+    intrinsics: Intrinsics | None = None
+    extrinsics: Extrinsics | None = None
+    objects: Mapping[int, str] = {}
+
+    def __init__(self, rate: float | None, frames: int | None) -> None:
+        self.rate, self.frames = rate, frames
+        self.counters = {"unreadable": 0}
+        self._closed = False
+
+    def close(self) -> None:
+        """Let an iteration end at its next frame."""
+        self._closed = True
+
+    def _images(self, files: Iterable[Path]) -> Iterator[tuple[int, Path, Image]]:
+        """Yield number, path and image of all files that can be read, until the camera is closed."""
+        for number, path in enumerate(files):
+            if self._closed:
+                return
+            image = read_image(path)
+            if image is None:
+                self.counters["unreadable"] += 1
+                _log.warning("%s: not a readable image; skipped", path)
+            else:
+                yield number, path, image
+
+
+class VideoFile(RecordedCamera):
     """A video file; each iteration starts at its beginning.
 
     Parameters
@@ -34,23 +77,17 @@ class VideoFile:
         If the file is missing or is not a video.
     """
 
-    live = False
-    has_depth = False
-    intrinsics: Intrinsics | None = None
-    extrinsics: Extrinsics | None = None
-    objects: Mapping[int, str] = {}
-
     def __init__(self, path: Path) -> None:
         self._path = path
         capture = self._open()
         stated = float(capture.get(cv2.CAP_PROP_FPS))
-        self.rate: float | None = stated if 0 < stated <= 1000 else DEFAULT_RATE
         count = float(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        # What the container states; some state nothing.
-        self.frames: int | None = round(count) if 0 < count < 1e9 else None
         capture.release()
-        self.counters = {"unreadable": 0}
-        self._closed = False
+        super().__init__(
+            stated if 0 < stated <= 1000 else DEFAULT_RATE,
+            # What the container states; some state nothing.
+            round(count) if 0 < count < 1e9 else None,
+        )
 
     def __iter__(self) -> Iterator[Frame]:
         capture = self._open()
@@ -58,10 +95,6 @@ class VideoFile:
             yield from self._frames(capture)
         finally:
             capture.release()
-
-    def close(self) -> None:
-        """Let an iteration end at its next frame."""
-        self._closed = True
 
     def _open(self) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
@@ -88,7 +121,7 @@ class VideoFile:
             _log.warning("%s: ended after %d of %d frames", self._path, count, int(expected))
 
 
-class ImageFiles:
+class ImageFiles(RecordedCamera):
     """Images in natural order of their names, at a fixed rate.
 
     If the names are times in seconds (``1305031102.175304.png``), these are the stamps.
@@ -101,36 +134,16 @@ class ImageFiles:
         Frames per second; None: the times in the names, or else 30.
     """
 
-    live = False
-    has_depth = False
-    intrinsics: Intrinsics | None = None
-    extrinsics: Extrinsics | None = None
-    objects: Mapping[int, str] = {}
-
     def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:
         self._files = sorted(files, key=_natural)
-        self.frames: int | None = len(self._files)
-        self.rate: float | None = rate or DEFAULT_RATE
-        self.counters = {"unreadable": 0}
-        self._closed = False
+        super().__init__(rate or DEFAULT_RATE, len(self._files))
         times = [_seconds(path.stem) for path in self._files]
         self._stamps = None if rate or None in times else [stamp_ns(path.stem) for path in self._files]
 
     def __iter__(self) -> Iterator[Frame]:
-        for number, path in enumerate(self._files):
-            if self._closed:
-                return
-            image = read_image(path)
-            if image is None:
-                self.counters["unreadable"] += 1
-                _log.warning("%s: not a readable image; skipped", path)
-                continue
+        for number, _, image in self._images(self._files):
             stamp = round(number * 1e9 / (self.rate or DEFAULT_RATE))
             yield Frame(stamp if self._stamps is None else self._stamps[number], image)
-
-    def close(self) -> None:
-        """Let an iteration end at its next frame."""
-        self._closed = True
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -147,20 +160,6 @@ def read_image(path: Path) -> Image | None:
         return None
     image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
     return None if image is None else np.asarray(image, np.uint8)
-
-
-def stamp_ns(text: str) -> int:
-    """Convert seconds in decimal notation to nanoseconds exactly; a float would lose digits.
-
-    Raises
-    ------
-    ValueError
-        If the text is not such a number.
-    """
-    match = re.fullmatch(r"(\d{1,10})(?:\.(\d*))?", text)
-    if match is None:
-        raise KnownError(f"{text!r} is not a time in seconds")
-    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
 
 
 def _seconds(text: str) -> float | None:

@@ -13,33 +13,28 @@ Optional files that the TUM format does not define::
     objects/*.png           named like those of rgb/: 16-bit, number of the object + 1, 0 = unknown
 """
 
-import logging
 from collections.abc import Iterator, Mapping
 from io import TextIOBase
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bounded import read_text
 from ..calibration.files import CalibrationError, format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
 from ..errors import InputError
-from .files import DEFAULT_RATE, read_image, stamp_ns
+from ..poses import rows, stamp_ns, trajectory
+from .files import DEFAULT_RATE, RecordedCamera
 from .types import CameraError, Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
 """Longest time between an image and its depth image; the default of the TUM associate tool."""
-# A line of a list has some 40 bytes: a day at 30 Hz.
-_MAX_BYTES = 100_000_000
 _DIGITS = 9
 _MOVED = 1e-3  # m, or parts of a unit quaternion: a camera that moves by more is not fixed
 _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
-_log = logging.getLogger(__name__)
 
 Listing = list[tuple[int, Path]]
 
@@ -49,7 +44,7 @@ def is_tum_folder(folder: Path) -> bool:
     return (folder / "rgb.txt").is_file()
 
 
-class TumFolder:
+class TumFolder(RecordedCamera):
     """A TUM RGB-D folder; each image gets the depth image nearest in time, within 20 ms.
 
     Frames come in the order of ``rgb.txt``, including late and repeated ones. The intrinsics are
@@ -62,41 +57,28 @@ class TumFolder:
         If a list or calibration file is missing or malformed.
     """
 
-    live = False
     has_depth = True
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._images = _listing(folder, "rgb.txt")
+        self._listed = _listing(folder, "rgb.txt")
         self._depths = _Nearest(_listing(folder, "depth.txt"))
-        if not self._images:
+        if not self._listed:
             raise CameraError(f"{folder / 'rgb.txt'}: lists no image")
-        self.frames: int | None = len(self._images)
+        gaps = np.diff([stamp for stamp, _ in self._listed])
+        gaps = gaps[gaps > 0]
+        super().__init__(float(1e9 / np.median(gaps)) if gaps.size else DEFAULT_RATE, len(self._listed))
+        self.counters["depth_missing"] = 0
         self.intrinsics = _read_intrinsics(folder / "camera_info.yaml")
         self.extrinsics = _read_still_pose(folder / "groundtruth.txt")
-        self.objects: Mapping[int, str] = _read_names(folder / "objects.txt")
-        gaps = np.diff([stamp for stamp, _ in self._images])
-        gaps = gaps[gaps > 0]
-        self.rate: float | None = float(1e9 / np.median(gaps)) if gaps.size else DEFAULT_RATE
-        self.counters = {"unreadable": 0, "depth_missing": 0}
-        self._closed = False
+        self.objects = _read_names(folder / "objects.txt")
 
     def __iter__(self) -> Iterator[Frame]:
-        for stamp, path in self._images:
-            if self._closed:
-                return
-            image = read_image(path)
-            if image is None:
-                self.counters["unreadable"] += 1
-                _log.warning("%s: not a readable image; skipped", path)
-                continue
+        for number, path, image in self._images(path for _, path in self._listed):
+            stamp = self._listed[number][0]
             depth = self._depth(stamp, image.shape[:2])
             self.counters["depth_missing"] += depth is None
             yield Frame(stamp, image, depth, self._truth(path, image.shape[:2]))
-
-    def close(self) -> None:
-        """Let an iteration end at its next frame."""
-        self._closed = True
 
     def _depth(self, stamp: int, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
         raw = _read_16_bit(self._depths.at(stamp), shape)
@@ -122,16 +104,10 @@ class _Nearest:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Return the lines of a list with their numbers, without comments."""
     try:
-        lines = read_text(path, _MAX_BYTES).splitlines()
+        return rows(path)
     except InputError as error:
         raise CameraError(str(error)) from None
-    return (
-        (number, line.strip())
-        for number, line in enumerate(lines, 1)
-        if line.strip() and line.lstrip()[0] != "#"
-    )
 
 
 def _listing(folder: Path, name: str) -> Listing:
@@ -164,16 +140,16 @@ def _read_intrinsics(path: Path) -> Intrinsics | None:
 
 def _read_still_pose(path: Path) -> Extrinsics | None:
     """Read the pose of a fixed camera; None if the camera moves."""
-    poses = []
-    for number, line in _rows(path) if path.is_file() else ():
-        try:
-            poses.append([float(value) for value in line.split()[1:8]])
-            first = Extrinsics.from_quaternion(poses[0][3:], poses[0][:3])
-        except ValueError:
-            raise CameraError(f"{path}: line {number} is not 'time tx ty tz qx qy qz qw'") from None
-        if len(poses[-1]) != 7 or np.abs(np.subtract(poses[-1], poses[0])).max() > _MOVED:
-            return None
-    return first if poses else None
+    first: Extrinsics | None = None
+    try:
+        for _, pose in trajectory(path) if path.is_file() else ():
+            first = first or pose
+            moved = np.abs(pose.translation - first.translation).max()
+            if max(moved, np.abs(pose.quaternion - first.quaternion).max()) > _MOVED:
+                return None
+    except InputError as error:
+        raise CameraError(str(error)) from None
+    return first
 
 
 def _read_16_bit(path: Path | None, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
@@ -248,9 +224,7 @@ class TumWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _list(self, kind: str) -> TextIOBase:

@@ -3,12 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 import zenoh
 
-from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_as
+from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_on
 from comotion_schemas.errors import KnownError
 from comotion_schemas.types import is_name
 
@@ -79,7 +79,7 @@ class Carrier:
     def _drain(self) -> None:
         while (sample := self._subscriber.try_recv()) is not None:
             try:
-                self.add(decode_as(ObservationBatch, sample.payload.to_bytes()))
+                self.add(cast("ObservationBatch", decode_on(str(sample.key_expr), sample.payload.to_bytes())))
             except DecodeError:
                 self.invalid += 1
 

@@ -7,10 +7,10 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comotion_schemas import UNDETERMINED, Box, Hypothesis
 from comotion_schemas.colours import BACKGROUND, Palette
+from comotion_schemas.rigid import matrix
 
 from ..cameras.types import Image
 from .observer import CameraSpace
@@ -154,12 +154,7 @@ def _corners(box: Box) -> NDArray[np.float64]:
     """Corners [4, 2] or [8, 3] of a box; the bits of an index are its sides."""
     dim = len(box.center)
     sides = np.array([[1 if k >> d & 1 else -1 for d in range(dim)] for k in range(2**dim)], np.float64)
-    if isinstance(box.rotation, list):
-        turn = Rotation.from_quat(box.rotation).as_matrix()
-    else:
-        c, s = np.cos(box.rotation), np.sin(box.rotation)
-        turn = np.array([[c, -s], [s, c]])
-    return np.asarray(sides * box.half @ turn.T + box.center)
+    return np.asarray(sides * box.half @ matrix(box.rotation).T + box.center)
 
 
 def _pixels(points: NDArray[np.float64], space: CameraSpace) -> NDArray[np.float64] | None:

@@ -1,11 +1,12 @@
 """Receives the hypotheses of one camera's features from the service."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import zenoh
 
-from comotion_schemas import DecodeError, Hypothesis, HypothesisUpdate, Keys, decode_as
+from comotion_schemas import DecodeError, Hypothesis, HypothesisUpdate, Keys, decode_on
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import UNDETERMINED
 
@@ -32,7 +33,7 @@ class HypothesisFeed:
         self._subscriber: Any = declare_subscriber(session, keys.hypotheses, "hypotheses", ring)
         self.stamp_ns: int | None = None
         """Watermark of the newest update; None before the first."""
-        self.listed: list[Hypothesis] = []
+        self.listed: Sequence[Hypothesis] = []
         """All hypotheses of that update."""
         self._hypotheses: dict[int, int] = {}
 
@@ -40,7 +41,7 @@ class HypothesisFeed:
         """Process the updates that arrived since the last call."""
         while (sample := self._subscriber.handler.try_recv()) is not None:
             try:
-                update = decode_as(HypothesisUpdate, sample.payload.to_bytes())
+                update = cast("HypothesisUpdate", decode_on(str(sample.key_expr), sample.payload.to_bytes()))
             except DecodeError:
                 continue
             if self.stamp_ns is None or update.stamp_ns >= self.stamp_ns:

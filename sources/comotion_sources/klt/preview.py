@@ -1,7 +1,8 @@
 """Delays frames of a live preview until their hypotheses are known."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 from comotion_schemas import Hypothesis
 
@@ -9,6 +10,16 @@ from ..cameras.types import Image
 from .drawing import Annotator
 from .picture_file import PictureFile
 from .tracker import Tracks
+
+
+class Fused(Protocol):
+    """What the service has fused; see :class:`comotion_sources.klt.feed.HypothesisFeed`."""
+
+    stamp_ns: int | None
+    listed: Sequence[Hypothesis]
+
+    def hypothesis(self, feature: int) -> int:
+        """Return the hypothesis of a feature."""
 
 
 class DelayedPreview:
@@ -20,12 +31,8 @@ class DelayedPreview:
         Output of the annotated images.
     annotator
         Draws them.
-    hypothesis
-        Maps a feature id to its hypothesis.
-    hypotheses
-        Returns all hypotheses of the newest update.
-    fused_ns
-        Returns the watermark of the service; None: there is no service.
+    feed
+        Says what is fused.
     max_delay_ns
         Longest delay of a frame behind the newest one.
     """
@@ -34,22 +41,19 @@ class DelayedPreview:
         self,
         file: PictureFile,
         annotator: Annotator,
-        hypothesis: Callable[[int], int],
-        hypotheses: Callable[[], Sequence[Hypothesis]],
-        fused_ns: Callable[[], int | None],
+        feed: Fused,
         max_delay_ns: int = 1_500_000_000,
     ) -> None:
         self._file = file
         self._annotator = annotator
-        self._hypothesis, self._hypotheses = hypothesis, hypotheses
-        self._fused_ns = fused_ns
+        self._feed = feed
         self._max_delay_ns = max_delay_ns
         self._held: deque[tuple[Image, Tracks]] = deque()
 
     @property
     def waiting(self) -> bool:
         """Whether the newest delayed frame may still be fused."""
-        return bool(self._held) and self._fused_ns() is not None and not self._is_due(self._held[-1][1])
+        return bool(self._held) and self._feed.stamp_ns is not None and not self._is_due(self._held[-1][1])
 
     def add(self, image: Image, tracks: Tracks) -> None:
         """Add a frame and write the frames that are due."""
@@ -67,9 +71,9 @@ class DelayedPreview:
         self._file.close()
 
     def _is_due(self, tracks: Tracks) -> bool:
-        fused = self._fused_ns()
+        fused = self._feed.stamp_ns
         return fused is None or fused >= tracks.stamp_ns
 
     def _write(self) -> None:
         image, tracks = self._held.popleft()
-        self._file.write(self._annotator.draw(image, tracks, self._hypothesis, self._hypotheses()))
+        self._file.write(self._annotator.draw(image, tracks, self._feed.hypothesis, self._feed.listed))

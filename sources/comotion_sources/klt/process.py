@@ -137,13 +137,10 @@ class CameraProcess:
         if options.preview is not None:
             self._feed = HypothesisFeed(component.session, component.keys, *identity)
             stack.callback(self._feed.close)
-            feed = self._feed
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
                 _log.warning("%s: %s", options.preview, NO_ENCODER)
-            self._preview = DelayedPreview(
-                file, Annotator(self._space), feed.hypothesis, lambda: feed.listed, lambda: feed.stamp_ns
-            )
+            self._preview = DelayedPreview(file, Annotator(self._space), self._feed)
             stack.callback(self._preview.close)
         self._attach()
         # Closing the camera ends its wait for a frame.

@@ -4,27 +4,21 @@ A reader yields samples as they arrive. While none arrives it yields None every 
 caller can send samples that it holds back. Malformed samples are counted and left out.
 """
 
-import queue
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias, cast
 
-import zenoh
-
-from comotion_schemas import DecodeError, JointStates, decode
-from comotion_schemas.messages import RejectionReason
+from comotion_schemas import DecodeError, JointStates, decode_on
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
 
+from ..received import Received
 from ..runtime import SourcePublisher
 from .cdr import decode_message, from_message, ros_key
 from .samples import JointSample, SampleError, joint_sample
 
-_QUEUE_CAPACITY = 2000
-"""Samples: 4 s of a robot that reports at 500 Hz."""
-_IDLE_S = 0.1
-"""Interval between two None while no sample arrives, s."""
+_Read: TypeAlias = Callable[[str, bytes, int], JointSample]
 
 
 class JointReader(Protocol):
@@ -50,11 +44,11 @@ class SceneJoints:
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
         """Yield samples of the stream until the source stops."""
         component = source.component
-        received = _Queue(source, _from_wire(self.name))
+        received = Received(source)
         key = component.keys.stream("joints", self.name)
         subscriber = declare_subscriber(component.session, key, "joints", received.receive)
         try:
-            yield from received.samples()
+            yield from _samples(received, source, _from_wire)
         finally:
             subscriber.undeclare()
 
@@ -77,14 +71,14 @@ class RosTopic:
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
         """Yield samples of the topic until the source stops."""
-        received = _Queue(source, _from_ros)
+        received = Received(source)
         with ExitStack() as stack:
             session = source.component.session
             if self.settings is not None:
                 session = stack.enter_context(open_session(self.settings))
             subscriber = session.declare_subscriber(ros_key(self.topic, self.domain), received.receive)
             stack.callback(subscriber.undeclare)
-            yield from received.samples()
+            yield from _samples(received, source, _from_ros)
 
 
 @dataclass(frozen=True)
@@ -118,48 +112,24 @@ class LogPlayback:
             yield JointSample(stamp, sample.names, sample.positions)
 
 
-class _Queue:
-    """Takes payloads from Zenoh's thread without blocking it; drops new ones when full, as ``lost``."""
-
-    def __init__(self, source: SourcePublisher, read: Callable[[bytes, int], JointSample]) -> None:
-        self._source, self._read = source, read
-        self._queue: queue.SimpleQueue[tuple[bytes, int]] = queue.SimpleQueue()
-
-    def receive(self, sample: zenoh.Sample) -> None:
-        if self._queue.qsize() >= _QUEUE_CAPACITY:
-            self._source.count("lost")
-            return
-        self._queue.put((bytes(sample.payload), time.time_ns()))
-
-    def samples(self) -> Iterator[JointSample | None]:
-        while not self._source.stop.is_set():
-            try:
-                payload, received_ns = self._queue.get(timeout=_IDLE_S)
-            except queue.Empty:
-                yield None
-                continue
-            try:
-                yield self._read(payload, received_ns)
-            except DecodeError as error:
-                self._source.reject(error.reason)
-            except SampleError:
-                self._source.reject(_MALFORMED)
+def _samples(received: Received, source: SourcePublisher, read: _Read) -> Iterator[JointSample | None]:
+    """Read what is received; what is malformed is counted and left out."""
+    for arrival in received:
+        if arrival is None:
+            yield None
+            continue
+        try:
+            yield read(*arrival)
+        except DecodeError as error:
+            source.reject(error.reason)
+        except SampleError:
+            source.reject("malformed")
 
 
-_MALFORMED: RejectionReason = "malformed"
+def _from_wire(key: str, payload: bytes, _received_ns: int) -> JointSample:
+    message = cast("JointStates", decode_on(key, payload))
+    return joint_sample(message.stamp_ns, message.names, message.positions)
 
 
-def _from_wire(name: str) -> Callable[[bytes, int], JointSample]:
-    def read(payload: bytes, _received_ns: int) -> JointSample:
-        message = decode(payload)
-        if not isinstance(message, JointStates):
-            raise DecodeError("schema", f"expected JointStates, got {type(message).__name__}")
-        if message.source != name:
-            raise DecodeError("source-mismatch", f"source {message.source!r} on the key of {name!r}")
-        return joint_sample(message.stamp_ns, message.names, message.positions)
-
-    return read
-
-
-def _from_ros(payload: bytes, received_ns: int) -> JointSample:
+def _from_ros(_key: str, payload: bytes, received_ns: int) -> JointSample:
     return from_message(decode_message(payload), received_ns)

@@ -2,12 +2,11 @@
 
 import logging
 from collections.abc import Mapping
-from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.component import Where
 
 from ..runtime import SourcePublisher
 from .joint_readers import JointReader
@@ -28,9 +27,7 @@ def run(
     truth: Mapping[str, tuple[int, str]] | None = None,
     name: str = "proprioception",
     space: str = "world",
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish the poses of links until the samples end or a signal arrives.
 
@@ -46,8 +43,8 @@ def run(
         Link -> (object number, name), where known (the workcell).
     name, space
         Name of the source; coordinate space of its poses.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -60,12 +57,10 @@ def run(
         space=space,
         unit="m",
         dim=3,
-        scene=scene,
-        settings=settings,
-        ready_file=ready_file,
         rate=1.0 / max(packing.span, 1.0 / packing.rate),
         message=f"poses of {', '.join(kinematics.links)}",
         feature_names=dict(enumerate(kinematics.links)),
+        **where,
     )
     with source:
         relay = _Relay(source, Packer(kinematics, packing))
@@ -82,7 +77,6 @@ class _Relay:
 
     def __init__(self, source: SourcePublisher, packer: Packer) -> None:
         self._source, self._packer = source, packer
-        self._reported: set[str] = set()
         self._newest = 0
 
     def pass_on(self, sample: JointSample | None) -> None:
@@ -97,7 +91,7 @@ class _Relay:
         try:
             pack = self._packer.add(sample)
         except SampleError as error:
-            self._reject(error)
+            self._source.reject("schema", str(error))
             return
         if self._packer.stale > stale:
             self._source.count("late")
@@ -108,12 +102,6 @@ class _Relay:
         _log.warning("the stamps went back by more than a second: a new session begins")
         self._packer.restart()
         self._source.new_session()
-
-    def _reject(self, error: SampleError) -> None:
-        self._source.reject("schema")
-        if str(error) not in self._reported:
-            self._reported.add(str(error))
-            _log.warning("%s: such samples are left out", error)
 
     def _publish(self, pack: Pack | None) -> None:
         if pack is not None:

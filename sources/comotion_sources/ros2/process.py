@@ -1,23 +1,15 @@
 """Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
 
-import logging
-import queue
-import time
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Unpack
 
-import zenoh
-
-from comotion_schemas import DEFAULT_SCENE
+from comotion_schemas.component import Where
 from comotion_schemas.transport import SessionSettings, open_session
 
+from ..received import Received
 from ..runtime import SourcePublisher
 from .convert import Converter, MessageError, Observed, kind_of
-
-_QUEUE_CAPACITY = 2000
-_IDLE_S = 0.1
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +40,7 @@ def run(
     *,
     name: str = "ros2",
     space: str = "world",
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish the features of a topic until a signal arrives.
 
@@ -64,33 +54,24 @@ def run(
         space=space,
         unit="m",
         dim=3,
-        scene=scene,
-        settings=settings,
         drop_invalid=True,
-        ready_file=ready_file,
         message=f"ROS topic {what.topic}",
+        **where,
     )
-    received: queue.SimpleQueue[tuple[str, bytes, int]] = queue.SimpleQueue()
-
-    def receive(sample: zenoh.Sample) -> None:
-        if received.qsize() < _QUEUE_CAPACITY:
-            received.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
-        else:
-            source.count("lost")
-
+    received = Received(source)
     with source, ExitStack() as stack:
         session = source.component.session
         if what.ros is not None:
             session = stack.enter_context(open_session(what.ros))
-        subscriber = session.declare_subscriber(f"{what.domain}/{what.topic.strip('/')}/*/*", receive)
+        subscriber = session.declare_subscriber(
+            f"{what.domain}/{what.topic.strip('/')}/*/*", received.receive
+        )
         stack.callback(subscriber.undeclare)
         source.ready()
         relay = _Relay(source, what)
-        while not source.stop.is_set():
-            try:
-                relay.take(*received.get(timeout=_IDLE_S))
-            except queue.Empty:
-                continue
+        for arrival in received:
+            if arrival is not None:
+                relay.take(*arrival)
 
 
 class _Relay:
@@ -99,17 +80,16 @@ class _Relay:
     def __init__(self, source: SourcePublisher, what: Ros2Source) -> None:
         self._source, self._frame = source, what.frame
         self._converter = Converter(what.pattern)
-        self._said: set[str] = set()
 
     def take(self, key: str, raw: bytes, received_ns: int) -> None:
         kind = kind_of(key)
         if kind is None:
-            self._refuse("schema", f"{key.split('/')[-2]} is not a type that can be followed")
+            self._source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
             return
         try:
             found = self._converter.convert(kind, raw, received_ns)
         except MessageError as error:
-            self._refuse("malformed", str(error))
+            self._source.reject("malformed", str(error))
             return
         for one in found:
             self._publish(one)
@@ -117,7 +97,7 @@ class _Relay:
     def _publish(self, one: Observed) -> None:
         self._frame = self._frame or one.frame
         if one.frame != self._frame:
-            self._refuse("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
+            self._source.reject("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
             return
         try:
             self._source.observe(
@@ -127,10 +107,4 @@ class _Relay:
                 stamp_ns=one.stamp_ns,
             )
         except ValueError as error:
-            self._refuse("malformed", str(error).partition("\n")[0])
-
-    def _refuse(self, reason: str, text: str) -> None:
-        self._source.reject(reason)  # type: ignore[arg-type]
-        if text not in self._said and len(self._said) < 20:
-            self._said.add(text)
-            _log.warning("%s: such messages are left out", text)
+            self._source.reject("malformed", str(error).partition("\n")[0])

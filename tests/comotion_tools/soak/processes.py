@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from ..processes import PYTHON
+from comotion_deploy.processes import PYTHON
+
 from .schedule import SOURCES
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -72,6 +73,7 @@ class Managed:
             stdout=subprocess.PIPE,
             stderr=self._log,
             text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # of the sources of the soak
             start_new_session=True,
         )
         self.started_s, self.is_stopped = time.monotonic(), False
@@ -80,7 +82,7 @@ class Managed:
         self._reader.start()
 
     def _read(self, popen: "subprocess.Popen[str]") -> None:
-        assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
+        assert popen.stdout is not None
         for line in popen.stdout:
             if line.startswith("{"):
                 self.account = json.loads(line)
@@ -165,7 +167,7 @@ def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = 
         "service": (*comotion, "serve", "--state", str(folder / "scene.state"), *serve, *at),
     }
     for name in SOURCES:
-        commands[name] = (*PYTHON, "comotion_deploy.soak.load", endpoint, scene, name)
+        commands[name] = (*PYTHON, "comotion_tools.soak.load", endpoint, scene, name)
     record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
     commands["recorder"] = (*comotion, *record, *at)
     commands["viewer"] = (*comotion, "watch", *at)

@@ -59,7 +59,7 @@ class Fault:
 
 def draw(seed: int, duration_s: float) -> list[Fault]:
     """Draw the faults of a soak; the same for the same seed and duration."""
-    chance = random.Random(seed)  # noqa: S311 - a schedule, no secret
+    chance = random.Random(seed)
     return list(_draw(chance, duration_s))
 
 

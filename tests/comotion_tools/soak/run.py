@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Self
 
 from comotion_clients.subscription import Subscription
+from comotion_deploy.errors import UserError
+from comotion_deploy.processes import PYTHON
 from comotion_schemas import HypothesisUpdate, Keys, Status
 from comotion_schemas.transport import SessionSettings, connect
 
-from ..errors import UserError
-from ..processes import PYTHON
 from .accounts import Audit, Moment, audit, moment
 from .monitor import Findings, Monitor
 from .processes import Managed, Usage, system
@@ -198,7 +198,7 @@ class Runner:
             self.wait(fault.lasts_s)
 
     def _attack(self, seed: int) -> None:
-        command = (*PYTHON, "comotion_deploy.soak.hostile", self._endpoint, SCENE)
+        command = (*PYTHON, "comotion_tools.soak.hostile", self._endpoint, SCENE)
         attacker = Managed(HOSTILE, (*command, f"{_HOSTILE_S:g}", str(seed)), self._folder)
         attacker.start()
         deadline = time.monotonic() + 10 * _HOSTILE_S

@@ -1,6 +1,6 @@
 """A process that does what no source should: damaged bytes, lies, extremes, and attacks within the limits.
 
-``python -m comotion_deploy.soak.hostile ENDPOINT SCENE SECONDS SEED`` draws by the seed from both, half of
+``python -m comotion_tools.soak.hostile ENDPOINT SCENE SECONDS SEED`` draws by the seed from both, half of
 the time each; with the name of one of :mod:`.attacks` behind, it does that alone. It says how many messages
 it has sent, as JSON. That it could also use the name of another source is a matter of access control.
 """
@@ -103,7 +103,7 @@ def damage(attacker: Attacker, seconds: float) -> None:
 def main() -> None:
     """Attack for some seconds."""
     endpoint, scene, duration, seed, *chosen = sys.argv[1:]
-    chance, seconds = random.Random(seed), float(duration)  # noqa: S311 - load, no secret
+    chance, seconds = random.Random(seed), float(duration)
     settings = client_settings([endpoint])
     # A token that is held twice neither comes nor goes.
     holds = "tokens" not in chosen

@@ -1,6 +1,6 @@
 """Writes the tables of fusion parameters into a page of the documentation.
 
-Usage: ``python -m comotion_deploy.parameter_table docs/parameters.md``.
+Usage: ``PYTHONPATH=tests python -m comotion_tools.parameter_table docs/parameters.md``.
 """
 
 import json

@@ -1,11 +1,6 @@
-"""Plays recorded messages in real time: message log -> payloads at the times they are due.
+"""Recorded messages as a tape: message log -> payloads, moved in time where that is asked for. Pure."""
 
-The clock, the keyboard and the output are injected.
-"""
-
-import math
-import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -15,19 +10,19 @@ from numpy.typing import NDArray
 from comotion_schemas import JointStates, Message, ObservationBatch, Preview, TruthBatch, encode
 from comotion_schemas.component import new_session_id
 from comotion_schemas.errors import KnownError
-from comotion_schemas.qos import Kind
+from comotion_schemas.keys import Kind
+from comotion_schemas.message_log import Logged
 
-from .player import LATE_S, Clock
-from .recordings.messages import Logged
+from .player import Schedule
 
 Stamps = Literal["now", "original"]
 KINDS: frozenset[Kind] = frozenset({"obs", "truth", "joints", "preview"})
-_TICK_S = 0.1  # longest wait between two looks at the keyboard
+_GAP_S = 0.1  # about the time between two messages, between two passes
 _CLOCKS_AGREE_NS = 10_000_000_000  # a larger offset between stamp and receipt means different clocks
 
 
 class Log(Protocol):
-    """A recorded scene; see :class:`comotion_sources.recordings.messages.MessageLog`."""
+    """A recorded scene; see :class:`comotion_schemas.message_log.MessageLog`."""
 
     start_ns: int
     end_ns: int
@@ -59,9 +54,9 @@ class MessageSchedule:
     start_at
         Unix time in seconds at which playback starts; None: at once.
 
-        es
-        --
-        eError
+    Raises
+    ------
+    ValueError
         If `speed` or the range is not valid.
     """
 
@@ -79,9 +74,19 @@ class MessageSchedule:
         if self.start < 0 or (self.end is not None and self.end <= self.start):
             raise KnownError("the end of what is played is not after its start")
 
+    def at(self, now: float) -> Schedule:
+        """The schedule of a player that begins at `now`, Unix time in s; it plays all from the start on."""
+        return Schedule(
+            start_at="now" if self.start_at is None or self.start_at <= now else self.start_at,
+            loop=self.loop,
+            pace=self.speed,
+            live_stamps=self.stamps == "now",
+            duration=self.duration,
+        )
+
 
 class PayloadSink(Protocol):
-    """Output of a player."""
+    """Output of the messages of all sources."""
 
     def put(self, kind: Kind, name: str, payload: bytes) -> None:
         """Publish a payload of a source."""
@@ -129,8 +134,8 @@ class Restamp:
         return self._sessions.setdefault((source, old), new_session_id())
 
 
-class MessagePlayer:
-    """Plays a recording into an output.
+class MessageTape:
+    """A recording as a tape: its items are recorded payloads.
 
     Parameters
     ----------
@@ -138,91 +143,57 @@ class MessagePlayer:
         The recording and the output.
     schedule
         Range, speed and stamps.
-    stop
-        Ends playback when set.
-    read_key
-        Returns a key that was pressed, or ""; the space bar pauses and resumes.
-    progress
-        Called with the number of the pass and the seconds within the recording.
-    clock
-        Clocks of the machine, or of a test.
 
-        es
-        --
-        eError
+    Raises
+    ------
+    ValueError
         If the recording is shorter than the start of the schedule.
     """
 
-    def __init__(
-        self,
-        log: Log,
-        sink: PayloadSink,
-        schedule: MessageSchedule,
-        stop: threading.Event,
-        *,
-        read_key: Callable[[], str] = lambda: "",
-        progress: Callable[[int, float], None] = lambda number, t: None,  # noqa: ARG005
-        clock: Clock | None = None,
-    ) -> None:
-        self._log, self._sink, self._schedule, self._stop = log, sink, schedule, stop
-        self._read_key, self._progress = read_key, progress
-        self._clock = clock or Clock()
+    def __init__(self, log: Log, sink: PayloadSink, schedule: MessageSchedule) -> None:
+        self._log, self._sink, self._schedule = log, sink, schedule
         self._start_ns = log.start_ns + round(schedule.start * 1e9)
         end_ns = log.end_ns if schedule.end is None else log.start_ns + round(schedule.end * 1e9)
         self._end_ns = min(end_ns, log.end_ns)
         if self._start_ns > self._end_ns:
             raise KnownError(f"the recording is only {(log.end_ns - log.start_ns) / 1e9:.1f} s long")
-        self._limit = math.inf
-        self._begin = 0.0
+        self.length = (self._end_ns - self._start_ns) / 1e9 + _GAP_S
         self._restamp: Restamp | None = None
-        self.paused = False
 
-    def run(self) -> None:
-        """Play until the recording or the duration of the schedule ends, or `stop` is set."""
-        wanted = self._schedule.start_at
-        delay = 0.0 if wanted is None else max(0.0, wanted - self._clock.wall())
-        self._begin = self._clock.monotonic() + delay
-        self._limit = self._begin + (math.inf if self._schedule.duration is None else self._schedule.duration)
-        number = 0
-        while True:
-            self._play_pass(number)
-            number += 1
-            if self._stop.is_set() or not self._schedule.loop:
-                return
-            # Leave about the time between two messages between passes.
-            self._begin += self._length_s / self._schedule.speed
-            if self._wait_until(lambda: self._begin):
-                return
-
-    @property
-    def _length_s(self) -> float:
-        return (self._end_ns - self._start_ns) / 1e9 + _TICK_S
-
-    def _play_pass(self, number: int) -> None:
-        self._restamp = self._restamping(number)
-        for logged in self._selected():
-            if self._wait_until(lambda t=logged.log_ns: self._due(t)):  # type: ignore[misc]
-                return
-            self._publish(logged, self._restamp)
-            self._progress(number, max(0.0, (logged.log_ns - self._log.start_ns) / 1e9))
-
-    def _selected(self) -> Iterable[Logged]:
-        """Yield the truth from before the start, then all messages of the range."""
+    def begin(self, number: int, first: bool, start: float) -> Iterator[tuple[float, Logged]]:
+        """Begin a pass: the truth from before the start, then all messages of the range."""
+        self._restamp = None
+        if self._schedule.stamps == "now":
+            self._restamp = Restamp(self._reference_ns(), round(start * 1e9), self._schedule.speed)
+        elif not first:
+            reference = self._reference_ns()
+            self._restamp = Restamp(reference, reference + round(number * self.length * 1e9), 1.0)
         if self._start_ns > self._log.start_ns:
-            yield from self._log.messages(frozenset({"truth"}), end_ns=self._start_ns - 1)
-        yield from self._log.messages(KINDS, start_ns=self._start_ns, end_ns=self._end_ns)
+            for logged in self._log.messages(frozenset({"truth"}), end_ns=self._start_ns - 1):
+                yield 0.0, logged
+        for logged in self._log.messages(KINDS, start_ns=self._start_ns, end_ns=self._end_ns):
+            yield (logged.log_ns - self._start_ns) / 1e9, logged
 
-    def _due(self, log_ns: int) -> float:
-        return self._begin + max(0, log_ns - self._start_ns) / 1e9 / self._schedule.speed
+    def put(self, item: Logged) -> None:
+        """Publish a payload; where its stamp is to move and it has none, it is left out."""
+        if self._restamp is None:
+            self._sink.put(item.kind, item.name, item.payload)
+        elif (message := item.decode()) is not None:
+            self._sink.put(item.kind, item.name, encode(self._restamp(message)))
+        else:
+            self._sink.skipped(item.name)
 
-    def _restamping(self, number: int) -> Restamp | None:
-        if self._schedule.stamps == "original" and number == 0:
-            return None
-        reference = self._reference_ns()
-        if self._schedule.stamps == "original":
-            return Restamp(reference, reference + round(number * self._length_s * 1e9), 1.0)
-        origin_ns = round((self._clock.wall() - self._clock.monotonic() + self._begin) * 1e9)
-        return Restamp(reference, origin_ns, self._schedule.speed)
+    def skip(self, item: Logged) -> None:
+        """Leave a payload out and count it, but for truth, which holds whenever it comes."""
+        if item.kind == "truth":
+            self.put(item)
+        else:
+            self._sink.skipped(item.name)
+
+    def delay(self, seconds: float) -> None:
+        """Stamp further messages later, if they are stamped with the wall clock."""
+        if self._restamp is not None and self._schedule.stamps == "now":
+            self._restamp.target_ns += round(seconds * 1e9)
 
     def _reference_ns(self) -> int:
         """Stamp of the start of the range on the clock of the sources.
@@ -236,39 +207,3 @@ class MessagePlayer:
                 offset = batch.stamp_ns - logged.log_ns
                 return self._start_ns + (offset if abs(offset) > _CLOCKS_AGREE_NS else 0)
         return self._start_ns
-
-    def _publish(self, logged: Logged, restamp: Restamp | None) -> None:
-        if restamp is None:
-            self._sink.put(logged.kind, logged.name, logged.payload)
-            return
-        late = self._clock.monotonic() - self._due(logged.log_ns) > LATE_S
-        message = logged.decode()
-        if message is None or (late and self._schedule.stamps == "now" and logged.kind != "truth"):
-            self._sink.skipped(logged.name)
-            return
-        self._sink.put(logged.kind, logged.name, encode(restamp(message)))
-
-    def _wait_until(self, due: Callable[[], float]) -> bool:
-        """Wait for an instant, which pauses delay; True if playback is to stop."""
-        while True:
-            self._pause()
-            now = self._clock.monotonic()
-            if now >= self._limit:
-                self._stop.set()
-            left = min(due(), self._limit) - now
-            if self._clock.wait(self._stop, min(max(0.0, left), _TICK_S)):
-                return True
-            if left <= 0:
-                return self._stop.is_set()
-
-    def _pause(self) -> None:
-        """Pause from one press of the space bar to the next."""
-        if self._read_key() != " ":
-            return
-        self.paused, began = True, self._clock.monotonic()
-        while self.paused and not self._clock.wait(self._stop, _TICK_S):
-            self.paused = self._read_key() != " "
-        seconds = self._clock.monotonic() - began
-        self._begin += seconds
-        if self._restamp is not None and self._schedule.stamps == "now":
-            self._restamp.target_ns += round(seconds * 1e9)

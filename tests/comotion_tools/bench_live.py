@@ -7,10 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from .demo import free_endpoint
-from .errors import UserError
-from .launcher import launch
-from .processes import PYTHON, ProcessSpec, comotion
+from comotion_deploy.demo import free_endpoint
+from comotion_deploy.errors import UserError
+from comotion_deploy.launcher import launch
+from comotion_deploy.processes import PYTHON, ProcessSpec, comotion
 
 _LEAD_S = 10.0  # until the sources start: all processes are then ready
 _MODULE = "comotion_experiments.bench.live"

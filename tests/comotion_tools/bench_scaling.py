@@ -15,13 +15,12 @@ import numpy as np
 
 from comotion_clients.subscribe import subscribe
 from comotion_clients.subscription import Subscription
+from comotion_deploy.child import Child
+from comotion_deploy.demo import free_endpoint
+from comotion_deploy.errors import UserError
+from comotion_deploy.processes import PYTHON, ProcessSpec, comotion
 from comotion_experiments.bench.scaling import RATE, Load, Share, busy_seconds, seconds_of
 from comotion_schemas import ObservationBatch, Status, encode
-
-from .child import Child
-from .demo import free_endpoint
-from .errors import UserError
-from .processes import PYTHON, ProcessSpec, comotion
 
 # s; the window of the service is then full of tracks.
 _SETTLE_S = 12.0

@@ -7,52 +7,30 @@ import numpy as np
 import pytest
 
 from comotion_experiments.inputs import in_order_of_acquisition
-from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, decode, encode
+from comotion_schemas import JointStates, Keys, TruthBatch, decode, encode
 from comotion_sources.errors import RecordingError
-from comotion_sources.message_player import MessagePlayer, MessageSchedule, Restamp
-from comotion_sources.player import Clock
+from comotion_sources.message_tape import MessageSchedule, MessageTape, Restamp
+from comotion_sources.player import Player
 from comotion_sources.recordings.messages import Logged, MessageLog, logged_batches
+
+from .. import messages
+from ..simulated_clock import NOW, SimulatedClock
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND
-NOW = 1_800_000_000.0
 LATENCY_NS = 20_000_000
 
 
-class SimulatedClock(Clock):
-    """Waiting takes no time."""
-
-    def __init__(self):
-        self.passed = 0.0
-
-    def wall(self):
-        return NOW + self.passed
-
-    def monotonic(self):
-        return 5.0 + self.passed
-
-    def wait(self, stop, seconds):
-        self.passed += 0.0 if stop.is_set() else seconds
-        return stop.is_set()
-
-
 def batch(source, seq, stamp_ns, **fields):
-    return ObservationBatch(
-        source=source,
-        session="a" * 16,
-        seq=seq,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=stamp_ns,
-        ids=np.array([1, 2], np.uint64),
-        positions=np.zeros((2, 3), np.float32),
-        **fields,
+    return messages.batch(
+        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, ids=np.array([1, 2], np.uint64), **fields
     )
 
 
 def logged(kind, name, log_ns, message):
-    return Logged(kind, name, log_ns, message if isinstance(message, bytes) else encode(message))
+    return Logged(
+        kind, Keys().stream(kind, name), log_ns, message if isinstance(message, bytes) else encode(message)
+    )
 
 
 def scene(seconds=4, offset_ns=0):
@@ -100,10 +78,9 @@ def play(items, *, read_key=lambda: "", hold_up=None, **schedule):
     clock = SimulatedClock()
     wire = Wire(clock)
     wire.hold_up = hold_up or {}
-    player = MessagePlayer(
-        Log(items), wire, MessageSchedule(**schedule), threading.Event(), read_key=read_key, clock=clock
-    )
-    player.run()
+    when = MessageSchedule(**schedule)
+    tape = MessageTape(Log(items), wire, when)
+    Player(tape, when.at(NOW), threading.Event(), read_key=read_key, clock=clock).run()
     return wire
 
 
@@ -204,8 +181,7 @@ def test_a_recording_that_breaks_off_names_the_repair(tmp_path):
     path = tmp_path / "take.mcap"
     with RecordingFile(path, scene="default") as file:
         for item in scene():
-            key = Keys().stream(item.kind, item.name)
-            file.add(key, item.log_ns, item.payload, item.decode())
+            file.add(item.key, item.log_ns, item.payload, item.decode())
     with MessageLog(path) as log:
         assert log.sources == ["a", "b"]
         assert [m.payload for m in log.messages()] == [i.payload for i in scene()]

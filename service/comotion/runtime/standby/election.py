@@ -20,21 +20,13 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from .etcd import Entry, Etcd, EtcdUnavailableError
 
 # s; the shortest that etcd grants at its default election timeout.
 DEFAULT_LEASE_S = 2
 _log = logging.getLogger(__name__)
-
-
-class Leadership(Protocol):
-    """Whether this service speaks for its scene."""
-
-    @property
-    def epoch(self) -> int | None:
-        """The epoch under which it speaks; None while it is a standby."""
 
 
 @dataclass(frozen=True)

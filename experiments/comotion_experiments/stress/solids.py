@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .motion import Array, Poses
+from comotion_sources.simulator.motion import Array, Poses
 
 Flags = NDArray[np.bool_]
 _NEAREST_M = 0.05

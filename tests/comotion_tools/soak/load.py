@@ -1,6 +1,6 @@
 """A source of the soak, as a process: three bodies, and an account of what it has sent.
 
-``python -m comotion_deploy.soak.load ENDPOINT SCENE NAME`` reads one command a line from standard input, as
+``python -m comotion_tools.soak.load ENDPOINT SCENE NAME`` reads one command a line from standard input, as
 JSON, and prints its account a few times a second, as JSON. The body of a feature is its id over 1000, so
 that the soak knows the truth. All sources of a space agree on where a body is at a time.
 """
@@ -179,7 +179,7 @@ def main() -> None:
     """Publish until stopped."""
     endpoint, scene, name = sys.argv[1:4]
     settings = client_settings([endpoint])
-    chance = random.Random(name)  # noqa: S311 - load, no secret
+    chance = random.Random(name)
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
         source = Source(name, component.session_id, seed=sum(name.encode()))
         publisher = stream_publisher(component.session, component.keys, "obs", name)

@@ -1,6 +1,8 @@
-"""Progress of a command on standard error: one line that changes on a terminal, else a line at times."""
+"""A command and its terminal: its progress on standard error, and the keys that a person presses."""
 
 import contextlib
+import os
+import select
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +17,7 @@ Report: TypeAlias = Callable[[Callable[[], str]], None]
 
 @contextlib.contextmanager
 def reporting(*, quiet: bool, terminal_s: float, plain_s: float) -> Iterator[Report]:
-    """Yield a function to call often; it prints when a line is due.
+    """Yield a function to call often: on a terminal one line changes, elsewhere a line is printed at times.
 
     Parameters
     ----------
@@ -44,3 +46,34 @@ class _Periodic:
         if now >= self._due:
             self._due = now + self._period_s
             self._show(line())
+
+
+@contextlib.contextmanager
+def keyboard() -> Iterator[Callable[[float], str]]:
+    """Yield a function that waits up to a number of seconds for a key press; it returns the key or "".
+
+    Without a terminal there are no keys; the function then waits.
+    """
+    if not sys.stdin.isatty():
+        yield _no_key
+        return
+    import termios  # noqa: PLC0415 - where there are no terminals of this kind, there is no key
+    import tty  # noqa: PLC0415
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+
+    def read_key(timeout: float) -> str:
+        ready, _, _ = select.select([descriptor], [], [], timeout)
+        return os.read(descriptor, 1).decode(errors="replace") if ready else ""
+
+    try:
+        yield read_key
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _no_key(timeout: float) -> str:
+    time.sleep(timeout)
+    return ""

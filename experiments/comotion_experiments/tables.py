@@ -1,0 +1,94 @@
+"""Results as tables, built once for a terminal and for Markdown, and as plain values."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import rich.table
+
+
+@dataclass
+class Table:
+    """Rows of cells under titles; rich prints it, :meth:`markdown` writes it.
+
+    Attributes
+    ----------
+    titles
+        Of the columns.
+    words
+        Number of columns, from the left, that hold words; the others hold numbers.
+    rows
+        The cells.
+    strong, ended
+        Rows in bold, and rows after which a terminal shows a gap.
+    """
+
+    titles: Sequence[str]
+    words: int = 1
+    rows: list[Sequence[str]] = field(default_factory=list)
+    strong: set[int] = field(default_factory=set)
+    ended: set[int] = field(default_factory=set)
+
+    def add(self, *cells: str, strong: bool = False) -> None:
+        """Add a row."""
+        if strong:
+            self.strong.add(len(self.rows))
+        self.rows.append(cells)
+
+    def end_section(self) -> None:
+        """Leave a gap after the last row."""
+        self.ended.add(len(self.rows) - 1)
+
+    def __rich__(self) -> rich.table.Table:
+        drawn = rich.table.Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        for k, title in enumerate(self.titles):
+            drawn.add_column(title, justify="left" if k < self.words else "right", no_wrap=True)
+        for k, row in enumerate(self.rows):
+            style = "bold" if k in self.strong else None
+            drawn.add_row(*row, style=style, end_section=k in self.ended)
+        return drawn
+
+    def markdown(self) -> str:
+        """The table as Markdown, without an end of line."""
+        rule = ["---"] * self.words + ["---:"] * (len(self.titles) - self.words)
+        head, *rows = (f"| {' | '.join(cells)} |" for cells in [self.titles, *self.rows])
+        return "\n".join([head, f"|{'|'.join(rule)}|", *rows])
+
+
+def number(value: float, digits: int) -> str:
+    """Write a number; a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def spread(values: Any, digits: int = 3) -> str:
+    """Mean and, after ±, standard deviation of the values that are finite; a dash without any."""
+    known = np.asarray(values, np.float64)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return "-"
+    tail = f" ± {known.std():.{digits}f}" if len(known) > 1 else ""
+    return f"{known.mean():.{digits}f}{tail}"
+
+
+def mean(values: Iterable[float]) -> float:
+    """Mean of the values that are not NaN; NaN without any."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.mean(known)) if known else math.nan
+
+
+def plain(value: Any) -> Any:
+    """Values as JSON has them.
+
+    Dataclasses and mappings become objects, arrays and sequences lists, and numbers that are not finite null.
+    """
+    if is_dataclass(value):
+        value = {one.name: getattr(value, one.name) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | range):
+        return [plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

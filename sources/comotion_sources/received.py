@@ -1,0 +1,40 @@
+"""Payloads of a subscription, from Zenoh's thread to that of a source."""
+
+import queue
+import time
+from collections.abc import Iterator
+
+import zenoh
+
+from .runtime import SourcePublisher
+
+_CAPACITY = 2000
+"""Samples: 4 s of a robot that reports at 500 Hz."""
+_IDLE_S = 0.1
+"""Interval between two None while nothing arrives, s."""
+
+
+class Received:
+    """Takes samples without blocking Zenoh's thread; drops new ones when full, counted as ``lost``.
+
+    Iteration yields (key, payload, time of receipt in ns) until the source stops, and None every 0.1 s while
+    nothing arrives, so that the caller can send what it holds back.
+    """
+
+    def __init__(self, source: SourcePublisher) -> None:
+        self._source = source
+        self._queue: queue.SimpleQueue[tuple[str, bytes, int]] = queue.SimpleQueue()
+
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Take a sample; the handler of a subscriber."""
+        if self._queue.qsize() >= _CAPACITY:
+            self._source.count("lost")
+            return
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+
+    def __iter__(self) -> Iterator[tuple[str, bytes, int] | None]:
+        while not self._source.stop.is_set():
+            try:
+                yield self._queue.get(timeout=_IDLE_S)
+            except queue.Empty:
+                yield None

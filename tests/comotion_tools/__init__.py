@@ -1,0 +1,1 @@
+"""Tools for those who change comotion, which ``comotion dev`` starts; they are in a checkout alone."""
