@@ -17,7 +17,7 @@ $(STAMP): pyproject.toml requirements.txt
 	@echo "setting up $(VENV), once: a minute or two"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,metrics,mocap,plot,record,ros,secure,video]' --group dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[cluster,foxglove,metrics,mocap,plot,record,ros,secure,video]' --group dev
 	@echo "compiling, once: a minute or two"
 	$(BIN)/comotion dev warm-up
 	@touch $@
@@ -47,17 +47,20 @@ format: setup  ## apply lint fixes and formatting
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-schemas: setup  ## export the JSON Schema of every message header, and the tables of parameters
+schemas: setup  ## export the JSON Schema of every message header, the tables of parameters, and the list of kernels
 	$(BIN)/python -m comotion_schemas.export schemas
 	PYTHONPATH=tests $(BIN)/python -m comotion_tools.parameter_table docs/parameters.md
+	$(BIN)/python -m comotion.runtime.kernel_list
 
 docs: setup  ## the site in out/site, with the API; broken links and warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-pictures: setup  ## make the pictures of README and guides again; COMOTION_CHROMIUM=chromium for those of screens
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[sim3d,view]'
+pictures: setup  ## make the pictures, the samples and the notebook's outputs again; COMOTION_CHROMIUM=chromium for those of screens
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
 	$(BIN)/python -m comotion_experiments.pictures docs/images
+	$(BIN)/python -m comotion_experiments.samples docs/samples
+	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
 
 wheel: setup  ## wheel and source distribution, in dist
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt build

@@ -1,6 +1,7 @@
 """Live evaluation: running scene -> NMI of its updates against the published truth."""
 
 import contextlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -170,11 +171,11 @@ def progress_line(tally: Tally) -> str:
     """Format the scores so far as one line."""
     if not tally.scores:
         return "waiting for updates"
-    score, summary = tally.scores[-1], tally.summary()
-    if not summary.scored:
-        return f"{summary.updates} updates, no truth yet"
+    score, updates, mean = tally.scores[-1], len(tally.scores), tally.mean_nmi
+    if math.isnan(mean):
+        return f"{updates} updates, no truth yet"
     return (
-        f"{summary.updates} updates   NMI {number(score.nmi, 3)}   mean {number(summary.mean_nmi, 3)}   "
+        f"{updates} updates   NMI {number(score.nmi, 3)}   mean {number(mean, 3)}   "
         f"{score.hypotheses} hypotheses of {score.objects} objects   "
         f"{score.scored} tracks, {score.singletons} alone"
     )
@@ -188,6 +189,8 @@ def summary_lines(run: LiveRun) -> list[str]:
         f"error {number(100 * s.mean_misclassification, 1)} %, "
         f"{number(s.mean_hypotheses, 2)} hypotheses of {number(s.mean_objects, 2)} objects",
         f"{number(s.switches_per_100, 2)} label switches per 100 tracks and update",
+        f"as tracked objects: HOTA {number(s.hota, 3)}, IDF1 {number(s.idf1, 3)}, "
+        f"{number(s.id_switches, 0)} switches of identity",
     ]
     if run.lost or run.invalid:
         lines.append(f"{run.lost} updates lost, {sum(run.invalid.values())} invalid")

@@ -200,11 +200,18 @@ def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | No
         The tracks observed at the stamp of the update: these are scored, and a track that is
         undetermined or not in the update is a singleton. None: the tracks of the update.
     """
+    return score_labels(*labelled(update, truth, observed), update.stamp_ns)
+
+
+def labelled(
+    update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """As :func:`labels_of`, where linked hypotheses of different spaces have one label."""
     labels, objects = labels_of(update, truth, observed)
     bodies = bodies_of(update)
     if bodies:
         labels = np.array([bodies.get(one, one) for one in labels.tolist()], np.int64)
-    return score_labels(labels, objects, update.stamp_ns)
+    return labels, objects
 
 
 def labels_of(

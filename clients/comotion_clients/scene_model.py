@@ -5,14 +5,17 @@ clock in nanoseconds.
 """
 
 import math
+from typing import get_args
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.colours import Palette
+from comotion_schemas.hypotheses import OF_BODIES, EventKind
 from comotion_schemas.naming import Names, named
 from comotion_schemas.rigid import rotation
 
+from .feature_names import HypothesisNames
 from .joint_rows import joint_row
 from .scene_heard import Heard, Seen, in_cell, in_line
 from .scene_rows import (
@@ -39,12 +42,15 @@ class SceneModel(Heard):
     scene
         Name of the scene.
     names
-        Names of hypotheses by id.
+        Names of hypotheses by id, as people give them; :attr:`names` holds those of sources too.
+    all_events
+        Whether events of joints are told beside those of bodies.
     """
 
-    def __init__(self, scene: str, names: Names | None = None) -> None:
+    def __init__(self, scene: str, names: Names | None = None, *, all_events: bool = False) -> None:
         super().__init__(scene)
-        self._names = names or {}
+        self._kinds = frozenset(get_args(EventKind)) if all_events else OF_BODIES
+        self.names = HypothesisNames(names)
         self.palette = Palette()
         self._units: dict[str, str] = {}
         self._service_gone = False
@@ -67,12 +73,19 @@ class SceneModel(Heard):
         """Add an update; returns the events that no earlier update had."""
         self.hear_update(update, arrived)
         self._service_gone = False
+        self.names.on_update(update)
         self.palette.see(update.hypotheses)
-        new = [e for e in update.events if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
+        told = [e for e in update.events if e.kind in self._kinds]
+        new = [e for e in told if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
         for key in list(self._events)[:-EVENTS_KEPT]:
             del self._events[key]
         return new
+
+    def on_status(self, status: Status, arrived: float = 0.0) -> None:
+        """Add a Status, which may name the features of a source."""
+        super().on_status(status, arrived)
+        self.names.on_status(status)
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
         """Process that a component entered or left the scene."""
@@ -100,7 +113,7 @@ class SceneModel(Heard):
             sources=self._source_rows(now),
             hypotheses=[] if update is None else self._hypothesis_rows(update),
             events=[] if update is None else self._event_rows(update),
-            joints=[] if update is None else [joint_row(joint, self._names) for joint in update.joints],
+            joints=[] if update is None else [joint_row(joint, self.names) for joint in update.joints],
         )
 
     def _service_row(self, now: float) -> ServiceRow:
@@ -188,7 +201,7 @@ class SceneModel(Heard):
                     turning=None if twist is None else float(np.linalg.norm(twist.angular)),
                     translation=None if pose is None else list(pose.translation),
                     rotation=None if pose is None else _rotation_vector(pose.rotation),
-                    name=named(h.id, self._names),
+                    name=named(h.id, self.names),
                     extent=None if box is None else [2 * half for half in box.half],
                 )
             )
@@ -197,7 +210,14 @@ class SceneModel(Heard):
     def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
         newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)
         return [
-            EventRow(e.stamp_ns, (update.stamp_ns - e.stamp_ns) / 1e9, e.kind, e.hypothesis, list(e.others))
+            EventRow(
+                e.stamp_ns,
+                (update.stamp_ns - e.stamp_ns) / 1e9,
+                e.kind,
+                e.hypothesis,
+                list(e.others),
+                {one: self.names[one] for one in (e.hypothesis, *e.others) if one in self.names},
+            )
             for e in newest_first
         ]
 

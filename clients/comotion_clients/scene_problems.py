@@ -1,9 +1,11 @@
-"""Lists what a person should look at in a scene. Pure."""
+"""Lists what a person should look at in a scene, causes first. Pure."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 USUAL_RATE_HZ = 30.0
 """Stands for the rate of a scene whose sources are unknown."""
+_MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,33 @@ class ComponentRow:
     message: str
 
 
-def find_problems(rows: list[ComponentRow]) -> list[str]:
-    """Return what a person should look at, one line each."""
-    problems = []
+@dataclass(frozen=True)
+class RouterRow:
+    """One router, as it describes itself; `dials`: how many routers it is told to connect to."""
+
+    name: str
+    host: str
+    zid: str
+    version: str
+    locators: list[str]
+    sessions: int
+    routers: int
+    dials: int = 0
+
+    @property
+    def label(self) -> str:
+        """Its name, or the beginning of its id."""
+        return self.name or self.zid[:8]
+
+
+def find_problems(rows: list[ComponentRow], routers: Sequence[RouterRow] = ()) -> list[str]:
+    """Return what a person should look at, one line each.
+
+    Links, clocks and versions come first: what else is wrong is often their effect.
+    """
+    problems = _router_problems(routers) + _clock_problems(rows)
+    problems += _versions_differ("versions", [(row.version, row.name) for row in rows])
+    problems += _versions_differ("versions of Zenoh", [(row.version, row.label) for row in routers])
     services = [row for row in rows if row.role == "service"]
     speaking = [row for row in services if row.replica != "standby"]
     if not services:
@@ -45,11 +71,37 @@ def find_problems(rows: list[ComponentRow]) -> list[str]:
     if len(services) == 1 and services[0].replica == "active":
         problems.append(f"service {services[0].name} has no standby")
     problems += [_describe(row) for row in rows if row.state != "ok"]
-    problems += _clock_problems(rows)
-    versions = {row.version for row in rows if row.version}
-    if len(versions) > 1:
-        problems.append(f"versions differ: {', '.join(sorted(versions))}")
     return problems
+
+
+def _router_problems(routers: Sequence[RouterRow]) -> list[str]:
+    problems = []
+    for row in routers:
+        if row.routers < row.dials:
+            problems.append(
+                f"router {row.label} reaches {row.routers} of the {row.dials} routers that it is told to "
+                "connect to: what is beyond is not seen here"
+            )
+        elif not row.routers and len(routers) > 1:
+            problems.append(f"router {row.label} reaches no other router")
+    return problems
+
+
+def _versions_differ(what: str, given: list[tuple[str, str]]) -> list[str]:
+    """Say who has which version, where there are several."""
+    of: dict[str, list[str]] = {}
+    for version, name in given:
+        if version:
+            of.setdefault(version, []).append(name)
+    if len(of) < 2:
+        return []
+    words = (f"{version} ({_few(sorted(names))})" for version, names in sorted(of.items()))
+    return [f"{what} differ: {', '.join(words)}"]
+
+
+def _few(names: list[str]) -> str:
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _describe(row: ComponentRow) -> str:

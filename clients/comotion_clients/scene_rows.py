@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from comotion_schemas.colours import GREY, RGB
+from comotion_schemas.naming import Names
 
 from .joint_rows import JointRow
 
@@ -63,13 +64,14 @@ class HypothesisRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event, `ago` s before the newest update."""
+    """One event, `ago` s before the newest update; `names` of those of its hypotheses that have one."""
 
     stamp_ns: int
     ago: float
     kind: str
     hypothesis: int
     others: list[int]
+    names: Names = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

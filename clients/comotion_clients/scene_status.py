@@ -11,25 +11,12 @@ from typing import Any, Literal
 from comotion_schemas import Status
 
 from .scene_heard import MOST, Heard, Seen, in_cell, in_line
-from .scene_problems import ComponentRow, find_problems
+from .scene_problems import ComponentRow, RouterRow, find_problems
 
 Overall = Literal["ok", "degraded", "stalled"]
 SILENT_S = 3.5
 """A component whose newest Status is older is silent: it sends one a second."""
 _MOST_LOCATORS = 8
-
-
-@dataclass(frozen=True)
-class RouterRow:
-    """One router, as it describes itself."""
-
-    name: str
-    host: str
-    zid: str
-    version: str
-    locators: list[str]
-    sessions: int
-    routers: int
 
 
 @dataclass(frozen=True)
@@ -89,6 +76,7 @@ class StatusModel(Heard):
             locators=[in_cell(one) for one in locators],
             sessions=sum(s.get("whatami") != "router" for s in sessions),
             routers=sum(s.get("whatami") == "router" for s in sessions),
+            dials=dials if isinstance(dials := metadata.get("dials"), int) else 0,
         )
 
     def snapshot(self, now_s: float) -> SceneStatus:
@@ -96,7 +84,8 @@ class StatusModel(Heard):
         rows = [self._row(name, seen, now_s) for name, seen in sorted(self._seen.items())]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
-        problems = find_problems(rows) + _reported(self.service)
+        routers = sorted(self._routers.values(), key=lambda row: (row.name, row.zid))
+        problems = find_problems(rows, routers) + _reported(self.service)
         update = self._update
         return SceneStatus(
             scene=self.scene,
@@ -104,7 +93,7 @@ class StatusModel(Heard):
             updates_hz=self._updates_hz(),
             update_lag_s=None if update is None else (update.published_ns - update.stamp_ns) / 1e9,
             components=rows,
-            routers=sorted(self._routers.values(), key=lambda row: (row.name, row.zid)),
+            routers=routers,
             problems=problems,
         )
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from comotion_schemas import HypothesisUpdate, ObservationBatch
 from comotion_schemas.types import Unit
 
-from .metrics import Score, SourceKey, Switches, Truth, label_switches, score_update
+from .metrics import Score, SourceKey, Switches, Truth, label_switches, labelled, score_labels
+from .tracking import Tracking
 
 SETTLE_S = 0.15
 """A live update is scored this long after its arrival: its batches have then arrived as well."""
@@ -124,6 +125,8 @@ class Summary:
         Hypotheses and true objects among the scored tracks; without truth all hypotheses.
     switches_per_100
         Tracks whose hypothesis id changed between consecutive updates, per 100 common tracks.
+    hota, idf1, id_switches
+        Of hypotheses as tracked objects (:mod:`.tracking`), over the scored updates; NaN without truth.
     """
 
     updates: int
@@ -135,6 +138,9 @@ class Summary:
     mean_hypotheses: float
     mean_objects: float
     switches_per_100: float
+    hota: float
+    idf1: float
+    id_switches: float
 
 
 class Tally:
@@ -144,13 +150,17 @@ class Tally:
         self.truth = truth
         self.scores: list[Score] = []
         self.switches = Switches()
+        self._tracking = Tracking()
         self._listed: list[int] = []
         self._last: HypothesisUpdate | None = None
 
     def add(self, update: HypothesisUpdate, observed: Observed) -> Score:
         """Score an update against the truth so far, over the tracks observed at its stamp."""
-        score = score_update(update, self.truth, observed.at(update.stamp_ns))
+        labels, objects = labelled(update, self.truth, observed.at(update.stamp_ns))
+        score = score_labels(labels, objects, update.stamp_ns)
         self.scores.append(score)
+        if score.scored:
+            self._tracking.add(labels, objects)
         self._listed.append(sum(not h.absent for h in update.hypotheses))
         if self._last is not None:
             self.switches += label_switches(self._last, update)
@@ -160,6 +170,7 @@ class Tally:
     def summary(self) -> Summary:
         """Summarise the scores so far."""
         scored = [score for score in self.scores if score.scored]
+        tracked = self._tracking.figures() if scored else None
         return Summary(
             updates=len(self.scores),
             scored=len(scored),
@@ -170,7 +181,15 @@ class Tally:
             mean_hypotheses=_mean(scored, lambda s: s.hypotheses) if scored else _average(self._listed),
             mean_objects=_mean(scored, lambda s: s.objects),
             switches_per_100=self.switches.per_100,
+            hota=math.nan if tracked is None else tracked.hota,
+            idf1=math.nan if tracked is None else tracked.idf1,
+            id_switches=math.nan if tracked is None else tracked.id_switches,
         )
+
+    @property
+    def mean_nmi(self) -> float:
+        """Over the scored updates so far; NaN without any."""
+        return _mean([score for score in self.scores if score.scored], lambda s: s.nmi)
 
 
 def _mean(scores: list[Score], value: Callable[[Score], float]) -> float:

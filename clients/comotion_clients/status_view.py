@@ -3,24 +3,26 @@
 from rich.console import Console
 from rich.text import Text
 
-from .scene_problems import ComponentRow
-from .scene_status import RouterRow, SceneStatus
+from .scene_problems import ComponentRow, RouterRow
+from .scene_status import SceneStatus
 from .watch_columns import Column, table
 
 _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red"}
 
 
 def show(found: SceneStatus, console: Console) -> None:
-    """Print a scene's status: one table of components, one of routers, and the problems."""
+    """Print a scene's status: what to look at, a table of components, and one of routers."""
     line = Text.assemble(f"scene {found.scene}: ", (found.overall, _STYLES[found.overall]))
     if found.updates_hz is not None and found.update_lag_s is not None:
         line.append(f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind")
     console.print(line)
+    if found.problems:
+        console.print(Text("what to look at", "bold"))
+    for problem in found.problems:
+        console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
     console.print(table(found.components, _COMPONENTS))
     if found.routers:
         console.print(table(found.routers, _ROUTERS))
-    for problem in found.problems:
-        console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
 
 
 def _clock(row: ComponentRow) -> str:
@@ -43,12 +45,10 @@ _COMPONENTS: tuple[Column[ComponentRow], ...] = (
     Column("lag", None, lambda r: "" if r.lag_s is None else f"{1e3 * r.lag_s:.0f} ms"),
     Column("lost", None, lambda r: str(r.lost) if r.role in {"service", "recorder", "viewer"} else ""),
     Column("clock", None, _clock),
-    Column(
-        "replica", None, lambda r: f"{r.replica} {r.epoch}" if r.replica == "active" else r.replica, left=True
-    ),
+    Column("replica", None, _replica, left=True),
 )
 _ROUTERS: tuple[Column[RouterRow], ...] = (
-    Column("router", None, lambda r: r.name or r.zid[:8], left=True),
+    Column("router", None, lambda r: r.label, left=True),
     Column("host", None, lambda r: r.host, left=True),
     Column("version", None, lambda r: r.version, left=True),
     Column("listens at", None, lambda r: " ".join(r.locators), left=True),

@@ -37,7 +37,8 @@ class WatchOptions:
 
     `once`: show one snapshot and end; `json`: one JSON object per line; `sort`: initial order;
     `pose`: angular speed and pose of the hypotheses; `timeout`: seconds that `once` waits for a first
-    message; `ready_file`: written once subscribed; `names`: of hypotheses, by id.
+    message; `ready_file`: written once subscribed; `names`: of hypotheses, by id;
+    `all_events`: those of joints too.
     """
 
     once: bool = False
@@ -47,13 +48,14 @@ class WatchOptions:
     timeout: float = 5.0
     ready_file: Path | None = None
     names: Names = field(default_factory=dict)
+    all_events: bool = False
 
 
 class _Feed:
     """Fills a scene model from the subscriptions of one scene."""
 
-    def __init__(self, session: zenoh.Session, scene: str, names: Names) -> None:
-        self.model = SceneModel(scene, names)
+    def __init__(self, session: zenoh.Session, scene: str, options: WatchOptions) -> None:
+        self.model = SceneModel(scene, options.names, all_events=options.all_events)
         self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
         self._updates = Subscription(session, HypothesisUpdate, scene)
         self._statuses = Subscription(session, Status, scene)
@@ -103,7 +105,7 @@ def watch(
         _once(scene, settings, options)
         return
     with viewer("watch", scene, settings, ready_file=options.ready_file) as component:
-        feed = _Feed(component.session, scene, options.names)
+        feed = _Feed(component.session, scene, options)
         if options.ready_file is not None:
             component.ready()
         try:
@@ -117,7 +119,7 @@ def watch(
 
 def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     with connect(settings, timeout=options.timeout) as session:
-        feed = _Feed(session, scene, options.names)
+        feed = _Feed(session, scene, options)
         try:
             _wait_for_message(feed, settings, options.timeout)
             time.sleep(ONCE_S)
@@ -152,7 +154,9 @@ def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
             _emit(json.dumps(as_json(snapshot)))
             continue
         for event in events:
-            words = describe(EventRow(event.stamp_ns, 0.0, event.kind, event.hypothesis, event.others))
+            names = feed.model.names
+            row = EventRow(event.stamp_ns, 0.0, event.kind, event.hypothesis, event.others, names)
+            words = describe(row)
             _emit(f"{_clock()} {snapshot.scene} {words.plain}")
         _emit(f"{_clock()} {plain_line(snapshot)}")
 

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from comotion_schemas.colours import GREY, as_hex
+from comotion_schemas.naming import named
 
 from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
@@ -173,10 +174,11 @@ def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:
 
 def describe(event: EventRow) -> Text:
     """Format an event."""
-    others = ", ".join(str(other) for other in event.others)
+    others = ", ".join(named(other, event.names) for other in event.others)
     words = {"split": f" from {others}", "released": f" from {others}"}.get(event.kind, "")
     words = words or {"merged": f" with {others}", "joined": f" with {others}"}.get(event.kind, "")
-    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {event.hypothesis}{words}")
+    who = named(event.hypothesis, event.names)
+    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {who}{words}")
 
 
 def _cropped(lines: Sequence[Text], width: int) -> list[Text]:

@@ -13,6 +13,7 @@ from comotion import FusionConfig
 from comotion_clients.joint_rows import plain
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary, finite_or_none
+from comotion_clients.tum import save_paths
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.terminal import Report, reporting
@@ -31,6 +32,9 @@ _MEANS = (
     "mean_hypotheses",
     "mean_objects",
     "switches_per_100",
+    "hota",
+    "idf1",
+    "id_switches",
     "ms_per_update",
 )
 
@@ -64,6 +68,7 @@ def evaluate_inputs(
     period: float | None = None,
     duration: float | None = None,
     plot: Path | None = None,
+    paths: Path | None = None,
     progress: bool = True,
     comparator: bool = False,
 ) -> list[Evaluated]:
@@ -79,6 +84,8 @@ def evaluate_inputs(
         As in :func:`comotion_experiments.offline.run_offline`.
     plot
         Path of the plot; with several inputs the name of the input is added.
+    paths
+        Folder for paths in the TUM format; with several inputs one folder in it for each.
     progress
         Show progress on standard error.
     comparator
@@ -101,6 +108,9 @@ def evaluate_inputs(
             raise KnownError(f"{one.name}: {error}") from None
         compared = compare(one.open(), duration).means() if comparator else {}
         results.append(_evaluated(one, run, digest.hexdigest(), compared))
+        if paths is not None:
+            several = len(inputs) > 1
+            save_paths(plot_path(paths / "paths", one, several=True) if several else paths, trace.updates)
         if plot is not None:
             _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
     return results
@@ -189,7 +199,8 @@ def table(results: Sequence[Evaluated]) -> Table:
     """Build a table with one row per file or scene (mean over seeds), and one for all."""
     seeded = any(len(members) > 1 for members in group(results).values())
     scored = ["mean NMI", *(["± seeds"] if seeded else []), "final NMI", "error %", "K found", "K true"]
-    found = Table(["file", *scored, "switches/100", "ms/update", *_compared_titles(results)])
+    scored += ["switches/100", "HOTA", "IDF1", "ID switches"]
+    found = Table(["file", *scored, "ms/update", *_compared_titles(results)])
     for name, members in group(results).items():
         cells = _cells(averages(members), members, seeded=seeded)
         found.add(_label(name, 28), *cells, *_compared(members))
@@ -209,6 +220,9 @@ def _cells(row: Mapping[str, float], members: Sequence[Evaluated], *, seeded: bo
         number(row["mean_hypotheses"], 2),
         number(row["mean_objects"], 2),
         number(row["switches_per_100"], 2),
+        number(row["hota"], 3),
+        number(row["idf1"], 3),
+        number(row["id_switches"], 1),
         number(row["ms_per_update"], 1),
     ]
 

@@ -77,6 +77,7 @@ class StatusFields:
     replica: Literal["", "active", "standby"] = ""
     epoch: int = 0
     clock_offsets: dict[str, float] = field(default_factory=dict)
+    feature_names: dict[str, str] = field(default_factory=dict)
     hangs: bool = False
     problems: list[Problem] = field(default_factory=list)
 
@@ -289,6 +290,7 @@ class Component:
             replica=fields.replica,
             epoch=fields.epoch,
             clock_offsets=fields.clock_offsets,
+            feature_names=fields.feature_names,
         )
 
     def _connect(self) -> zenoh.Session:

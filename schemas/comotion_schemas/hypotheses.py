@@ -30,6 +30,8 @@ from .types import (
 
 HypothesisState = Literal["static", "moving", "undetermined"]
 EventKind = Literal["born", "split", "merged", "ended", "absent", "returned", "joined", "released"]
+OF_BODIES: frozenset[EventKind] = frozenset({"born", "split", "merged", "ended", "absent", "returned"})
+"""Events of bodies; the others are of their joints, which begin and end as they are sure or not."""
 Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
 Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 AngularVector = Annotated[list[Finite], Field(min_length=3, max_length=3)]

@@ -221,6 +221,7 @@ class ObservationBatch:
             raise reject("range", "a quaternion is not of unit norm")
 
 
+_FeatureNumber = Annotated[str, StringConstraints(strict=True, pattern=r"^(0|[1-9][0-9]{0,19})\z")]
 _ObjectNumber = Annotated[str, StringConstraints(strict=True, pattern=r"^(0|-?[1-9][0-9]{0,9})\z")]
 
 
@@ -360,7 +361,8 @@ class Status:
     Counters only grow, but for `lost` and `waiting`. `problems` are those that last.
     `version` of comotion and `host` name where it runs; empty when unknown. A service also says its
     `replica` ("active" or "standby"; empty without standbys) and `epoch`, and in `clock_offsets` how far
-    the clock of each source is ahead of its own, in s.
+    the clock of each source is ahead of its own, in s. A source whose features have names, as the links of a
+    robot, says them in `feature_names`, by their ids in decimal.
     """
 
     schema: Literal["comotion.Status/1"] = "comotion.Status/1"
@@ -379,4 +381,5 @@ class Status:
     replica: Literal["", "active", "standby"] = ""
     epoch: Count = 0
     clock_offsets: dict[ShortText, Finite] = field(default_factory=dict)
+    feature_names: dict[_FeatureNumber, ShortText] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)

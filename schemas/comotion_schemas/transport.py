@@ -135,7 +135,11 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
     if settings.mode == "router":
         # `comotion status` asks routers to describe themselves; nobody may change them.
         config["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
-        config["metadata"] = {"name": _router_name(settings), "host": socket.gethostname()}
+        config["metadata"] = {
+            "name": _router_name(settings),
+            "host": socket.gethostname(),
+            "dials": len(settings.connect),
+        }
     if settings.tls is not None:
         config["transport"]["link"]["tls"] = _tls(settings)
         config["transport"]["link"]["protocols"] = list(ENCRYPTED)

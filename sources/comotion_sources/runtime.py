@@ -63,6 +63,8 @@ class SourcePublisher:
         Nominal rate in Hz, for detecting a stall; 0: unknown.
     message
         One line for Status that describes the source.
+    feature_names
+        Names of features by id, as of the links of a robot; what they move with is called by them.
 
     Raises
     ------
@@ -85,6 +87,7 @@ class SourcePublisher:
         ready_file: Path | None = None,
         rate: float = 0.0,
         message: str = "",
+        feature_names: Mapping[int, str] | None = None,
         moving: bool = False,
     ) -> None:
         if connect is not None and settings is not None:
@@ -108,6 +111,7 @@ class SourcePublisher:
         self._space: tuple[str, Unit, int] = (space, unit, dim)
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
         self._message = message
+        self._feature_names = {str(number): name for number, name in (feature_names or {}).items()}
         self._exit = ExitStack()
         # `sent` counts the batches of the present session: the service learns what of its end never came.
         self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
@@ -272,4 +276,5 @@ class SourcePublisher:
             counters=dict(self._counters),
             rejected=dict(self._rejected),
             message=self._message,
+            feature_names=self._feature_names,
         )

@@ -1,10 +1,14 @@
 """A newcomer's first hour: ``first_hour.py [FOLDER]`` writes the seconds of each step, and what was printed.
 
+Beside the seconds on the wall stand those of the processor, of all processes of a step: on a machine that
+does other work they alone say something.
+
 A wheel is built from this clone and installed in a clean environment, with empty caches. Standard error and
 output of each step are stamped with the second at which each line came.
 """
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -41,11 +45,12 @@ print(comotion.group(mine["positions"], mine["times"]))
 
 @dataclass
 class Step:
-    """One command: its `lines` as (second, text), `seconds` until its end, and its exit `status`."""
+    """One command: its `lines` as (second, text), `seconds` until its end, `cpu_s` used, exit `status`."""
 
     name: str
     lines: list[tuple[float, str]] = field(default_factory=list)
     seconds: float = 0.0
+    cpu_s: float = 0.0
     status: int = 0
 
     @property
@@ -56,7 +61,7 @@ class Step:
 
 def run(name: str, command: list[str], folder: Path, environment: dict[str, str]) -> Step:
     """Run a command to its end and read what it prints, line by line."""
-    step, begun = Step(name), time.monotonic()
+    step, begun, used_s = Step(name), time.monotonic(), _used_s()
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.DEVNULL}
     process = subprocess.Popen(command, cwd=folder, env=environment, text=True, errors="replace", **pipes)
     stop = threading.Timer(900.0, process.kill)
@@ -65,11 +70,19 @@ def run(name: str, command: list[str], folder: Path, environment: dict[str, str]
         step.lines.append((time.monotonic() - begun, line.rstrip()))
     step.status = process.wait()
     stop.cancel()
-    step.seconds = time.monotonic() - begun
+    step.seconds, step.cpu_s = time.monotonic() - begun, _used_s() - used_s
     print(
-        f"{step.seconds:7.1f} s  first line {step.first_s:5.1f} s  status {step.status}  {name}", flush=True
+        f"{step.seconds:7.1f} s  CPU {step.cpu_s:6.1f} s  first line {step.first_s:5.1f} s  "
+        f"status {step.status}  {name}",
+        flush=True,
     )
     return step
+
+
+def _used_s() -> float:
+    """Seconds that the processor has worked for processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def first_hour(folder: Path) -> list[Step]:
@@ -103,13 +116,21 @@ def first_hour(folder: Path) -> list[Step]:
         "comotion segment mine.avi": [comotion, "segment", "mine.avi", "--out", "out.mp4"],
         "comotion demo --duration 10": [comotion, "demo", "--duration", "10"],
     }
-    return steps + [run(name, command, folder, environment) for name, command in commands.items()]
+    for name, command in commands.items():
+        steps.append(run(name, command, folder, environment))
+        if name.startswith("pip") and steps[-1].status:
+            break  # what follows needs it
+    return steps
 
 
 def report(steps: list[Step]) -> str:
     """All steps as Markdown."""
-    rows = [f"| {one.name} | {one.seconds:.1f} | {one.first_s:.1f} | {one.status} |" for one in steps]
-    head = ["# The first hour", "", "| step | s | first line, s | status |", "|---|---|---|---|", *rows, ""]
+    rows = [
+        f"| {one.name} | {one.seconds:.1f} | {one.cpu_s:.1f} | {one.first_s:.1f} | {one.status} |"
+        for one in steps
+    ]
+    table = ["| step | s | CPU s | first line, s | status |", "|---|---|---|---|---|", *rows, ""]
+    head = ["# The first hour", "", *table]
     for one in steps:
         shown = one.lines if len(one.lines) <= 30 else [*one.lines[:20], (0.0, "..."), *one.lines[-9:]]
         head += [f"## {one.name}", "", "```", *(f"{at:6.1f} {text}"[:160] for at, text in shown), "```", ""]

@@ -16,5 +16,5 @@ def test_every_step_of_the_first_hour_works_and_says_something(tmp_path) -> None
     assert "look like milliseconds" in steps["comotion evaluate ms.npz"].lines[-1][1]
     for name in ("first", "again"):
         assert steps[f"comotion.group, {name}"].lines[-1][1] == "Grouping(90 x 30, 2 hypotheses, 1 at rest)"
-    assert "compiling, once" in steps["comotion.group, first"].lines[0][1]
+    assert "kernels, once" in steps["comotion.group, first"].lines[0][1]
     assert not any("compiling" in text for _, text in steps["comotion.group, again"].lines)

@@ -6,7 +6,6 @@ from rich.console import Console
 
 from comotion_clients.joint_lines import joint_lines
 from comotion_clients.joint_rows import as_json, joint_row
-from comotion_clients.recording import foxglove
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
@@ -108,15 +107,14 @@ def test_the_lines_of_a_hinge_keep_their_distance_from_it():
     assert len(joint_lines(FREE, body(4, [0.0, 0.0, 0.0]), 0.1)) == 0
 
 
-def test_viewers_and_exports_draw_joints():
+def test_viewers_draw_joints():
     shown = update([DOOR, DRAWER, FREE])
-    (shape,) = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette())
+    names = {2: "door"}
+    shape, words = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette(), names)
+    assert words.labels == ("door turns on 1, 0 to 69°", "3 slides on door, 0.00 to 0.30 m")
     assert shape.path == "space/joints"
     assert len(shape.ends) == len(shape.colours)
     assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []
-    entities = foxglove.joints(shown, "world", 1.0, Palette())["entities"]
-    assert [entity["id"] for entity in entities] == ["joint-1-2", "joint-2-3"]
-    assert len(entities[0]["lines"][0]["points"]) % 2 == 0
 
 
 def test_watch_shows_joints_in_degrees_and_metres():

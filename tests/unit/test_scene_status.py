@@ -140,7 +140,25 @@ def test_replicas_are_shown_with_their_epoch(model) -> None:
 
 def test_versions_that_differ_are_said(model) -> None:
     add(model, status("old", version="0.9"))
-    assert model.snapshot(NOW).problems == ["versions differ: 0.9, 1"]
+    assert model.snapshot(NOW).problems == ["versions differ: 0.9 (old), 1 (cam, fusion)"]
+
+
+def test_links_clocks_and_versions_are_said_before_their_effects(model) -> None:
+    add(model, status("slow", state="stalled", version="0.9"))
+    add(model, status("ahead"), ahead=2.0)
+    link = {"whatami": "router"}
+    for name, dials, sessions in (("a", 2, [link]), ("b", 0, [link]), ("c", 0, [])):
+        model.on_router({"zid": name, "metadata": {"name": name, "dials": dials}, "sessions": sessions})
+    beginnings = (
+        "router a reaches 1 of the 2 routers",
+        "router c reaches no other router",
+        "the clock of source ahead",
+        "versions differ",
+        "source slow is stalled",
+    )
+    problems = model.snapshot(NOW).problems
+    assert len(problems) == len(beginnings)
+    assert all(one.startswith(words) for one, words in zip(problems, beginnings, strict=True))
 
 
 def test_what_is_expected_and_missing_is_a_problem(model) -> None:
@@ -149,7 +167,8 @@ def test_what_is_expected_and_missing_is_a_problem(model) -> None:
 
 
 @pytest.mark.parametrize(
-    "described", [{}, {"sessions": 3, "locators": "x", "metadata": []}, {"sessions": [1]}]
+    "described",
+    [{}, {"sessions": 3, "locators": "x", "metadata": []}, {"sessions": [1]}, {"metadata": {"dials": "x"}}],
 )
 def test_a_router_that_says_nonsense_is_shown_as_far_as_possible(model, described) -> None:
     model.on_router(described)

@@ -1,48 +1,21 @@
-"""Foxglove export: recording -> MCAP file with points, poses, labels, images, events and numbers in JSON.
+"""Foxglove export: recording -> MCAP file in Foxglove's own messages. Needs the extra `foxglove`.
 
-| topic | schema |
-|---|---|
-| ``/features/<space>`` | foxglove.PointCloud, coloured by hypothesis |
-| ``/hypotheses/<space>`` | foxglove.PosesInFrame: centroid, and rotation since birth |
-| ``/labels/<space>`` | foxglove.SceneUpdate: id, state, size, velocity and box |
-| ``/tf`` | foxglove.FrameTransforms: frames ``hypothesis-<id>`` |
-| ``/images/<source>`` | foxglove.CompressedImage, where previews were recorded |
-| ``/events`` | foxglove.Log |
-| ``/numbers`` | comotion.Numbers: counts, confidence, lag, and NMI where truth was recorded |
-| ``/health/<component>`` | comotion.Health: rates, ages, counters, rejections |
-
-Log times are those of the recording; time stamps within messages are acquisition times.
+Its topics are those of :mod:`comotion_clients.foxglove.scene`. Log times are those of the recording.
 """
 
-import json
-import math
 import os
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import foxglove
 
-from comotion_schemas import (
-    HypothesisUpdate,
-    Message,
-    ObservationBatch,
-    Preview,
-    Status,
-    TruthBatch,
-)
-from comotion_schemas.colours import Palette
 from comotion_schemas.errors import KnownError
 from comotion_schemas.message_log import MessageLog
-from comotion_schemas.recording import SCHEMA_ENCODING
+from comotion_schemas.naming import Names
 
-from ..carried import poses_in_space
-from ..metrics import Truth
-from ..scoring import Observed, Tally, spaces_of
-from . import foxglove
+from ..foxglove.scene import FoxgloveScene
 from .disk import create
-from .foxglove_schemas import SCHEMAS, Json
-from .topics import Definition, TopicWriter
 
 
 @dataclass
@@ -52,7 +25,7 @@ class Exported:
     messages: dict[str, int] = field(default_factory=dict)
     invalid: int = 0
 
-    def as_json(self) -> Json:
+    def as_json(self) -> dict[str, Any]:
         """Convert to plain values."""
         return asdict(self)
 
@@ -66,7 +39,7 @@ class Exported:
         return lines
 
 
-def export(source: Path, target: Path) -> Exported:
+def export(source: Path, target: Path, names: Names | None = None) -> Exported:
     """Convert a recording to a file for Foxglove.
 
     Parameters
@@ -75,6 +48,8 @@ def export(source: Path, target: Path) -> Exported:
         A recording of ``comotion record`` that includes the service.
     target
         The new file; it must not exist.
+    names
+        Names of hypotheses by id.
 
     Raises
     ------
@@ -83,107 +58,16 @@ def export(source: Path, target: Path) -> Exported:
     OSError
         If a file cannot be read or written, or `target` exists.
     """
+    context = foxglove.Context()
     with MessageLog(source) as log, os.fdopen(create(target), "wb") as output:
         try:
-            exporter = _Exporter(TopicWriter(output))
-            for log_ns, message in log.decoded():
-                exporter.add(log_ns, message)
-            exporter.exported.invalid = log.invalid
-            exporter.close()
-            if not exporter.exported.messages.get("/numbers"):
+            with foxglove.open_mcap(output, context=context):
+                scene = FoxgloveScene(context, names)
+                for log_ns, message in log.decoded():
+                    scene.add(log_ns, message)
+            if not scene.logged.get("/numbers"):
                 raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
         except BaseException:
             target.unlink()
             raise
-    return exporter.exported
-
-
-class _Exporter:
-    """Converts messages one by one."""
-
-    def __init__(self, writer: TopicWriter) -> None:
-        self.exported = Exported()
-        self._writer = writer
-        self._observed = Observed()
-        self._palette = Palette()
-        self._tally = Tally(Truth())
-        self._written_events: set[tuple[int, str, int]] = set()
-
-    def add(self, log_ns: int, message: Message) -> None:
-        """Convert one message of the recording."""
-        match message:
-            case ObservationBatch():
-                self._observed.add(message)
-            case TruthBatch():
-                self._tally.truth.add(message)
-            case HypothesisUpdate():
-                self._update(log_ns, message)
-            case Preview():
-                self._put(
-                    f"/images/{message.source}", "foxglove.CompressedImage", log_ns, foxglove.image(message)
-                )
-            case Status():
-                self._put(f"/health/{message.component}", "comotion.Health", log_ns, foxglove.health(message))
-
-    def close(self) -> None:
-        """Complete the file."""
-        self._writer.finish()
-
-    def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
-        self._palette.see(update.hypotheses)
-        update = poses_in_space(update)
-        score = self._tally.add(update, self._observed)
-        scored = score.scored > 0 and not math.isnan(score.nmi)
-        self._put(
-            "/numbers",
-            "comotion.Numbers",
-            log_ns,
-            foxglove.numbers(
-                update,
-                score.nmi if scored else None,
-                score.misclassification if scored else None,
-            ),
-        )
-        space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
-        for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
-            self._draw(log_ns, update, space, space_of)
-        moved = foxglove.transforms(update, {h.space: self._scale(h.space) for h in update.hypotheses})
-        if moved["transforms"]:
-            self._put("/tf", "foxglove.FrameTransforms", log_ns, moved)
-        self._events(log_ns, update)
-
-    def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
-        scale = self._scale(space)
-        members = np.array([name == space for name in space_of], bool)
-        rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
-        cloud = foxglove.point_cloud(update, space, rows, scale, self._palette)
-        self._put(f"/features/{space}", "foxglove.PointCloud", log_ns, cloud)
-        poses = foxglove.poses(update, space, scale)
-        self._put(f"/hypotheses/{space}", "foxglove.PosesInFrame", log_ns, poses)
-        labels = foxglove.labels(update, space, scale, self._palette)
-        self._put(f"/labels/{space}", "foxglove.SceneUpdate", log_ns, labels)
-        joints = foxglove.joints(update, space, scale, self._palette)
-        if joints["entities"]:
-            self._put(f"/joints/{space}", "foxglove.SceneUpdate", log_ns, joints)
-
-    def _scale(self, space: str) -> float:
-        units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
-        return foxglove.PIXEL_M if units == {"px"} else 1.0
-
-    def _events(self, log_ns: int, update: HypothesisUpdate) -> None:
-        """Write each event once, although updates repeat it for 2 s."""
-        for event in update.events:
-            key = (event.stamp_ns, event.kind, event.hypothesis)
-            if key not in self._written_events:
-                self._written_events.add(key)
-                self._put("/events", "foxglove.Log", log_ns, foxglove.log_line(event))
-
-    def _put(self, topic: str, schema: str, log_ns: int, content: Json) -> None:
-        data = json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
-        self._writer.add(topic, _definition(schema), "json", data, log_ns)
-        self.exported.messages[topic] = self.exported.messages.get(topic, 0) + 1
-
-
-@cache
-def _definition(schema: str) -> Definition:
-    return Definition(schema, SCHEMA_ENCODING, json.dumps(SCHEMAS[schema]).encode())
+    return Exported(scene.logged, log.invalid)

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
+from comotion_schemas.naming import Names, joint_words
+from comotion_schemas.naming import named as called
 from comotion_schemas.rigid import transform
 
 from ..carried import poses_in_space
+from ..feature_names import HypothesisNames
 from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, make
@@ -47,11 +50,14 @@ class Converter:
     ----------
     scene
         Its name.
+    names
+        Names of hypotheses by id.
     """
 
-    def __init__(self, scene: str) -> None:
+    def __init__(self, scene: str, names: Names | None = None) -> None:
         self._scene, self._topics = scene, Topics(scene)
         self._palette = Palette()
+        self.names = HypothesisNames(names)
         self._last_ns: int | None = None
 
     def kinds(self) -> dict[str, str]:
@@ -69,6 +75,7 @@ class Converter:
     def convert(self, update: HypothesisUpdate) -> Iterator[tuple[str, str, Any]]:
         """Yield topic, type and message; nothing for an update that repeats a stamp or has none."""
         self._palette.see(update.hypotheses)
+        self.names.on_update(update)
         if update.stamp_ns <= 0 or update.stamp_ns == self._last_ns:
             return
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
@@ -121,6 +128,7 @@ class Converter:
 
     def _markers(self, update: HypothesisUpdate, found: Sequence[Body]) -> Any:
         markers = []
+        words = {joint.child: joint_words(joint, self.names) for joint in update.joints if joint.point}
         for body in found:
             one, rgb = body.one, self._palette.colour(body.one.id)
             if one.box is not None and one.state != "static" and rgb != BACKGROUND:
@@ -129,7 +137,9 @@ class Converter:
                 markers.append(_marker(update, one, "box", look))
             letters = 0.05 if one.box is None else 0.02 + 0.3 * min(one.box.half)
             pose = _pose(body.origin, _UPRIGHT)
-            look = _Look(_TEXT, pose, (0.0, 0.0, letters), rgb, text=str(one.id))
+            look = _Look(
+                _TEXT, pose, (0.0, 0.0, letters), rgb, text=words.get(one.id, called(one.id, self.names))
+            )
             markers.append(_marker(update, one, "id", look))
         return make(MARKERS)(markers=markers)
 

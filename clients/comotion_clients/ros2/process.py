@@ -10,8 +10,9 @@ from typing import Any, Self
 
 import zenoh
 
-from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Status
 from comotion_schemas.component import Component, StatusFields, viewer
+from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings, open_session
 
 from ..inbox import Closed
@@ -40,6 +41,8 @@ class Ros2Options:
         Bag to write; None: none.
     duration
         s; None: until stopped.
+    names
+        Names of hypotheses by id.
     """
 
     domain: int = 0
@@ -48,6 +51,7 @@ class Ros2Options:
     bag: Path | None = None
     duration: float | None = None
     ready_file: Path | None = None
+    names: Names = field(default_factory=dict)
 
 
 @dataclass
@@ -77,7 +81,7 @@ def run(
     ValueError
         If the name of the scene is not valid.
     """
-    options, sent, converter = options or Ros2Options(), Sent(), Converter(scene)
+    options, sent, converter = options or Ros2Options(), Sent(), Converter(scene, options.names)
     presence = viewer(
         "ros2",
         scene,
@@ -98,14 +102,16 @@ def run(
                 session = stack.enter_context(open_session(options.ros))
             outputs.append(stack.enter_context(Network(session, options.domain, scene, converter.kinds())))
         updates = stack.enter_context(Subscription(component.session, HypothesisUpdate, scene))
+        statuses = stack.enter_context(Subscription(component.session, Status, scene))
         component.ready()
-        _pass_on(component, updates, converter, outputs, sent, options.duration)
+        _pass_on(component, updates, statuses, converter, outputs, sent, options.duration)
     return sent
 
 
 def _pass_on(
     component: Component,
     updates: Subscription[HypothesisUpdate],
+    statuses: Subscription[Status],
     converter: Converter,
     outputs: list[Any],
     sent: Sent,
@@ -119,6 +125,8 @@ def _pass_on(
             continue
         except Closed:
             return
+        for _, status in statuses.drain():
+            converter.names.on_status(status)
         for topic, kind, message in converter.convert(update):
             raw = to_cdr(message, kind)
             for output in outputs:

@@ -105,7 +105,7 @@ def _side(layout: Layout) -> Any:
 
 def _legend() -> Any:
     across = LEGEND.width * (LEGEND.columns - 0.5)
-    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=[-0.4, LEGEND.rows - 0.1])
+    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=[-0.7, LEGEND.rows - 0.3])
     return rrb.Spatial2DView(
         origin="legend", name="Hypotheses: id, state, features", background=_GROUND, visual_bounds=bounds
     )

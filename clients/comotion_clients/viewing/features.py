@@ -95,7 +95,7 @@ class Features:
             shades.append(points.colours[moved])
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
-        shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette)
+        shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette, self._names)
         return shapes + draw_hypotheses(space.view.path, here, space.axis, self._palette, self._names)
 
 

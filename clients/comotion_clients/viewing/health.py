@@ -7,6 +7,7 @@ import numpy as np
 
 from comotion_schemas import Event
 from comotion_schemas.colours import GREY, HUES, RGB, Palette, legible
+from comotion_schemas.naming import Names, named
 
 from ..scene_rows import HypothesisRow, Snapshot, SourceRow
 from ..watch_columns import duration, number
@@ -95,13 +96,16 @@ class Health:
         return [Entry(_LOG, f"{more} lost of {who}", "WARN", _ALARM)] if more > 0 else []
 
 
-def event_entry(event: Event, palette: Palette) -> Entry:
+def event_entry(event: Event, palette: Palette, names: Names) -> Entry:
     """Build the log entry of an event, in the colour of its hypothesis."""
-    others = ", ".join(map(str, event.others))
+    others = ", ".join(named(one, names) for one in event.others)
     words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
-    return Entry(
-        _LOG, f"hypothesis {event.hypothesis} {event.kind}{words}", colour=palette.legible(event.hypothesis)
-    )
+    text = f"{_called(event.hypothesis, names)} {event.kind}{words}"
+    return Entry(_LOG, text, colour=palette.legible(event.hypothesis))
+
+
+def _called(number: int, names: Names) -> str:
+    return names.get(number) or f"hypothesis {number}"
 
 
 def _sizes(snapshot: Snapshot) -> list[Shape]:

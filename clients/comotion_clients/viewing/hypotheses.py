@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Hypothesis, Joint
 from comotion_schemas.colours import RGB, Palette
-from comotion_schemas.naming import Names, named
+from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.rigid import matrix
 
 from ..joint_lines import joint_lines
@@ -69,24 +69,31 @@ def draw_hypotheses(
 
 
 def draw_joints(
-    path: str, hypotheses: Sequence[Hypothesis], joints: Sequence[Joint], axis: float, palette: Palette
+    path: str,
+    hypotheses: Sequence[Hypothesis],
+    joints: Sequence[Joint],
+    axis: float,
+    palette: Palette,
+    names: Names | None = None,
 ) -> list[Shape]:
-    """Draw the joints of one space in the colours of their children: axis, arc or rail; none: no shape."""
+    """Draw the joints of one space in the colours of their children: axis, arc or rail, and words.
+
+    No shape where there is none.
+    """
     by_id = {h.id: h for h in hypotheses}
-    drawn = [
-        (joint.child, joint_lines(joint, by_id[joint.child], 2 * axis))
-        for joint in joints
-        if joint.child in by_id and joint.point is not None
-    ]
+    drawn = [joint for joint in joints if joint.child in by_id and joint.point is not None]
     if not drawn:
         return []
-    ends = np.concatenate([lines for _, lines in drawn])
-    shades = np.repeat(
-        palette.colours(np.array([child for child, _ in drawn], np.uint32)),
-        [len(lines) for _, lines in drawn],
-        axis=0,
-    )
-    return [Segments(f"{path}/joints", ends, shades)]
+    lines = [joint_lines(joint, by_id[joint.child], 2 * axis) for joint in drawn]
+    children = palette.colours(np.array([joint.child for joint in drawn], np.uint32))
+    shades = np.repeat(children, [len(one) for one in lines], axis=0)
+    inks = [palette.legible(joint.child) for joint in drawn]
+    points = np.array([joint.point for joint in drawn], np.float32)
+    words = tuple(joint_words(joint, names) for joint in drawn)
+    return [
+        Segments(f"{path}/joints", np.concatenate(lines), shades),
+        labels(f"{path}/joint-words", inks, points, words),
+    ]
 
 
 def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[str, ...]) -> Points:

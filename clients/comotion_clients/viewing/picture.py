@@ -4,7 +4,7 @@
 shapes are at acquisition times; curves of rates and lags are at the stamp of the newest update.
 """
 
-from comotion_schemas import HypothesisUpdate, ObservationBatch, Preview, Status, TruthBatch
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.naming import Names
 
 from ..scene_model import SceneModel
@@ -42,7 +42,7 @@ class ScenePicture:
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
         self._observed = Observed()
-        self._features = Features(self.model.palette, names)
+        self._features = Features(self.model.palette, self.model.names)
         self._cameras = Cameras(self.model.palette, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
@@ -59,6 +59,21 @@ class ScenePicture:
         } - {ref.name for name, ref in self._observed.spaces.items() if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
         return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Moment]:
+        """Add a message of any kind; returns what is to be drawn at once."""
+        match message:
+            case ObservationBatch():
+                self.on_batch(message, arrived, wall_ns)
+            case TruthBatch():
+                self.on_truth(message)
+            case Status():
+                self.on_status(message)
+            case Preview():
+                self.on_preview(message, arrived)
+            case HypothesisUpdate():
+                return self.on_update(message, arrived)
+        return []
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch: space, rate and lag of its source."""
@@ -86,7 +101,7 @@ class ScenePicture:
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
         """Draw an update and its new events; an update that repeats a stamp is not drawn again."""
         moments = [
-            Moment(e.stamp_ns, [event_entry(e, self.model.palette)])
+            Moment(e.stamp_ns, [event_entry(e, self.model.palette, self.model.names)])
             for e in self.model.on_update(update, arrived)
         ]
         if update.stamp_ns == self._drawn_ns or not _has_time(update):

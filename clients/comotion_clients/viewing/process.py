@@ -1,4 +1,4 @@
-"""The viewer process: subscriptions of a scene -> shapes -> sink.
+"""The viewer process: subscriptions of a scene -> a display, which draws shapes or logs to Foxglove.
 
 It reads from bounded rings and inboxes that drop the oldest messages, so that a slow display does not
 delay other components.
@@ -7,11 +7,11 @@ delay other components.
 import logging
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import zenoh
@@ -123,49 +123,83 @@ class Viewed:
         return f"{line}; age when shown: median {1e3 * median:.0f} ms, 99 % within {1e3 * p99:.0f} ms"
 
 
-class _Feed:
-    """Fills a scene picture from the subscriptions of one scene."""
+class Display(Protocol):
+    """What is done with a scene's messages."""
 
-    def __init__(self, session: zenoh.Session, scene: str, options: ViewOptions) -> None:
-        self.picture = ScenePicture(scene, options.rate, dense=options.dense, names=options.names)
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed it."""
+
+    def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
+        """Process that a component entered or left the scene."""
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
+        """Add a message; `arrived` by ``time.monotonic()``, `wall_ns` by the wall clock."""
+
+    def refresh(self, now: float) -> None:
+        """Show what has come."""
+
+    def on_age(self, age_s: float | None) -> None:
+        """Learn how old the last update was when it was shown, s."""
+
+
+class _Shapes:
+    """Draws shapes to a sink."""
+
+    def __init__(self, sink: Sink, picture: ScenePicture) -> None:
+        self._sink, self._picture = sink, picture
+        self._moments: list[Moment] = []
+        self.on_presence = picture.on_presence
+
+    @property
+    def closed(self) -> bool:
+        return self._sink.closed
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
+        self._moments += self._picture.on_message(message, arrived, wall_ns)
+
+    def refresh(self, now: float) -> None:
+        moments, self._moments = self._moments + self._picture.tick(now), []
+        self._sink.arrange(self._picture.layout)
+        self._sink.show(moments)
+
+    def on_age(self, age_s: float | None) -> None:
+        self._picture.view_age = age_s
+
+
+class _Feed:
+    """Gives a display what the subscriptions of one scene bring."""
+
+    def __init__(self, session: zenoh.Session, scene: str) -> None:
         self._presence = Presence(session, scene)
-        self._truths = Subscription(session, TruthBatch, scene)
-        self._statuses = Subscription(session, Status, scene)
-        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
-        self._previews = Subscription(session, Preview, scene)
         self.updates = Subscription(session, HypothesisUpdate, scene, capacity=UPDATES_KEPT)
+        # Truth and batches before the updates that are scored by them.
+        self._subscriptions: list[Subscription[Any]] = [
+            Subscription(session, TruthBatch, scene),
+            Subscription(session, ObservationBatch, scene, capacity=8192),
+            Subscription(session, Status, scene),
+            Subscription(session, Preview, scene),
+            self.updates,
+        ]
         self.published_ns: int | None = None
 
-    def poll(self) -> list[Moment]:
-        """Process received messages; returns the shapes to show."""
-        picture, now, wall_ns = self.picture, time.monotonic(), time.time_ns()
-        for role, name, alive in self._presence.drain():
-            picture.on_presence(role, name, alive=alive, now=now)
-        for _, truth in self._truths.drain():
-            picture.on_truth(truth)
-        for arrived, batch in self._batches.drain():
-            picture.on_batch(batch, arrived, wall_ns - round((now - arrived) * 1e9))
-        for _, status in self._statuses.drain():
-            picture.on_status(status)
-        for arrived, preview in self._previews.drain():
-            picture.on_preview(preview, arrived)
-        moments: list[Moment] = []
+    def pour(self, display: Display) -> None:
+        """Give received messages to a display."""
+        now, wall_ns = time.monotonic(), time.time_ns()
         self.published_ns = None
-        for arrived, update in self.updates.drain():
-            moments += picture.on_update(update, arrived)
-            self.published_ns = update.published_ns
-        return moments + picture.tick(now)
+        for role, name, alive in self._presence.drain():
+            display.on_presence(role, name, alive=alive, now=now)
+        for subscription in self._subscriptions:
+            for arrived, message in subscription.drain():
+                display.on_message(message, arrived, wall_ns - round((now - arrived) * 1e9))
+                if isinstance(message, HypothesisUpdate):
+                    self.published_ns = message.published_ns
+        display.refresh(now)
 
     def close(self) -> None:
         """Undeclare everything."""
-        for subscription in (
-            self._presence,
-            self._truths,
-            self._statuses,
-            self._batches,
-            self._previews,
-            self.updates,
-        ):
+        self._presence.close()
+        for subscription in self._subscriptions:
             subscription.close()
 
 
@@ -175,7 +209,7 @@ def view(
     settings: SessionSettings | None = None,
     options: ViewOptions | None = None,
 ) -> Viewed:
-    """Show a scene until a signal arrives, the duration is over, or the window is closed.
+    """Draw a scene until a signal arrives, the duration is over, or the window is closed.
 
     Parameters
     ----------
@@ -191,7 +225,14 @@ def view(
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    options, ages = options or ViewOptions(), Ages()
+    options = options or ViewOptions()
+    picture = ScenePicture(scene, options.rate, dense=options.dense, names=options.names)
+    return follow(_Shapes(sink, picture), scene, settings, options)
+
+
+def follow(display: Display, scene: str, settings: SessionSettings | None, options: ViewOptions) -> Viewed:
+    """Give a display the messages of a scene, as :func:`view` does."""
+    ages = Ages()
     feeds: list[_Feed] = []
     presence = Component(
         role="viewer",
@@ -201,24 +242,18 @@ def view(
         ready_file=options.ready_file,
         status=lambda: _status(feeds, ages),
     )
-    with presence as component, closing(_Feed(component.session, scene, options)) as feed:
+    with presence as component, closing(_Feed(component.session, scene)) as feed:
         feeds.append(feed)
         component.ready()
         end = None if options.duration is None else time.monotonic() + options.duration
-        while not component.stop.wait(POLL_S) and not sink.closed:
-            _step(feed, sink, ages)
+        while not component.stop.wait(POLL_S) and not display.closed:
+            feed.pour(display)
+            if feed.published_ns is not None:
+                ages.add((time.time_ns() - feed.published_ns) / 1e9)
+                display.on_age(ages.newest)
             if end is not None and time.monotonic() >= end:
                 break
         return Viewed(ages.shown, feed.updates.counters.lost, feed.updates.dropped, ages.summary())
-
-
-def _step(feed: _Feed, sink: Sink, ages: Ages) -> None:
-    moments = feed.poll()
-    sink.arrange(feed.picture.layout)
-    sink.show(moments)
-    if feed.published_ns is not None:
-        ages.add((time.time_ns() - feed.published_ns) / 1e9)
-        feed.picture.view_age = ages.newest
 
 
 def _status(feeds: list[_Feed], ages: Ages) -> StatusFields:
@@ -253,29 +288,10 @@ def view_messages(
     -------
     Number of updates shown.
     """
-    picture, updates = ScenePicture(scene, dense=dense, names=names), 0
-    for moments, message in _replayed(picture, messages):
-        sink.arrange(picture.layout)
-        sink.show(moments)
-        updates += isinstance(message, HypothesisUpdate)
-    return updates
-
-
-def _replayed(
-    picture: ScenePicture, messages: Iterable[tuple[int, Message]]
-) -> Iterator[tuple[list[Moment], Message]]:
+    display, updates = _Shapes(sink, ScenePicture(scene, dense=dense, names=names)), 0
     for log_ns, message in messages:
         now = log_ns / 1e9
-        moments: list[Moment] = []
-        match message:
-            case ObservationBatch():
-                picture.on_batch(message, now, log_ns)
-            case TruthBatch():
-                picture.on_truth(message)
-            case Status():
-                picture.on_status(message)
-            case Preview():
-                picture.on_preview(message, now)
-            case HypothesisUpdate():
-                moments = picture.on_update(message, now)
-        yield moments + picture.tick(now), message
+        display.on_message(message, now, log_ns)
+        display.refresh(now)
+        updates += isinstance(message, HypothesisUpdate)
+    return updates

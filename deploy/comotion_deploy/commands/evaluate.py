@@ -17,7 +17,7 @@ _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 @dataclass(kw_only=True)
 class Evaluate(Fusion, Json, Ready, Client):
-    """Score hypotheses against the truth: NMI, error, number of hypotheses, label switches.
+    """Score hypotheses against the truth: NMI, error, number of hypotheses, switches, HOTA, IDF1.
 
     Every track that is observed at an update is scored; a track that is undetermined
     or not in the update counts as a separate cluster.
@@ -30,6 +30,7 @@ Examples:
   comotion evaluate sim:fig4_4 sim:fig4_1 --seeds 0-4 --period 0.333 --json
   comotion evaluate sim:3d_3 --compare   # with a comparator
   comotion evaluate take.mcap   # what comotion record has written
+  comotion evaluate take.mcap --paths out && evo_traj tum out/*.tum   # evo draws and compares them
   comotion evaluate recording.npz --split 3 --plot out/recording.png
 """
     log_level = "warning"
@@ -57,6 +58,9 @@ Examples:
         "given) and with divisive k-means.",
     )
     plot: Path | None = setting(None, "Draw hypotheses, truth and NMI.", metavar="FILE.png")
+    paths: Path | None = setting(
+        None, "Write the paths of moving cameras and of bodies in the TUM format, for evo.", metavar="FOLDER"
+    )
 
     def run(self) -> None:
         """Score the files, or the running scene."""
@@ -95,6 +99,7 @@ Examples:
             period=self.period,
             duration=self.duration,
             plot=self.plot,
+            paths=self.paths,
             comparator=self.compare,
         )
         if self.json_:
@@ -107,11 +112,14 @@ Examples:
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+        from comotion_clients.tum import save_paths
         from comotion_experiments.plot import Trace, save_plot
 
         trace = Trace()
         how = EvaluateOptions(duration=self.duration, on_update=trace.add, ready_file=self.ready_file)
         run = evaluate(self.scene, self.settings(), how)
+        if self.paths is not None:
+            save_paths(self.paths, trace.updates)
         if self.plot is not None:
             save_plot(
                 self.plot,

@@ -74,7 +74,10 @@ To play a recording: comotion source replay take.mcap
             saved = repair(self.repair, target)
             self._print(saved.as_json(), saved.lines(target))
         if self.export is not None:
-            from comotion_clients.recording.export import export
+            try:
+                from comotion_clients.recording.export import export
+            except ImportError as error:
+                raise missing_extra("foxglove", error) from None
 
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import UserError, missing_extra
 from ..options import Client, Command, Ready, option, setting
+from .watch import BodyNames
 
 if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings
@@ -43,7 +44,7 @@ class Ros(Command):
 
 
 @dataclass(kw_only=True)
-class Ros2(Ros, Ready, Client):
+class Ros2(Ros, BodyNames, Ready, Client):
     """Publish a scene into a ROS 2 network that uses rmw_zenoh, or write it to a bag. ROS is not needed."""
 
     epilog = """
@@ -76,6 +77,7 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
             bag=self.bag,
             duration=self.duration,
             ready_file=self.ready_file,
+            names=self.names(),
         )
         try:
             sent = run(self.scene, self.settings(), how)

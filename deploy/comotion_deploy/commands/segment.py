@@ -68,7 +68,7 @@ Examples:
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
         options = self._options()
-        with _progress(self.what) as progress:
+        with _progress(self.what, options.fusion.method) as progress:
             found = segment(self.what, options, progress)
         if self.trajectory is not None:
             _write_trajectory(self.trajectory, found)
@@ -138,12 +138,12 @@ def _print_summary(found: "Segmented") -> None:
 
 
 @contextmanager
-def _progress(what: str) -> "Iterator[Progress]":
+def _progress(what: str, method: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
-    from comotion.library.compiling import report_compiling
+    from comotion.library.compiling import compile_ahead
     from comotion_schemas.terminal import reporting
 
-    report_compiling()
+    compile_ahead(method, "px", 2)
     name = Path(what).name
     with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
         yield lambda done, total: report(

@@ -12,14 +12,16 @@ from ..options import Client, Json, Ready, argument, setting
 from .watch import BodyNames
 
 if TYPE_CHECKING:
+    from comotion_clients.viewing.process import Viewed
     from comotion_clients.viewing.sink import Destination, RerunSink
+    from comotion_schemas.message_log import MessageLog
 
 
 @dataclass(kw_only=True)
 class View(BodyNames, Json, Ready, Client):
-    """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun.
+    """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun or Foxglove.
 
-    In a window where there is a display; with --web or --save elsewhere.
+    In a window where there is a display; with --web, --save or --foxglove elsewhere.
     """
 
     epilog = """
@@ -28,6 +30,7 @@ Examples:
   comotion view --web --scene workcell   # a page for the browser
   comotion view --web --rate 2   # for a browser without a graphics card
   comotion view --save take.rrd --duration 60   # to look at later: rerun take.rrd
+  comotion view --foxglove   # for the Foxglove app: open ws://127.0.0.1:8765
   comotion view take.mcap --regions   # a recording, and the region of each hypothesis in its images
 """
     log_level = "warning"
@@ -35,6 +38,8 @@ Examples:
     recording: Path | None = argument(None, "[FILE.mcap]", "A recording to show instead of a running scene.")
     web: bool = setting(False, "Serve a page for the browser of this machine.")
     save: Path | None = setting(None, "Write a new file for the Rerun viewer.", metavar="FILE.rrd")
+    foxglove: bool = setting(False, "Serve the scene to the Foxglove app.")
+    foxglove_port: int = setting(8765, "Its port; 0: any.", min=0, max=65535)
     port: int = setting(9090, "Port of the page.", env="COMOTION_WEB_PORT", min=1, max=65535)
     data_port: int = setting(9876, "Port of the page's data.", env="COMOTION_WEB_DATA_PORT", min=1, max=65535)
     browser: bool = setting(True, "Open the page.")
@@ -56,6 +61,9 @@ Examples:
 
     def run(self) -> None:
         """Show it until stopped."""
+        if self.foxglove:
+            self._serve_foxglove()
+            return
         _require_rerun()
         if self.regions:
             require_dense()
@@ -88,10 +96,35 @@ Examples:
             memory=self.memory,
         )
 
-    def _show_scene(self, where: "Destination") -> None:
+    def _serve_foxglove(self) -> None:
+        try:
+            from comotion_clients.foxglove.server import FoxgloveDisplay
+        except ImportError as error:
+            raise missing_extra("foxglove", error) from None
+        from comotion_clients.viewing.process import ViewOptions, follow
+        from comotion_schemas import Keys
+
+        settings = self.settings()
+        Keys(self.scene)  # checks the name before the server starts
+        with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
+            print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
+            if self.recording is None:
+                how = ViewOptions(duration=self.duration, ready_file=self.ready_file)
+                self._print_viewed(follow(display, self.scene, settings, how))
+                return
+            with _message_log()(self.recording) as log:
+                print(f"{self.recording}: {display.play(log.decoded())} updates", file=sys.stderr)
+
+    def _print_viewed(self, result: "Viewed") -> None:
         import json
         from dataclasses import asdict
 
+        if self.json_:
+            print(json.dumps(asdict(result), indent=2))
+        else:
+            print(result.line(), file=sys.stderr)
+
+    def _show_scene(self, where: "Destination") -> None:
         from comotion_clients.viewing.process import ViewOptions, view
         from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas import Keys
@@ -108,24 +141,17 @@ Examples:
         with RerunSink(where) as sink:
             _print_address(sink)
             result = view(sink, self.scene, settings, how)
-        if self.json_:
-            print(json.dumps(asdict(result), indent=2))
-        else:
-            print(result.line(), file=sys.stderr)
+        self._print_viewed(result)
 
     def _show_recording(self, recording: Path, where: "Destination") -> None:
         import threading
 
-        try:
-            from comotion_schemas.message_log import MessageLog
-        except ImportError as error:
-            raise missing_extra("record", error) from None
         from comotion_clients.viewing.process import view_messages
         from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas.component import stop_on_signals
 
         names, stop = self.names(), threading.Event()
-        with MessageLog(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
+        with _message_log()(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
             _print_address(sink)
             shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
             if not shown:
@@ -133,6 +159,15 @@ Examples:
             print(f"{recording}: {shown} updates", file=sys.stderr)
             if where.window or where.web_port is not None:
                 sink.wait(stop, self.duration)
+
+
+def _message_log() -> "type[MessageLog]":
+    """The reader of recordings, which needs an extra."""
+    try:
+        from comotion_schemas.message_log import MessageLog
+    except ImportError as error:
+        raise missing_extra("record", error) from None
+    return MessageLog
 
 
 def _print_address(sink: "RerunSink") -> None:

@@ -48,6 +48,7 @@ Examples:
     )
     pose: bool = setting(False, "Angular speed and pose; the key p changes it.")
     timeout: float = setting(5.0, "s that --once waits for the scene.", min=0.1)
+    all_events: bool = setting(False, "Events of joints too, not of bodies alone.")
 
     def run(self) -> None:
         """Show it until stopped."""
@@ -61,5 +62,6 @@ Examples:
             timeout=self.timeout,
             ready_file=self.ready_file,
             names=self.names(),
+            all_events=self.all_events,
         )
         watch(self.scene, self.settings(), how)

@@ -1,4 +1,4 @@
-"""Says on standard error that the first call compiles: half a minute of silence looks like a fault."""
+"""Compiles before a first call, and says so on standard error: silence would look like a fault."""
 
 import sys
 import time
@@ -20,7 +20,7 @@ class _Progress:
         self._depth += 1
         if self._begun_s == 0.0:
             self._begun_s = self._reported_s = now_s
-            _say("compiling, once: about half a minute; the result is kept on disk")
+            _say("compiling, once; the result is kept on disk")
 
     def on_end(self, now_s: float) -> None:
         """One has ended."""
@@ -29,6 +29,23 @@ class _Progress:
         if now_s - self._reported_s > _LINE_S:
             self._reported_s = now_s
             _say(f"compiling: {self._kernels} kernels in {now_s - self._begun_s:.0f} s")
+
+
+def compile_ahead(method: str, unit: str, dim: int, sources: int = 1) -> None:
+    """Compile on every core what a kind of scene needs and the disk has not; then as the next function."""
+    from ..precompiling import compile_ahead as compile_  # noqa: PLC0415 - takes a second
+    from ..precompiling import kinds_of_scene  # noqa: PLC0415
+
+    begun_s = reported_s = time.monotonic()
+    for done, total in compile_(kinds_of_scene(method, unit, dim, sources)):
+        now_s = time.monotonic()
+        if not done and reported_s == begun_s:
+            _say(f"compiling {total} kernels, once: about half a minute; the result is kept on disk")
+            reported_s = now_s
+        elif now_s - reported_s > _LINE_S or done == total:
+            reported_s = now_s
+            _say(f"compiling: {done} of {total} kernels in {now_s - begun_s:.0f} s")
+    report_compiling()
 
 
 def report_compiling() -> None:

@@ -17,7 +17,7 @@ from comotion_schemas.types import Unit
 from ..arrays import Floats, Labels
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .compiling import report_compiling
+from .compiling import compile_ahead
 from .given import (
     DEFAULT,
     Parameters,
@@ -93,7 +93,8 @@ def group(
     seconds = {name: clock for name, (_, clock) in arrays.items()}
     origin = one_clock(seconds)
     say_doubts(states, chosen)
-    report_compiling()
+    dim = max(one.shape[2] for one in states.values())
+    compile_ahead(used.method, chosen, dim, len(states))
     updates = list(_updates(_batches(arrays, chosen, origin), used))
     labels = {name: _labels(name, *arrays[name], origin, updates) for name in arrays}
     return Grouping(labels, updates, states, seconds, chosen)

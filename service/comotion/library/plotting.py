@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Joint
-from comotion_schemas.colours import BACKGROUND, RGB, Palette, marker
+from comotion_schemas.colours import RGB, Palette, marker
 from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.types import Unit
 
@@ -59,9 +59,10 @@ def draw(
     states = np.concatenate([_padded(one, positions) for one in positions.values()], axis=1)
     final = np.concatenate([last_labels(labels[name]) for name in positions])
     seen = np.isfinite(states[..., 0]).any(axis=0)
+    resting = {h.id for h in updates[-1].hypotheses if h.state == "static"}
     for label in np.unique(final[seen]).tolist():
         hypothesis = label if label >= 0 else UNDETERMINED
-        name = named(hypothesis, names or {})
+        name = named(hypothesis, names or {}) + (" at rest" if hypothesis in resting else "")
         _draw_group(axes, states[:, seen & (final == label)], hypothesis, name, palette.colour(hypothesis))
     for joint in updates[-1].joints:
         _draw_joint(axes, joint, joint_words(joint, names), _REACH * float(np.nanstd(states)))
@@ -85,7 +86,6 @@ def last_labels(labels: Labels) -> Labels:
 def _draw_group(axes: Any, states: Floats, hypothesis: int, name: str, rgb: RGB) -> None:
     shade = tuple(value / 255 for value in rgb)
     name = "undetermined" if hypothesis == UNDETERMINED else name
-    name += " at rest" if rgb == BACKGROUND else ""
     ends = []
     for k in range(states.shape[1]):
         path = states[np.isfinite(states[:, k, 0]), k]

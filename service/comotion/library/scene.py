@@ -19,7 +19,7 @@ from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .compiling import report_compiling
+from .compiling import compile_ahead
 from .given import Parameters, config_of, counted, longest_step_s
 
 _SESSION = "0" * 16
@@ -73,7 +73,6 @@ class Scene:
         **parameters: Unpack[Parameters],
     ) -> None:
         check_space(unit)
-        report_compiling()
         self.fusion = Fusion(config_of(config, parameters))
         self.dropped: dict[str, int] = {}
         self._unit: Unit = unit
@@ -200,6 +199,7 @@ class Scene:
         if self._dim is None and len(positions):
             check_space(self._unit, positions.shape[1])
             self._dim = positions.shape[1]
+            compile_ahead(self.fusion.config.method, self._unit, self._dim)
         dim = self._dim or (3 if self._unit == "m" else 2)
         if not len(positions):
             positions = np.zeros((0, dim), np.float32)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,13 @@ from comotion_schemas import ObservationBatch
 from ..config import FusionConfig
 from ..fusion import Fusion
 from ..partition import SpaceSpec
+from ..precompiling import compile_ahead, entries, kinds_of_method
 from . import known_kernels
 
 # Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation. With fewer features the
 # pixel method finds one group only, and never looks whether a trajectory belongs to another.
-_SCENES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 25, 1))
+SCENES = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 25, 1))
 _ORIENTED = 3
 _RATE_HZ = 15
 # More than the first columns of a window hold, and longer than the window here: what is done when
@@ -31,7 +33,8 @@ _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _FEW_FRAMES = 12
-STEPS = len(_SCENES) * (_FRAMES // _FRAMES_PER_UPDATE + _FEW_FRAMES // _FRAMES_PER_UPDATE)
+_UPDATES = len(SCENES) * (_FRAMES // _FRAMES_PER_UPDATE + _FEW_FRAMES // _FRAMES_PER_UPDATE)
+STEPS = _UPDATES + len(entries()) + 1
 """Most steps of :func:`prepare`."""
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
@@ -64,7 +67,7 @@ def compile_all() -> None:
     """Warm up with the parameters on standard input (JSON), and keep the result; a line out for each step."""
     config = FusionConfig.model_validate_json(sys.stdin.read())
     _import(config)
-    for _ in warm_up(config):
+    for _ in chain(compile_ahead(kinds_of_method(config.method)), warm_up(config)):
         sys.stdout.write("\n")
         sys.stdout.flush()
     known_kernels.note(config.method)
@@ -107,19 +110,26 @@ def warm_up(config: FusionConfig, frames: int = _FRAMES) -> Iterator[None]:
     frames
         Observations of every feature; with fewer than the default not every kernel runs.
     """
-    for unit, dim, features, sources in _SCENES:
-        fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
-        rng = np.random.default_rng(1)
-        bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
-        for frame in range(frames):
-            positions = _moved(bodies, frame) + rng.normal(0, 0.002, bodies.shape)
-            for source in range(sources):
-                seen = positions[:, source::sources] + source * _DISPLACED
-                batch = _batch(seen, frame, unit, source)
-                fusion.ingest(batch)
-            if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1:
-                fusion.update(batch.stamp_ns)
-                yield
+    for unit, dim, features, sources in SCENES:
+        yield from warm_up_scene(config, unit, dim, features, sources, frames)
+
+
+def warm_up_scene(
+    config: FusionConfig, unit: str, dim: int, features: int, sources: int, frames: int = _FRAMES
+) -> Iterator[None]:
+    """Run a separate fusion through one scene, with so many features of each body, as above."""
+    fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
+    rng = np.random.default_rng(1)
+    bodies = rng.uniform(-0.3, 0.3, (3, features, dim))
+    for frame in range(frames):
+        positions = _moved(bodies, frame) + rng.normal(0, 0.002, bodies.shape)
+        for source in range(sources):
+            seen = positions[:, source::sources] + source * _DISPLACED
+            batch = _batch(seen, frame, unit, source)
+            fusion.ingest(batch)
+        if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1:
+            fusion.update(batch.stamp_ns)
+            yield
 
 
 def _moved(bodies: NDArray[np.float64], frame: int) -> NDArray[np.float64]:

@@ -59,6 +59,7 @@ def run(
         dim=3,
         rate=1.0 / max(packing.span, 1.0 / packing.rate),
         message=f"poses of {', '.join(kinematics.links)}",
+        feature_names=dict(enumerate(kinematics.links)),
         **where,
     )
     with source:

@@ -1,0 +1,64 @@
+"""Names that sources give to features -> names of the hypotheses that hold them. Pure."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas.naming import Names
+
+_MOST_SOURCES = 256
+
+
+class HypothesisNames(Names):
+    """Name by id of a hypothesis: what a person gives, or else the name of a feature that it holds.
+
+    A name stays with its feature: a hypothesis keeps it as long as it holds that feature, and no two have
+    the same. Of several the last is taken: that of a robot's link which is farthest from its base.
+
+    Parameters
+    ----------
+    given
+        Names that people give.
+    """
+
+    def __init__(self, given: Names | None = None) -> None:
+        self._given = given or {}
+        self._of_features: dict[tuple[str, str], dict[int, str]] = {}
+        self._found: dict[int, str] = {}
+
+    def on_status(self, status: Status) -> None:
+        """Add the Status of a component."""
+        if not status.feature_names or len(self._of_features) >= _MOST_SOURCES:
+            return
+        names = {int(number): name for number, name in status.feature_names.items()}
+        for key in [key for key in self._of_features if key[0] == status.component]:
+            del self._of_features[key]
+        self._of_features[status.component, status.session] = names
+
+    def on_update(self, update: HypothesisUpdate) -> None:
+        """Find the names of an update's hypotheses."""
+        held: dict[int, list[str]] = {}
+        for number, source in enumerate(update.sources):
+            names = self._of_features.get((source.name, source.session), {})
+            rows = np.flatnonzero(update.track_source == number) if names else ()
+            for row in rows:
+                if (name := names.get(int(update.track_id[row]))) is not None:
+                    held.setdefault(int(update.track_hypothesis[row]), []).append(name)
+        living = {h.id: held.get(h.id, []) for h in update.hypotheses}
+        found = {one: name for one, name in self._found.items() if name in living.get(one, ())}
+        for one, names_held in living.items():
+            taken = set(found.values())
+            free = [name for name in names_held if name not in taken]
+            if one not in found and free:
+                found[one] = free[-1]
+        self._found = found
+
+    def __getitem__(self, number: int) -> str:
+        return self._given[number] if number in self._given else self._found[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter({**self._found, **self._given})
+
+    def __len__(self) -> int:
+        return len({**self._found, **self._given})

@@ -1,0 +1,337 @@
+"""comotion messages -> the typed messages of Foxglove's SDK. Pure."""
+
+from typing import Any
+
+import numpy as np
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    CompressedImage,
+    CubePrimitive,
+    Duration,
+    FrameTransform,
+    FrameTransforms,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Log,
+    LogLevel,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    Point3,
+    PointCloud,
+    Pose,
+    PosesInFrame,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    TextPrimitive,
+    Timestamp,
+    Vector3,
+)
+from numpy.typing import NDArray
+
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
+from comotion_schemas.colours import Palette
+from comotion_schemas.naming import Names, joint_words, named
+
+from ..joint_lines import joint_lines
+
+PIXEL_M = 0.001
+"""A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""
+_AXIS_M = 0.15  # of an axis that is drawn, to each side
+_BOX_ALPHA = 0.2
+_PERIODS_SHOWN = 3
+_MOST_SECONDS = 2**32 - 1  # of a Timestamp
+_POINT = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("red", "u1"),
+        ("green", "u1"),
+        ("blue", "u1"),
+        ("alpha", "u1"),
+        ("hypothesis", "<u4"),
+        ("confidence", "<f4"),
+    ]
+)
+_NUMBERS = PackedElementFieldNumericType
+_TYPES = {"<f4": _NUMBERS.Float32, "|u1": _NUMBERS.Uint8, "<u4": _NUMBERS.Uint32}
+_FIELDS = [
+    PackedElementField(name=name, offset=_POINT.fields[name][1], type=_TYPES[_POINT[name].str])  # type: ignore[index]
+    for name in _POINT.names or ()
+]
+_LEVELS = {"ok": LogLevel.Info, "degraded": LogLevel.Warning, "stalled": LogLevel.Error}
+_IDENTITY = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+_ORIGIN = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=_IDENTITY)
+
+
+def point_cloud(
+    update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float, palette: Palette
+) -> PointCloud:
+    """Build the point cloud of one space, coloured by hypothesis.
+
+    Parameters
+    ----------
+    update
+        The update.
+    space
+        Name of the space.
+    rows
+        intp [M], tracks of the space.
+    scale
+        Metres per unit of the space.
+    palette
+        Has seen the update.
+    """
+    points = np.zeros(len(rows), _POINT)
+    positions = np.nan_to_num(update.track_position[rows] * np.float32(scale))
+    points["x"], points["y"], points["z"] = positions.T
+    hypotheses = update.track_hypothesis[rows]
+    points["red"], points["green"], points["blue"] = palette.colours(hypotheses).T
+    points["alpha"] = 255
+    points["hypothesis"], points["confidence"] = hypotheses, update.track_confidence[rows]
+    return PointCloud(
+        timestamp=_time(update.stamp_ns),
+        frame_id=space,
+        pose=_ORIGIN,
+        point_stride=_POINT.itemsize,
+        fields=_FIELDS,
+        data=points.tobytes(),
+    )
+
+
+def current(update: HypothesisUpdate) -> list[Hypothesis]:
+    """Hypotheses with current tracks."""
+    return [h for h in update.hypotheses if not h.absent]
+
+
+def poses(update: HypothesisUpdate, space: str, scale: float) -> PosesInFrame:
+    """Centroid and rotation since birth of the hypotheses of one space; `scale` in metres per unit."""
+    return PosesInFrame(
+        timestamp=_time(update.stamp_ns),
+        frame_id=space,
+        poses=[_pose(_position(h, scale), _orientation(h)) for h in current(update) if h.space == space],
+    )
+
+
+def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> FrameTransforms | None:
+    """Frame ``hypothesis-<id>`` of every hypothesis with a pose; `scales`: space -> metres per unit."""
+    moved = [
+        FrameTransform(
+            timestamp=_time(update.stamp_ns),
+            parent_frame_id=h.space,
+            child_frame_id=f"hypothesis-{h.id}",
+            translation=_vector(_position(h, scales[h.space])),
+            rotation=_orientation(h),
+        )
+        for h in current(update)
+        if h.pose is not None
+    ]
+    return FrameTransforms(transforms=moved) if moved else None
+
+
+def labels(update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names) -> SceneUpdate:
+    """Name, state, size, velocity and box of every hypothesis, shown for three periods."""
+    return SceneUpdate(
+        entities=[
+            SceneEntity(
+                timestamp=_time(update.stamp_ns),
+                frame_id=space,
+                id=f"hypothesis-{h.id}",
+                lifetime=_lifetime(update),
+                arrows=_arrows(h, scale, _colour(palette, h.id)),
+                cubes=_cubes(h, scale, _colour(palette, h.id, _BOX_ALPHA)),
+                texts=[_text(_describe(h, names), _position(h, scale), _colour(palette, h.id))],
+            )
+            for h in update.hypotheses
+            if h.space == space
+        ]
+    )
+
+
+def joints(
+    update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names
+) -> SceneUpdate | None:
+    """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
+    bodies = {h.id: h for h in update.hypotheses if h.space == space}
+    found = [
+        (j, bodies[j.child], j.point) for j in update.joints if j.child in bodies and j.point is not None
+    ]
+    entities = [
+        SceneEntity(
+            timestamp=_time(update.stamp_ns),
+            frame_id=space,
+            id=f"joint-{joint.parent}-{joint.child}",
+            lifetime=_lifetime(update),
+            lines=[_line(joint, body, scale, _colour(palette, joint.child))],
+            texts=[
+                _text(
+                    joint_words(joint, names),
+                    [value * scale for value in point],
+                    _colour(palette, joint.child),
+                )
+            ],
+        )
+        for joint, body, point in found
+    ]
+    return SceneUpdate(entities=entities) if entities else None
+
+
+def image(preview: Preview) -> CompressedImage:
+    """Convert a camera image."""
+    return CompressedImage(
+        timestamp=_time(preview.stamp_ns),
+        frame_id=f"{preview.source}/pixels",
+        data=preview.image,
+        format=preview.encoding,
+    )
+
+
+def event_line(event: Event, names: Names) -> Log:
+    """Format an event."""
+    others = ", ".join(named(one, names) for one in event.others)
+    text = f"{named(event.hypothesis, names)} {event.kind}" + (f" ({others})" if others else "")
+    return Log(timestamp=_time(event.stamp_ns), level=LogLevel.Info, message=text, name="comotion")
+
+
+def health_line(status: Status) -> Log:
+    """What a component says of itself, as a line of a log."""
+    return Log(
+        timestamp=_time(status.stamp_ns),
+        level=_LEVELS[status.state],
+        message=f"{status.state} {status.message}".strip(),
+        name=status.component,
+    )
+
+
+def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: float | None) -> dict[str, Any]:
+    """Counts, lag and scores of an update, for plots; what is unknown is left out."""
+    confidence = update.track_confidence
+    found = {
+        "hypotheses": len(current(update)),
+        "moving": sum(h.state == "moving" for h in current(update)),
+        "tracks": len(update.track_id),
+        "undetermined": int((update.track_hypothesis == UNDETERMINED).sum()),
+        "mean_confidence": float(confidence.mean()) if len(confidence) else None,
+        "lag_s": (update.published_ns - update.stamp_ns) / 1e9,
+        "nmi": nmi,
+        "misclassification": misclassification,
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _time(stamp_ns: int) -> Timestamp:
+    """A stamp; those before 1970 and after 2106 are the nearest that Foxglove can say."""
+    sec, nsec = divmod(max(stamp_ns, 0), 1_000_000_000)
+    return Timestamp(sec=min(sec, _MOST_SECONDS), nsec=nsec)
+
+
+def _lifetime(update: HypothesisUpdate) -> Duration:
+    return Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
+
+
+def _triple(values: list[float]) -> dict[str, float]:
+    return dict(zip("xyz", (*values, 0.0), strict=False))
+
+
+def _vector(values: list[float]) -> Vector3:
+    return Vector3(**_triple(values))
+
+
+def _pose(position: list[float], orientation: Quaternion) -> Pose:
+    return Pose(position=_vector(position), orientation=orientation)
+
+
+def _position(hypothesis: Hypothesis, scale: float) -> list[float]:
+    return [value * scale for value in hypothesis.centroid]
+
+
+def _orientation(hypothesis: Hypothesis) -> Quaternion:
+    """Rotation since birth; the identity if it is unknown."""
+    return _IDENTITY if hypothesis.pose is None else _turned(hypothesis.pose.rotation)
+
+
+def _turned(rotation: list[float] | float) -> Quaternion:
+    if isinstance(rotation, list):
+        return Quaternion(**dict(zip("xyzw", rotation, strict=True)))
+    return Quaternion(x=0.0, y=0.0, z=float(np.sin(rotation / 2)), w=float(np.cos(rotation / 2)))
+
+
+def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> Color:
+    red, green, blue = palette.colour(hypothesis)
+    return Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
+
+
+def _describe(hypothesis: Hypothesis, names: Names) -> str:
+    state = "absent" if hypothesis.absent else hypothesis.state
+    doubt = "" if hypothesis.absent or hypothesis.confirmed else ", unconfirmed"
+    return f"{named(hypothesis.id, names)}: {state}{doubt}, {hypothesis.size}"
+
+
+def _text(text: str, position: list[float], colour: Color) -> TextPrimitive:
+    return TextPrimitive(
+        pose=_pose(position, _IDENTITY),
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=colour,
+        text=text,
+    )
+
+
+def _line(joint: Joint, body: Hypothesis, scale: float, colour: Color) -> LinePrimitive:
+    ends = joint_lines(joint, body, _AXIS_M / scale) * scale
+    return LinePrimitive(
+        type=LinePrimitiveLineType.LineList,
+        pose=_ORIGIN,
+        thickness=2.0,
+        scale_invariant=True,
+        points=[Point3(**_triple(point)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
+        color=colour,
+    )
+
+
+def _cubes(hypothesis: Hypothesis, scale: float, colour: Color) -> list[CubePrimitive]:
+    """The box of a body; that of what is at rest would surround the scene."""
+    box = hypothesis.box
+    if box is None or hypothesis.state == "static" or hypothesis.absent:
+        return []
+    return [
+        CubePrimitive(
+            pose=_pose([value * scale for value in box.center], _turned(box.rotation)),
+            size=_vector([2 * scale * value for value in box.half]),
+            color=colour,
+        )
+    ]
+
+
+def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPrimitive]:
+    """Arrow along the velocity; its length is the distance moved in 0.5 s."""
+    if hypothesis.twist is None or hypothesis.absent:
+        return []
+    velocity = np.array([*(value * scale for value in hypothesis.twist.linear), 0.0][:3])
+    length = float(np.linalg.norm(velocity)) / 2
+    if length < 1e-3:
+        return []
+    return [
+        ArrowPrimitive(
+            pose=_pose(_position(hypothesis, scale), _along(velocity)),
+            shaft_length=0.8 * length,
+            shaft_diameter=0.05 * length,
+            head_length=0.2 * length,
+            head_diameter=0.12 * length,
+            color=colour,
+        )
+    ]
+
+
+def _along(direction: NDArray[np.float64]) -> Quaternion:
+    """Quaternion that rotates the x axis, along which arrows point, to a direction [3]."""
+    x, y, z = direction / np.linalg.norm(direction)
+    if x < -0.999999:
+        return Quaternion(x=0.0, y=0.0, z=1.0, w=0.0)
+    # For unit vectors u = (1, 0, 0) and v it is (u x v, 1 + u.v), normalised.
+    w = 1.0 + x
+    norm = float(np.sqrt(w * w + y * y + z * z))
+    return Quaternion(x=0.0, y=float(-z / norm), z=float(y / norm), w=float(w / norm))

@@ -1,0 +1,141 @@
+"""Messages of one scene -> topics of Foxglove's SDK, for its server as for its file.
+
+| topic | schema |
+|---|---|
+| ``/features/<space>`` | foxglove.PointCloud, coloured by hypothesis |
+| ``/hypotheses/<space>`` | foxglove.PosesInFrame: centroid, and rotation since birth |
+| ``/labels/<space>`` | foxglove.SceneUpdate: name, state, size, velocity and box |
+| ``/joints/<space>`` | foxglove.SceneUpdate: axis, range, and the joint in words |
+| ``/tf`` | foxglove.FrameTransforms: frames ``hypothesis-<id>`` |
+| ``/images/<source>`` | foxglove.CompressedImage |
+| ``/events`` | foxglove.Log: events of bodies |
+| ``/health`` | foxglove.Log: what the components say of themselves |
+| ``/numbers`` | comotion.Numbers: counts, confidence, lag, and NMI where truth is known |
+
+Log times are given by the caller; time stamps within messages are acquisition times.
+"""
+
+import math
+from typing import Any
+
+import foxglove
+import numpy as np
+from foxglove import channels
+
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
+from comotion_schemas.colours import Palette
+from comotion_schemas.hypotheses import OF_BODIES
+from comotion_schemas.naming import Names
+
+from ..carried import poses_in_space
+from ..feature_names import HypothesisNames
+from ..metrics import Truth, score_update
+from ..scoring import Observed, spaces_of
+from . import messages
+
+_COUNTS = ("hypotheses", "moving", "tracks", "undetermined")
+_VALUES = ("mean_confidence", "lag_s", "nmi", "misclassification")
+_NUMBERS_SCHEMA = {
+    "title": "comotion.Numbers",
+    "type": "object",
+    "properties": {
+        **{name: {"type": "integer"} for name in _COUNTS},
+        **{name: {"type": "number"} for name in _VALUES},
+    },
+}
+_EVENTS_KEPT = 4096
+
+
+class FoxgloveScene:
+    """Logs the messages of a scene to the sinks of a context.
+
+    Parameters
+    ----------
+    context
+        Where servers and files of the SDK listen.
+    names
+        Names of hypotheses by id.
+
+    Attributes
+    ----------
+    logged
+        Number of messages by topic.
+    """
+
+    def __init__(self, context: foxglove.Context, names: Names | None = None) -> None:
+        self.logged: dict[str, int] = {}
+        self._context = context
+        self._names = HypothesisNames(names)
+        self._channels: dict[str, Any] = {}
+        self._observed = Observed()
+        self._palette = Palette()
+        self._truth = Truth()
+        self._logged_events: dict[tuple[int, str, int], None] = {}
+
+    def add(self, log_ns: int, message: Message) -> None:
+        """Log what one message shows; `log_ns` is the time of receipt."""
+        match message:
+            case ObservationBatch():
+                self._observed.add(message)
+            case TruthBatch():
+                self._truth.add(message)
+            case HypothesisUpdate():
+                self._update(log_ns, message)
+            case Preview():
+                self._log(f"/images/{message.source}", log_ns, messages.image(message))
+            case Status():
+                self._names.on_status(message)
+                self._log("/health", log_ns, messages.health_line(message))
+
+    def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
+        self._palette.see(update.hypotheses)
+        self._names.on_update(update)
+        update = poses_in_space(update)
+        score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
+        scored = score.scored > 0 and not math.isnan(score.nmi)
+        found = (score.nmi, score.misclassification) if scored else (None, None)
+        self._log("/numbers", log_ns, messages.numbers(update, *found))
+        space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
+        for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
+            self._draw(log_ns, update, space, space_of)
+        scales = {h.space: self._scale(h.space) for h in update.hypotheses}
+        self._log("/tf", log_ns, messages.transforms(update, scales))
+        self._events(log_ns, update)
+
+    def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
+        scale, palette, names = self._scale(space), self._palette, self._names
+        members = np.array([name == space for name in space_of], bool)
+        rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
+        cloud = messages.point_cloud(update, space, rows, scale, palette)
+        self._log(f"/features/{space}", log_ns, cloud)
+        self._log(f"/hypotheses/{space}", log_ns, messages.poses(update, space, scale))
+        self._log(f"/labels/{space}", log_ns, messages.labels(update, space, scale, palette, names))
+        self._log(f"/joints/{space}", log_ns, messages.joints(update, space, scale, palette, names))
+
+    def _scale(self, space: str) -> float:
+        units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
+        return messages.PIXEL_M if units == {"px"} else 1.0
+
+    def _events(self, log_ns: int, update: HypothesisUpdate) -> None:
+        """Log each event once, although updates repeat it for 2 s."""
+        for event in update.events:
+            key = (event.stamp_ns, event.kind, event.hypothesis)
+            if event.kind in OF_BODIES and key not in self._logged_events:
+                self._logged_events[key] = None
+                self._log("/events", log_ns, messages.event_line(event, self._names))
+        while len(self._logged_events) > _EVENTS_KEPT:
+            del self._logged_events[next(iter(self._logged_events))]
+
+    def _log(self, topic: str, log_ns: int, message: Any) -> None:
+        """Log a message; None is nothing to log."""
+        if message is None:
+            return
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic, message)
+        self._channels[topic].log(message, log_time=max(log_ns, 0))
+        self.logged[topic] = self.logged.get(topic, 0) + 1
+
+    def _channel(self, topic: str, message: Any) -> Any:
+        if isinstance(message, dict):
+            return foxglove.Channel(topic, schema=_NUMBERS_SCHEMA, context=self._context)
+        return getattr(channels, f"{type(message).__name__}Channel")(topic, context=self._context)

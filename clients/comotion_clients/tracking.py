@@ -1,0 +1,151 @@
+"""Hypotheses as tracked objects -> HOTA, IDF1 and switches of identity, as trackers are compared. Pure.
+
+An object is matched with a hypothesis by the features that both have, divided by those that one of them
+has: what the overlap of boxes or masks is for images. The figures are those of TrackEval, which
+tests/unit/test_tracking.py compares with where it is installed. It is no dependency: it would install
+opencv-python over opencv-python-headless. motmetrics had its last release in 2022.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from comotion_schemas import UNDETERMINED
+
+_OVERLAPS = np.arange(0.05, 0.99, 0.05)
+_THRESHOLD = 0.5
+_EPSILON = float(np.finfo(float).eps)
+# More than any overlap: who was matched at the last instant stays matched.
+_STAYS = 1000.0
+
+
+@dataclass(frozen=True)
+class TrackingFigures:
+    """HOTA with its parts of detection and association, IDF1, and the number of switches of identity."""
+
+    hota: float
+    det_a: float
+    ass_a: float
+    idf1: float
+    id_switches: int
+
+
+@dataclass(frozen=True)
+class _Instant:
+    """Numbers of objects [G] and hypotheses [K] at an instant, and their overlap [G, K]."""
+
+    objects: NDArray[np.intp]
+    hypotheses: NDArray[np.intp]
+    overlap: NDArray[np.float64]
+
+
+class Tracking:
+    """Collects instants."""
+
+    def __init__(self) -> None:
+        self._instants: list[_Instant] = []
+        self._objects: dict[int, int] = {}
+        self._hypotheses: dict[int, int] = {}
+
+    def add(self, labels: NDArray[np.int64], objects: NDArray[np.int32]) -> None:
+        """Add an instant.
+
+        Parameters
+        ----------
+        labels
+            int64 [N], hypothesis of each feature, or UNDETERMINED.
+        objects
+            int32 [N], true object of each feature; those with -1 are left out.
+        """
+        labels, objects = labels[objects >= 0], objects[objects >= 0]
+        true, row = np.unique(objects, return_inverse=True)
+        found, column = np.unique(labels, return_inverse=True)
+        shared = np.zeros((len(true), len(found)))
+        np.add.at(shared, (row, column), 1)
+        overlap = shared / (shared.sum(1)[:, None] + shared.sum(0)[None, :] - shared)
+        kept = found != UNDETERMINED
+        self._instants.append(
+            _Instant(
+                _numbered(true, self._objects), _numbered(found[kept], self._hypotheses), overlap[:, kept]
+            )
+        )
+
+    def figures(self) -> TrackingFigures:
+        """Figures over all instants; 0 where nothing is matched."""
+        shape = len(self._objects), len(self._hypotheses)
+        counts = _Counts(self._instants, shape)
+        det_a, ass_a = _hota(self._instants, counts)
+        return TrackingFigures(
+            hota=float(np.sqrt(det_a * ass_a).mean()),
+            det_a=float(det_a.mean()),
+            ass_a=float(ass_a.mean()),
+            idf1=_idf1(self._instants, counts),
+            id_switches=_switches(self._instants, shape[0]),
+        )
+
+
+class _Counts:
+    """In how many instants each object and each hypothesis is."""
+
+    def __init__(self, instants: list[_Instant], shape: tuple[int, int]) -> None:
+        self.objects, self.hypotheses = np.zeros(shape[0]), np.zeros(shape[1])
+        for one in instants:
+            self.objects[one.objects] += 1
+            self.hypotheses[one.hypotheses] += 1
+
+    @property
+    def both(self) -> NDArray[np.float64]:
+        """Sum of both, float64 [G, K]."""
+        return self.objects[:, None] + self.hypotheses[None, :]
+
+
+def _numbered(ids: NDArray[np.generic], numbers: dict[int, int]) -> NDArray[np.intp]:
+    return np.array([numbers.setdefault(one, len(numbers)) for one in ids.tolist()], np.intp)
+
+
+def _hota(instants: list[_Instant], counts: _Counts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Detection and association accuracy at each overlap (Luiten et al. 2021, eq. 4 to 9)."""
+    alignment = np.zeros((len(counts.objects), len(counts.hypotheses)))
+    for one in instants:
+        either = one.overlap.sum(0)[None, :] + one.overlap.sum(1)[:, None] - one.overlap
+        share = np.divide(one.overlap, either, out=np.zeros_like(either), where=either > _EPSILON)
+        alignment[np.ix_(one.objects, one.hypotheses)] += share
+    alignment /= np.maximum(counts.both - alignment, _EPSILON)
+    matches = np.zeros((len(_OVERLAPS), *alignment.shape))
+    for one in instants:
+        rows, columns = linear_sum_assignment(
+            alignment[np.ix_(one.objects, one.hypotheses)] * one.overlap, maximize=True
+        )
+        matched = one.overlap[rows, columns] >= _OVERLAPS[:, None] - _EPSILON
+        matches[:, one.objects[rows], one.hypotheses[columns]] += matched
+    true = matches.sum((1, 2))
+    det_a = true / np.maximum(1, counts.objects.sum() + counts.hypotheses.sum() - true)
+    together = (matches * matches / np.maximum(1, counts.both - matches)).sum((1, 2))
+    return det_a, together / np.maximum(1, true)
+
+
+def _idf1(instants: list[_Instant], counts: _Counts) -> float:
+    """F1 score of the one assignment of hypotheses to objects that is right most often (Ristani et al.)."""
+    together = np.zeros((len(counts.objects), len(counts.hypotheses)))
+    for one in instants:
+        together[np.ix_(one.objects, one.hypotheses)] += one.overlap >= _THRESHOLD
+    right = together[linear_sum_assignment(together, maximize=True)].sum()
+    return float(2 * right / max(1.0, counts.objects.sum() + counts.hypotheses.sum()))
+
+
+def _switches(instants: list[_Instant], objects: int) -> int:
+    """How often an object is matched with another hypothesis than when it was matched last (CLEAR MOT)."""
+    ever, last = np.full(objects, -1), np.full(objects, -1)
+    switches = 0
+    for one in instants:
+        stays = last[one.objects][:, None] == one.hypotheses[None, :]
+        score = np.where(one.overlap >= _THRESHOLD - _EPSILON, one.overlap + _STAYS * stays, 0.0)
+        rows, columns = linear_sum_assignment(score, maximize=True)
+        matched = score[rows, columns] > _EPSILON
+        true, found = one.objects[rows[matched]], one.hypotheses[columns[matched]]
+        switches += int(np.count_nonzero((ever[true] >= 0) & (ever[true] != found)))
+        last[:] = -1
+        ever[true] = last[true] = found
+    return switches

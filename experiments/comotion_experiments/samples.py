@@ -1,0 +1,110 @@
+"""Samples to look at before there is data of one's own: ``python -m comotion_experiments.samples FOLDER``.
+
+A simulated scene goes through the core; what a recording of it would hold is written for Foxglove, with a
+layout, and for Rerun. Needs the extras `foxglove` and `view`.
+"""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import foxglove
+from foxglove import layouts
+
+from comotion import FusionConfig
+from comotion_clients.foxglove.scene import FoxgloveScene
+from comotion_clients.metrics import Score
+from comotion_clients.viewing.process import view_messages
+from comotion_clients.viewing.sink import Destination, RerunSink
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
+
+from .inputs import find_inputs
+from .offline import Arrived, Incoming, run_offline
+
+SCENE = "sim:3d_5"
+SECONDS = 6.0
+_SPACE = "world"
+
+
+def make(folder: Path) -> list[Path]:
+    """Write the samples; returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = SCENE.partition(":")[2]
+    files = [folder / f"{name}.mcap", folder / "foxglove-layout.json", folder / f"{name}.rrd"]
+    for file in files:
+        file.unlink(missing_ok=True)
+    messages = played(SCENE, SECONDS)
+    context = foxglove.Context()
+    with foxglove.open_mcap(files[0], context=context):
+        scene = FoxgloveScene(context)
+        for log_ns, message in messages:
+            scene.add(log_ns, message)
+    files[1].write_text(layout().to_json() + "\n")
+    with RerunSink(Destination(file=files[2])) as sink:
+        view_messages(messages, name, sink)
+    return files
+
+
+def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
+    """What a recorder would have received of a scene: (time in ns, message) in order."""
+    (one,) = find_inputs([scene])
+    messages: list[tuple[int, Message]] = []
+
+    def on_update(update: HypothesisUpdate, score: Score) -> None:
+        del score
+        messages.append((update.published_ns, update))
+
+    run_offline(_noted(one.open(), messages), FusionConfig(), duration=seconds, on_update=on_update)
+    return messages
+
+
+def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
+    newest_ns = 0
+    for one in given:
+        if isinstance(one, Arrived):
+            newest_ns = max(newest_ns, one.now_ns)
+        elif isinstance(one, ObservationBatch):
+            newest_ns = max(newest_ns, one.stamp_ns)
+        messages.append((newest_ns, one.batch if isinstance(one, Arrived) else one))
+        yield one
+
+
+def layout() -> layouts.Layout:
+    """Space beside curves and events."""
+    side = [
+        layouts.PlotPanel(title=title, config=layouts.PlotConfig(paths=[_series(value) for value in values]))
+        for title, values in (
+            ("Hypotheses", ("hypotheses", "moving")),
+            ("Agreement with the truth", ("nmi",)),
+            ("Lag, s", ("lag_s",)),
+        )
+    ]
+    side.append(layouts.LogPanel(config=layouts.LogConfig(topic_to_render="/events")))
+    column = layouts.SplitContainer(direction="column", items=[_item(panel, 1) for panel in side])
+    return layouts.Layout(
+        content=layouts.SplitContainer(direction="row", items=[_item(_scene(), 2), _item(column, 1)])
+    )
+
+
+def _scene() -> layouts.ThreeDeePanel:
+    cloud = layouts.BaseRendererPointCloudTopicSettings(
+        visible=True, color_mode="rgba-fields", point_size=6.0
+    )
+    drawn = layouts.BaseRendererSceneUpdateTopicSettings(visible=True)
+    topics = {f"/features/{_SPACE}": cloud, f"/labels/{_SPACE}": drawn, f"/joints/{_SPACE}": drawn}
+    return layouts.ThreeDeePanel(config=layouts.ThreeDeeConfig(follow_tf=_SPACE, topics=topics))
+
+
+def _series(value: str) -> layouts.PlotSeries:
+    return layouts.PlotSeries(value=f"/numbers.{value}", label=value)
+
+
+def _item(panel: object, proportion: float) -> layouts.SplitItem:
+    return layouts.SplitItem(proportion=proportion, content=panel)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    for path in make(parser.parse_args().folder):
+        print(path, path.stat().st_size)  # noqa: T201
