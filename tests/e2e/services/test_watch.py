@@ -51,7 +51,9 @@ def scene(session: zenoh.Session) -> Iterator[None]:
 def update(seq: int) -> HypothesisUpdate:
     now = time.time_ns()
     camera, body = SourceRef(name="camera", session=SESSION), builders.hypothesis(42, born_ns=now)
-    return builders.update([42], seq=seq, stamp_ns=now, sources=[camera], track_id=[7], hypotheses=[body])
+    return builders.update(
+        [42], scene="default", seq=seq, stamp_ns=now, sources=[camera], track_id=[7], hypotheses=[body]
+    )
 
 
 def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
