@@ -290,7 +290,7 @@ class Component:
             replica=fields.replica,
             epoch=fields.epoch,
             clock_offsets=fields.clock_offsets,
-            feature_names=fields.feature_names,
+            feature_names=fields.feature_names or None,
         )
 
     def _connect(self) -> zenoh.Session:

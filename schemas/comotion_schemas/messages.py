@@ -381,5 +381,5 @@ class Status:
     replica: Literal["", "active", "standby"] = ""
     epoch: Count = 0
     clock_offsets: dict[ShortText, Finite] = field(default_factory=dict)
-    feature_names: dict[_FeatureNumber, ShortText] = field(default_factory=dict)
+    feature_names: dict[_FeatureNumber, ShortText] | None = None
     problems: list[Problem] = field(default_factory=list)

@@ -137,7 +137,7 @@ def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> No
     assert found["config"]["thesis"]["sigma_switch"] == 0.02
     assert [run["seed"] for run in found["runs"]] == [0, 1, None]
     text = io.StringIO()
-    Console(file=text, width=120).print(table(results))
+    Console(file=text, width=160).print(table(results))
     assert "overall" in text.getvalue()
     assert "± seeds" in text.getvalue()
 

@@ -67,6 +67,7 @@ def update(count: int = 6, stamp_ns: int = 5 * S + 250) -> HypothesisUpdate:
     hinge = {"axis": [0.0, 0.0, 1.0], "point": [0.0, 0.0, 0.0], "position": 0.5, "rate": 2.0}
     return builders.update(
         [7, 7, 1, 1, *[UNDETERMINED] * (count - 4), 9],
+        scene="my-lab",
         stamp_ns=stamp_ns,
         sources=[SourceRef(name=name, session=SESSION) for name in "ab"],
         track_source=[0] * count + [1],

@@ -105,7 +105,7 @@ Examples:
         if self.json_:
             _print_json(as_json(results, config, self.period))
             return
-        Console(width=None if sys.stdout.isatty() else 120).print(table(results))
+        Console(width=None if sys.stdout.isatty() else 160).print(table(results))
         if self.plot is not None:
             for scored in inputs:
                 print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
