@@ -17,8 +17,6 @@ _TIMING = frozenset({"service", "router"})
 # Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
 _GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
 _LIFE_SAMPLES = 20
-# s after an attack: its trajectories have left the window, and housekeeping has come by.
-_GIVEN_BACK_S = 25.0
 # Most memory of a process, whatever attacks it.
 _MOST_MB = 800.0
 _LOG_BYTES_PER_MINUTE = 60_000
@@ -70,8 +68,8 @@ def _growth(soak: Soak) -> list[str]:
     found = []
     for name, samples in soak.usage.items():
         for life in sorted({starts for _, starts, _ in samples}):
-            unattacked = _unattacked(soak, [one for one in samples if one[1] == life])
-            found += [f"{name}, life {life}: {text}" for text in _grown(unattacked)]
+            for stretch in _stretches(soak, [one for one in samples if one[1] == life]):
+                found += [f"{name}, life {life}: {text}" for text in _grown(stretch)]
             most = max(usage.memory_mb for _, starts, usage in samples if starts == life)
             if most > _MOST_MB:
                 found.append(f"{name}, life {life}: memory reached {most:.0f} MB")
@@ -81,16 +79,24 @@ def _growth(soak: Soak) -> list[str]:
     return found
 
 
-def _unattacked(soak: Soak, samples: list[tuple[float, int, Usage]]) -> list[Usage]:
-    """What a process held while nothing attacked it, and what attacks took was to be given back."""
+def _stretches(soak: Soak, samples: list[tuple[float, int, Usage]]) -> list[list[Usage]]:
+    """What a process held, by the stretches of its life between attacks.
+
+    An attack within the limits grows arrays and queues up to their bounds, and arrays stay as large. A leak
+    grows between attacks too.
+    """
     attacks = [
-        (at_s, at_s + fault.lasts_s + _GIVEN_BACK_S) for at_s, fault in soak.faults if fault.kind == "hostile"
+        (at_s, at_s + fault.lasts_s + _BELONGS_S) for at_s, fault in soak.faults if fault.kind == "hostile"
     ]
-    return [usage for at_s, _, usage in samples if not any(begun <= at_s < end for begun, end in attacks)]
+    stretches: dict[int, list[Usage]] = {}
+    for at_s, _, usage in samples:
+        if not any(begun <= at_s < end for begun, end in attacks):
+            stretches.setdefault(sum(end <= at_s for _, end in attacks), []).append(usage)
+    return list(stretches.values())
 
 
 def _grown(life: list[Usage]) -> list[str]:
-    """What has grown between the second and the last quarter of a life that was long enough to tell."""
+    """What has grown between the second and the last quarter of a stretch that was long enough to tell."""
     if len(life) < _LIFE_SAMPLES:
         return []
     quarter = len(life) // 4
