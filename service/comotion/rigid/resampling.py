@@ -83,7 +83,7 @@ class Frames:
     key: Stamps
     life: Floats
     current: Bools
-    extent: float
+    extent: float = 1.0
 
     @cached_property
     def names(self) -> Stamps:
