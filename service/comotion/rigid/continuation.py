@@ -122,6 +122,6 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     poses, wider = stacked(result.bodies), result.evidence.wider
     recent_residuals(frames.arrays, body, poses, wider, span, squared, count)
     freedom = frames.dim * np.bincount(frames.owner, count, len(frames.key))
-    rare = np.log(_FALSE_ALARMS * max(np.count_nonzero(frames.current), 1))
+    rare = float(np.log(_FALSE_ALARMS * max(int(frames.current.sum()), 1)))
     most = freedom + 2 * np.sqrt(freedom * rare) + 2 * rare
-    return np.bincount(frames.owner, squared, len(frames.key)) > most
+    return np.asarray(np.bincount(frames.owner, squared, len(frames.key)) > most, np.bool_)

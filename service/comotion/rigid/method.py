@@ -3,7 +3,8 @@
 Trajectories in, groups of them out. The steps of an update; all lengths are relative to the noise or to the
 extent of the scene, so that no parameter has a scale:
 
-1.  Read the trajectories of the window (:mod:`.tracks`).
+1.  Read the trajectories of the window (:mod:`.tracks`). Where the last fit explains what is new, it is held
+    (:mod:`.continuation`), and step 10 follows.
 2.  Register the sources: correct their extrinsics and clocks by bodies that two of them see
     (:mod:`.registration`).
 3.  Resample the trajectories on common frames (:mod:`.resampling`).
@@ -197,7 +198,7 @@ class RigidMethod(Method):
     def _old(self, scene: Scene) -> bool:
         """Whether bodies were sought long ago."""
         stamps = scene.frames.stamps
-        return int(stamps[-1]) - self._searched_ns >= _SEARCH_SHARE * (stamps[-1] - stamps[0])
+        return bool(stamps[-1] - self._searched_ns >= _SEARCH_SHARE * (stamps[-1] - stamps[0]))
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
         """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.

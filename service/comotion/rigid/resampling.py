@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -232,7 +233,9 @@ def extended(
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
     step = float(stamps[-1] - frames.stamps[-1]) * 1e-9 / len(stamps)
     np.maximum.at(seen := np.zeros(len(life), np.intp), owner, (w > 0).sum(1))
-    alike = {one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in _NOISE}
+    alike: dict[str, Any] = {
+        one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in _NOISE
+    }
     return replace(
         frames,
         stamps=np.append(frames.stamps, stamps),

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -126,7 +127,9 @@ class Tracks:
         at = find(self.key, now.key)
         new = np.flatnonzero(find(now.key, self.key) < 0)
         here, count = np.flatnonzero(at >= 0), len(self.key)
-        columns = {one: np.concatenate([getattr(self, one), getattr(now, one)[new]]) for one in _PER_TRACK}
+        columns: dict[str, Any] = {
+            one: np.concatenate([getattr(self, one), getattr(now, one)[new]]) for one in _PER_TRACK
+        }
         for one in ("start", "stop", "slot", "current"):
             columns[one][:count] = 0
         for one in ("start", "stop", "slot", "current", "newest", "covariance"):
