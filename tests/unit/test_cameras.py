@@ -63,6 +63,15 @@ def test_names_that_are_times_give_the_stamps_exactly(tmp_path: Path) -> None:
     assert stamps == [1305031102175304000, 1305031102211214000]
 
 
+def test_an_image_that_cannot_be_read_is_counted_and_told(tmp_path: Path, caplog) -> None:
+    write_images(tmp_path, ["a.png", "b.png", "c.png"])
+    (tmp_path / "b.png").write_bytes(b"\x89PNG broken")
+    camera: Any = open_frames(str(tmp_path), rate=10)
+    assert [frame.stamp_ns for frame in camera] == [0, 200_000_000]
+    assert camera.counters["unreadable"] == 1
+    assert "b.png: not a readable image; skipped" in caplog.text
+
+
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "video.avi"
