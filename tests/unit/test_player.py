@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_sources import playback
 from comotion_sources.frames import Frame, MessageBuilder
 from comotion_sources.playback import StreamTape
 from comotion_sources.player import Player, Schedule
@@ -121,11 +122,19 @@ def test_original_stamps_go_on_over_passes_at_any_pace():
     assert sink.clock.passed == pytest.approx(1.3 / 4)
 
 
-def test_a_process_that_comes_later_joins_in_the_middle():
-    sink = play(start_at=NOW - 0.55)
-    assert sink.seconds()[0] == pytest.approx(-0.15)
-    assert sink.seconds()[-1] == pytest.approx(0.45)
-    assert [batch.seq for batch in sink.batches] == list(range(7))
+@pytest.mark.parametrize(
+    ("schedule", "seconds"),
+    [
+        ({"start_at": NOW + 30}, np.arange(300, 311) / 10),
+        ({"start_at": NOW - 0.55}, np.arange(-1.5, 5) / 10),
+        ({"start_at": NOW - 7.45, "loop": True, "stop_at": (8, 0.0)}, np.arange(-1.5, 6) / 10),
+    ],
+    ids=["waits", "joins in the middle", "joins the pass that is going on"],
+)
+def test_a_start_at_a_given_time_is_waited_for_or_joined(schedule, seconds):
+    sink = play(**schedule)
+    assert sink.seconds() == pytest.approx(seconds)
+    assert [batch.seq for batch in sink.batches[:7]] == list(range(7))
     assert sink.overruns == 0
 
 
@@ -171,3 +180,22 @@ def test_several_streams_go_out_in_time_order():
     merged = sorted([*slow.puts, *fast.puts], key=lambda put: put[0])
     stamps = [m.stamp_ns for _, m in merged if isinstance(m, ObservationBatch)]
     assert stamps == sorted(stamps)
+
+
+def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(playback, "_PLAIN_LINE_S", 0.0)
+    with playback.shown_progress("take", 20.0) as advance:
+        advance(0, 5.0)
+        advance(2, 7.5)
+    assert capsys.readouterr().err.splitlines() == ["take: 5.0 of 20.0 s", "take, pass 3: 7.5 of 20.0 s"]
+
+
+def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(playback, "_TERMINAL_LINE_S", 0.0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with playback.shown_progress("take", 20.0) as advance:
+        advance(0, 10.0)
+    shown = capsys.readouterr().err
+    assert "━" * 20 in shown
+    assert "━" * 21 not in shown
