@@ -7,7 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from comotion_schemas import MESSAGE_TYPES
-from comotion_schemas.export import json_schemas, stale
+from comotion_schemas.export import json_schemas, main, stale
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = sorted((ROOT / "tests/golden").glob("*.msgpack"))
@@ -29,6 +29,19 @@ def validate(content):
 
 def test_the_committed_schemas_are_current():
     assert stale(ROOT / "schemas") == []
+
+
+def test_the_check_fails_while_a_file_is_missing_changed_or_of_no_message(tmp_path, capsys):
+    assert main([str(tmp_path), "--check"]) == 1
+    assert not list(tmp_path.iterdir())
+    assert (main([str(tmp_path)]), main([str(tmp_path), "--check"])) == (0, 0)
+    for name in ("Status.schema.json", "Gone.schema.json"):
+        (tmp_path / name).write_text("{}")
+    capsys.readouterr()
+    assert main([str(tmp_path), "--check"]) == 1
+    assert [line.split("/")[-1] for line in capsys.readouterr().err.splitlines()] == [
+        f"{name}.schema.json is not current; run: make schemas" for name in ("Gone", "Status")
+    ]
 
 
 @pytest.mark.parametrize("kind", MESSAGE_TYPES, ids=lambda kind: kind.__name__)
