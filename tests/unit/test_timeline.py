@@ -216,6 +216,28 @@ def test_one_source_too_many_is_refused_while_all_others_send():
     assert {row[1] for row in clock.at(2 * S)} == {"s1", "s2", "s4"}
 
 
+def test_of_batches_that_wait_so_many_are_kept_for_each_source():
+    clock = Clockwork(limits={"waiting_batches": 2})
+    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
+    assert clock.stats.rejected == {"limit": 1}
+    assert len(clock.at(15 * MS)) == 2
+    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
+    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
+
+
+def test_large_batches_that_wait_are_bounded_by_their_bytes_for_each_source_and_for_all():
+    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+    many = range(20_000)  # 0.3 MB
+    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 1}
+    # Beyond 1.5 MB each of two has 0.75.
+    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 3}
+    clock.at(S)
+    clock.feed(*(batch(name, 4 + k, T0 + S, ids=many) for k, name in enumerate("baaa")))
+    assert clock.stats.rejected == {"limit": 3}, "what came out waits no more"
+
+
 def test_a_batch_of_too_many_instants_is_refused(clock):
     stamps = T0 + np.arange(100_000)
     clock.feed(batch("a", 0, int(stamps[-1]), ids=np.arange(100_000), stamps_ns=stamps))
