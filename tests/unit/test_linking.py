@@ -156,6 +156,14 @@ def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
     assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
+def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
+    for cameras in ({"plain/pixels": camera(frame="elsewhere")}, {"other/pixels": camera()}, {}):
+        fusion = Fusion.restore(FusionConfig(linking={"cameras": cameras}), moved.snapshot())
+        update = fusion.update(1004_000_000_000)
+        assert {h.space for h in update.hypotheses} == {"world", "plain/pixels"}
+        assert all(h.linked is None for h in update.hypotheses)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

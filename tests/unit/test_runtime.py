@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth
+from comotion import Fusion, FusionConfig, SourceHealth, snapshot
 from comotion.event_time.stats import Stats
 from comotion.runtime import known_kernels
 from comotion.runtime.clocks import EventClock, WallClock
@@ -20,7 +20,7 @@ from comotion.runtime.state_file import begin_afresh, default_path, load_fusion,
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import Ticker
 from comotion.runtime.warm_up import STEPS, prepare, warm_up
-from comotion.snapshot import Header
+from comotion.snapshot import FORMAT, Header
 from comotion_schemas import DecodeError, ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
@@ -243,6 +243,16 @@ class TestStateFile:
         assert "starting afresh" in caplog.text
         # The file has been put aside; the next start has the ids alone.
         assert next_id(self.load(tmp_path / "state")) > 5000
+
+    def test_a_state_of_another_version_is_kept_aside_and_its_ids_are_not_reused(
+        self, tmp_path: Path, monkeypatch, caplog
+    ) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr(snapshot, "FORMAT", FORMAT - 1)
+            data = kept(tmp_path / "state", running(first_id=5000))
+        assert next_id(self.load(tmp_path / "state")) > 5000
+        assert f"format {FORMAT - 1}, expected {FORMAT})" in caplog.text
+        assert (tmp_path / "state.rejected").read_bytes() == data
 
     def test_a_state_from_which_no_update_follows_is_refused(
         self, tmp_path: Path, monkeypatch, caplog

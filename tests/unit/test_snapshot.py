@@ -6,7 +6,8 @@ import msgpack
 import numpy as np
 import pytest
 
-from comotion.snapshot import HEADER_BYTES, Header, load, pieces
+from comotion import snapshot
+from comotion.snapshot import FORMAT, HEADER_BYTES, Header, load, pieces
 
 
 def dump(state, following=0):
@@ -40,6 +41,13 @@ def signed(values: bytes, arrays: bytes = b"") -> bytes:
 GOOD = dump({"rows": np.arange(9), "plain": "text"}, following=7)
 
 
+def of_format(number: int) -> bytes:
+    """The header of a snapshot of another version."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(snapshot, "FORMAT", number)
+        return dump({})
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -48,6 +56,8 @@ GOOD = dump({"rows": np.arange(9), "plain": "text"}, following=7)
         (GOOD[:20], "ends within its header"),
         (GOOD[:-1], "bytes, its header says"),
         (GOOD + b"x", "bytes, its header says"),
+        (of_format(FORMAT - 1), f"format {FORMAT - 1}, expected {FORMAT}"),
+        (of_format(FORMAT + 1), f"format {FORMAT + 1}, expected {FORMAT}"),
         (signed(b"\xc1"), "damaged"),
         (signed(msgpack.packb({"a": {"__array__": ["<f8", [1 << 60], 0]}})), "damaged"),
         (signed(b"\x91" * 5000), "damaged"),
