@@ -1,20 +1,24 @@
-"""Objects keep their ids through a gap that leaves the grouping without evidence, and through a restart.
+"""Objects keep their ids through a gap, a restart, and a source that sends what no source should.
 
 The sources are those of the soak, with a seed at which ids changed before established members had votes.
 """
 
 import heapq
+import random
 from collections import Counter
 
 import numpy as np
 
 from comotion import Fusion, FusionConfig
+from comotion_schemas import DecodeError, decode
+from comotion_tools.soak import hostile
 from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 from .. import builders
 from ..builders import S
 
 START = 1_000 * S
+NAMES = "left", "right", "arm"
 SEED = 7
 
 
@@ -29,6 +33,18 @@ def stream(name, first, last):
         found = (found + rng.normal(0, 0.002, found.shape)).reshape(-1, kind.dim)
         fields = {"space": kind.space, "unit": kind.unit, "ids": ids.reshape(-1).astype(np.uint64)}
         yield seconds, builders.batch(name, frame, START + round(seconds * S), found, **fields)
+
+
+def crowd(first, last, seed, monkeypatch):
+    """Batches of a source that sends lies and extremes, 50 a second, as far as they can be decoded."""
+    chance, session = random.Random(seed), f"{seed + 7:016x}"
+    for seq in range(int((last - first) * 50)):
+        seconds = first + seq / 50
+        monkeypatch.setattr(hostile.time, "time_ns", lambda now=seconds: START + round(now * S))
+        try:
+            yield seconds, decode(chance.choice(hostile._MAKERS)(chance, session, seq))
+        except DecodeError:
+            continue
 
 
 def feed(fusion, *parts, since):
@@ -46,14 +62,15 @@ def feed(fusion, *parts, since):
 
 def objects_of(update):
     """Hypothesis of each body, that of most of its features."""
-    bodies, labels = update.track_id // ID_STEP, update.track_hypothesis
+    ours = np.isin([source.name for source in update.sources], NAMES)[update.track_source]
+    bodies, labels = update.track_id[ours] // ID_STEP, update.track_hypothesis[ours]
     return [Counter(labels[bodies == body].tolist()).most_common(1)[0][0] for body in range(BODIES)]
 
 
 def test_after_a_gap_longer_than_the_window_and_a_restart_every_object_has_its_id():
     """The sources come back one after the other."""
     fusion = Fusion()
-    before, _ = feed(fusion, *(stream(name, 0, 8) for name in ("left", "right", "arm")), since=0.1)
+    before, _ = feed(fusion, *(stream(name, 0, 8) for name in NAMES), since=0.1)
     assert len(set(objects_of(before))) == BODIES
     fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
     back = {"left": 38.0, "right": 38.15, "arm": 37.8}
@@ -61,3 +78,15 @@ def test_after_a_gap_longer_than_the_window_and_a_restart_every_object_has_its_i
     assert objects_of(after) == objects_of(before)
     assert {h.id: h.born_ns for h in after.hypotheses} == {h.id: h.born_ns for h in before.hypotheses}
     assert kinds <= {"joined", "released"}
+
+
+def test_a_hostile_source_takes_no_id_along(monkeypatch):
+    fusion = Fusion()
+    before, _ = feed(fusion, *(stream(name, 0, 8) for name in NAMES), since=0.1)
+    assert len(set(objects_of(before))) == BODIES
+    # With `limits.extent` lifted the second one takes ids along.
+    for first, last, seed in ((8, 10, 7), (12, 15, 107)):
+        bad = crowd(first, last, seed, monkeypatch)
+        after, _ = feed(fusion, *(stream(name, first, last + 2) for name in NAMES), bad, since=first)
+        assert objects_of(after) == objects_of(before)
+    assert fusion.stats.rejected
