@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -23,18 +24,20 @@ from comotion import FusionConfig
 from comotion_schemas.errors import KnownError
 from comotion_sources.cameras.opening import open_frames
 
-from . import screens
+from . import links, screens
 from .evaluate import evaluate_inputs
 from .inputs import find_inputs
 from .segment import SegmentOptions, segment
 
-WORKCELL = "workcell:truck-tower/a?rate=10&size=480x360&duration=7"
-STILL = 62
+WORKCELL = "workcell:truck-tower/a?rate=10&size=640x480&duration=7"
+STILL = 50
 """Frame of the workcell that is the still picture: all bodies have moved."""
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery.md"
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
+_LINKED_S = 8.0
+_LINKED = links.Setup(duration=_LINKED_S)
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
 _MS = 200  # per image of the animation
@@ -62,6 +65,9 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         made.append(_scenes(folder / "workcell.jpg"))
     if only in {None, "affinity.png"}:
         made.append(_affinity(folder / "affinity.png"))
+    if only in {None, "links.jpg"}:
+        made.append(folder.parent / "research" / "images" / "links.jpg")
+        links.save_picture(made[-1], "truck", 0, FusionConfig(), setup=_LINKED, seconds=_LINKED_S)
     return made + _screens(folder, only)
 
 
@@ -115,7 +121,10 @@ def _workcell(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as temporary:
         segment(WORKCELL, SegmentOptions(out=Path(temporary)))
         images = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
-    return from_frames(folder, [np.asarray(image, np.uint8) for image in images if image is not None])
+    with closing(open_frames(WORKCELL, None)) as camera:
+        raw = [frame.image for frame in camera]
+    pairs = zip(raw, images, strict=True)
+    return from_frames(folder, [np.asarray(np.hstack(pair), np.uint8) for pair in pairs])
 
 
 def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:

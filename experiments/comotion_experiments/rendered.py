@@ -10,8 +10,9 @@ import msgpack
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_schemas.errors import KnownError
+from comotion_sources.cameras.types import Frame
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt import Tracker, TrackerConfig, Tracks
 from comotion_sources.klt.observer import CameraSpace, Observer, choose_space
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Cover, Scene, Viewpoint
@@ -91,6 +92,7 @@ def filmed(
     depth: bool = True,
     cover: Cover | None = None,
     atlas: Atlas | None = None,
+    on_frame: Callable[[Frame, Tracks], None] = lambda *_: None,
 ) -> tuple[list[Message], list[Message]]:
     """Render and track what a camera sees.
 
@@ -108,6 +110,8 @@ def filmed(
         When the lens is covered; never by default.
     atlas
         Textures of the scene, for callers with several cameras.
+    on_frame
+        Called with each frame and what is tracked in it.
 
     Returns
     -------
@@ -127,7 +131,9 @@ def filmed(
         for messages, covering, one, observer in zip(found, covers, trackers, observers, strict=False):
             hidden = covering is not None and covering.hides(t)
             seen = view.covered(stamp) if hidden else frame
-            messages.extend(observer.messages(one.step(seen), seen))
+            tracks = one.step(seen)
+            on_frame(seen, tracks)
+            messages.extend(observer.messages(tracks, seen))
     return found
 
 

@@ -34,6 +34,8 @@ from comotion_schemas.colours import COLOURS, GREY, Palette, colour, legible
 from .. import builders
 from ..builders import SESSION, S, hypothesis
 
+UP = (0.0, 0.0, 1.0)
+
 
 def update(labels: list[int], stamp_ns: int = S, sources: tuple[str, ...] = ("a",), **fields):
     """One track per label, ids 10, 11, ...; all of the first source unless told otherwise."""
@@ -131,18 +133,51 @@ def test_frames_turn_with_the_body_in_3d() -> None:
     turned = hypothesis(
         4, centroid=[1.0, 2.0, 3.0], pose=Pose(translation=[0.0, 0.0, 0.0], rotation=[0.0, 0.0, half, half])
     )
-    shapes = draw_hypotheses("p", [turned, hypothesis(5)], 0.5, Palette())
+    shapes = draw_hypotheses("p", [turned, hypothesis(5)], 0.5, UP, Palette())
     frames = one(shapes, Arrows, "p/frames")
     assert frames.origins.tolist() == [[1, 2, 3]] * 3
     assert frames.vectors == pytest.approx(np.array([[0, 0.5, 0], [-0.5, 0, 0], [0, 0, 0.5]]), abs=1e-6)
     assert one(shapes, Points, "p/hypotheses").labels == ("4 moving", "5 moving")
 
 
+def test_labels_stand_above_their_bodies_and_none_covers_another() -> None:
+    box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
+    bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
+    far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
+    words = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), Points, "p/hypotheses")
+    heights = words.positions[:, 2]
+    assert heights[0] == pytest.approx(1.4)
+    assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
+    assert heights[4] == pytest.approx(1.0)
+
+
+def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view() -> None:
+    rng, features = np.random.default_rng(0), Features()
+    for scale, sources in ((1.0, ("a",)), (1.1, ("a",)), (1.1, ("a", "b")), (5.0, ("a", "b"))):
+        count = 200 * len(sources)
+        positions = (scale * rng.uniform(-1, 1, (count, 3)) + (3, 0, 0)).astype(np.float32)
+        seen = update(
+            [1] * count,
+            sources=sources,
+            track_position=positions,
+            track_source=np.repeat(np.arange(len(sources), dtype=np.uint16), 200),
+        )
+        before = features.views.get("world")
+        features.draw(seen, {})
+        eye = features.views["world"].eye
+        assert np.linalg.norm(np.subtract(eye.target, (3, 0, 0))) < 0.2 * scale
+        away = np.linalg.norm(np.subtract(eye.position, eye.target)) / scale
+        assert 2 < away < 4  # the corners of the scene are at 1.7
+        # Who has turned the view keeps it until a source comes or the scene is of another size.
+        same = before is not None and before.eye == eye
+        assert same == (scale == 1.1 and len(sources) == 1)
+
+
 def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    found = one(draw_hypotheses("p", bodies, 0.5, Palette()), Boxes, "p/boxes")
+    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), Boxes, "p/boxes")
     assert found.centers.tolist() == [[1, 2, 3]]
     assert found.colours.tolist() == [list(colour(4))]
     np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
@@ -152,7 +187,7 @@ def test_twist_arrows_show_the_way_of_a_second_and_the_axis() -> None:
     moving = hypothesis(4, twist=Twist(linear=[0.3, 0.0, 0.0], angular=[0.0, 0.0, 2.0]))
     racing = hypothesis(5, twist=Twist(linear=[0.0, 9.0, 0.0], angular=[100.0, 0.0, 0.0]))
     resting = hypothesis(6, twist=Twist(linear=[0.001, 0.0, 0.0], angular=[0.0, 0.0, 0.01]))
-    shapes = draw_hypotheses("p", [moving, racing, resting, hypothesis(7)], 0.5, Palette())
+    shapes = draw_hypotheses("p", [moving, racing, resting, hypothesis(7)], 0.5, UP, Palette())
     linear, angular = one(shapes, Arrows, "p/twist/linear"), one(shapes, Arrows, "p/twist/angular")
     assert linear.vectors == pytest.approx(np.array([[0.3, 0, 0], [0, 2.0, 0]]))  # at most four axes long
     assert linear.colours.tolist() == [list(colour(4)), list(colour(5))]
@@ -167,7 +202,7 @@ def test_in_2d_a_turn_is_the_way_of_the_tip_of_the_x_axis() -> None:
         pose=Pose(translation=[0.0, 0.0], rotation=np.pi / 2),
         twist=Twist(linear=[0.0, 0.0], angular=-1.0),
     )
-    spin = one(draw_hypotheses("p", [turning], 0.5, Palette()), Arrows, "p/twist/angular")
+    spin = one(draw_hypotheses("p", [turning], 0.5, UP[1:], Palette()), Arrows, "p/twist/angular")
     assert spin.origins == pytest.approx(np.array([[1.0, 1.5]]))
     assert spin.vectors == pytest.approx(np.array([[0.5, 0.0]]))
 

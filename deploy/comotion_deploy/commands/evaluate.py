@@ -9,9 +9,9 @@ from typing import Any
 
 from ..errors import UserError, missing_extra
 from ..fusion_options import Fusion
-from ..options import Client, Json, Ready, argument, setting
+from ..options import Client, Json, Ready, argument, option, setting
 
-_OFFLINE_ONLY = ("method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
+_OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
@@ -57,6 +57,7 @@ Examples:
         "Score the affinity of Brox and Malik as well, with spectral clustering (number of objects "
         "given) and with divisive k-means.",
     )
+    all_: bool = option(False, "Show all columns; --json has all values.", "--all")
     plot: Path | None = setting(None, "Draw hypotheses, truth and NMI.", metavar="FILE.png")
     paths: Path | None = setting(
         None, "Write the paths of moving cameras and of bodies in the TUM format, for evo.", metavar="FOLDER"
@@ -105,7 +106,8 @@ Examples:
         if self.json_:
             _print_json(as_json(results, config, self.period))
             return
-        Console(width=None if sys.stdout.isatty() else 160).print(table(results))
+        found = table(results, everything=self.all_)
+        Console(width=None if sys.stdout.isatty() else 160).print(found)
         if self.plot is not None:
             for scored in inputs:
                 print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
