@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, Pose
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch, Pose
+from comotion_schemas.naming import Names
 from comotion_sources.calibration import Calibration
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.types import Camera, CameraError, Frame
@@ -44,6 +45,8 @@ class SegmentOptions:
         Intrinsics and extrinsics of a camera with depth, if its recording has none.
     use_depth
         Group in metres where there is depth; else in pixels.
+    names
+        Names of hypotheses by id, drawn in place of the ids.
     """
 
     out: Path | None = None
@@ -55,6 +58,7 @@ class SegmentOptions:
     rate: float | None = None
     calibration: Calibration = field(default_factory=Calibration)
     use_depth: bool = True
+    names: Names = field(default_factory=dict)
 
 
 class Labelled(NamedTuple):
@@ -85,7 +89,7 @@ def labelled_frames(what: str, options: SegmentOptions) -> Iterator[Labelled]:
 
 
 class LabelledFrames:
-    """Tracks and groups the frames of one camera; `path` is that of a carried one."""
+    """Tracks and groups the frames of one camera; `path` is that of a carried one, `joints` the last ones."""
 
     def __init__(self, camera: Camera, options: SegmentOptions) -> None:
         if camera.live:
@@ -101,6 +105,7 @@ class LabelledFrames:
             extrinsics=None if options.tracker.moving else given.extrinsics or camera.extrinsics,
         )
         self.path: list[tuple[int, Pose]] = []
+        self.joints: Sequence[Joint] = ()
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
         builder = MessageBuilder(
             source=_SOURCE,
@@ -142,6 +147,7 @@ class LabelledFrames:
         self._held.append((number, frame, tracks))
 
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
+        self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         labels = dict(
             zip(

@@ -11,6 +11,7 @@ from ..errors import UserError, require_dense
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
+from .watch import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class Segment(Carried, Fusion, Json, Tool):
+class Segment(BodyNames, Carried, Fusion, Json, Tool):
     """Track and group every frame of a video, and draw the result.
 
     No router and no other process is needed. The same video gives the same labels on every run.
@@ -31,6 +32,7 @@ Examples:
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
+  comotion segment drawer.mp4 --name 3=drawer   # the same video has the same ids on every run
   comotion segment "workcell:truck/a?duration=5" --json
 """
     log_level = "warning"
@@ -105,6 +107,7 @@ Examples:
             rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
+            names=self.names(),
         )
 
     def _outputs(self) -> list[Path]:
@@ -135,6 +138,8 @@ def _print_summary(found: "Segmented") -> None:
     times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
     print(f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}")
     print(f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end")
+    for words in found.joints:
+        print(words)
 
 
 @contextmanager
