@@ -58,7 +58,7 @@ def draw_hypotheses(
     those of bodies: the box of what is at rest would surround the scene.
     """
     ids = np.array([h.id for h in hypotheses], np.uint32)
-    dim = len(hypotheses[0].centroid) if hypotheses else 3
+    dim = len(up)
     centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
     shades = palette.colours(ids)
     inks = [palette.legible(h.id) for h in hypotheses]
