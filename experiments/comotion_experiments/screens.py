@@ -26,7 +26,7 @@ CHROMIUM = "COMOTION_CHROMIUM"
 """Names the browser; without one there are no such pictures."""
 SCREENS = ("view.jpg", "view-web.jpg", "watch.png", "reproduce.jpg")
 _READY_S, _END_S = 120.0, 60.0
-_LONGEST_S, _STILL_S = 300.0, 4.0
+_LONGEST_S, _STILL_S, _SMALL = 300.0, 4.0, 1e-3
 _BAR = 34  # px; Rerun's says how late its data are
 _SETTLED_S = 60.0  # a page drawn in software takes some seconds, and loads its data after that
 _BLACK, _WHITE = (30, 30, 30), (212, 212, 212)
@@ -147,13 +147,18 @@ def _page(
         browser.go(url)
         time.sleep(wait)
         image, before, end = browser.image(), None, time.monotonic() + _LONGEST_S
-        while image.shape[0] < 2 or not np.array_equal(image[_BAR:], before):
+        while image.shape[0] < 2 or before is None or _changed(before, image[_BAR:]) > _SMALL:
             if time.monotonic() > end:
                 raise TimeoutError(f"{url} still changes after {_LONGEST_S:g} s")
             before = image[_BAR:]
             time.sleep(_STILL_S)
             image = browser.image()
         return image
+
+
+def _changed(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
+    """Share of the pixels that differ."""
+    return float((before != after).any(axis=2).mean()) if before.shape == after.shape else 1.0
 
 
 def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
