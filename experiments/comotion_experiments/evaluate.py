@@ -207,7 +207,7 @@ def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
     found = Table(["file", *(one.title for one in shown), *_compared_titles(results)])
     for name, members in groups.items():
         row = averages(members) | {_SPREAD: _deviation(spreads[name])}
-        found.add(_label(name, 28 if everything else 18), *_cells(row, shown), *_compared(members))
+        found.add(_label(name, 28 if everything else 16), *_cells(row, shown), *_compared(members))
     if len(groups) > 1:
         found.end_section()
         found.add("overall", *_cells(overall(results) | {_SPREAD: math.nan}, shown), strong=True)

@@ -120,11 +120,12 @@ def affinity_code() -> str:
 def _workcell(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as temporary:
         segment(WORKCELL, SegmentOptions(out=Path(temporary)))
-        images = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
+        read = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
+    images = [np.asarray(image, np.uint8) for image in read if image is not None]
     with closing(open_frames(WORKCELL, None)) as camera:
         raw = [frame.image for frame in camera]
-    pairs = zip(raw, images, strict=True)
-    return from_frames(folder, [np.asarray(np.hstack(pair), np.uint8) for pair in pairs])
+    pairs = [np.hstack((seen, found)) for seen, found in zip(raw, images, strict=True)]
+    return from_frames(folder, [np.asarray(pair, np.uint8) for pair in pairs])
 
 
 def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:

@@ -44,8 +44,18 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
             messages.append((frame.stamp_ns, _preview(source, frame, tracks)))
 
         tracker = TrackerConfig(max_features=features)
-        how = {"size": _SIZE, "rate": rate, "seconds": seconds, "atlas": atlas}
-        sources.append(filmed(scene, camera, source, tracker, on_frame=keep, **how)[0])
+        seen, _ = filmed(
+            scene,
+            camera,
+            source,
+            tracker,
+            size=_SIZE,
+            rate=rate,
+            seconds=seconds,
+            atlas=atlas,
+            on_frame=keep,
+        )
+        sources.append(seen)
     messages += received(in_time_order(sources), seconds)
     return sorted(messages, key=lambda one: one[0])
 
