@@ -56,7 +56,7 @@ def take(folder: Path, name: str) -> Path:
         work = Path(temporary)
         match name:
             case "view.jpg":
-                image = _viewed(program, work, takes.workcell("truck", 9.0))
+                image = _viewed(program, work, takes.workcell("truck", 7.0))
             case "view-web.jpg":
                 image = _viewed(program, work, samples.played("sim:3d_4", 5.0))
             case "watch.png":
