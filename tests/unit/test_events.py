@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from comotion.config import HypothesesConfig
 from comotion.hypotheses.events import Count, Lifecycle
+from comotion.saving import plain, refill
 
 STEP = 100_000_000
 CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
@@ -124,7 +125,7 @@ def test_state_survives(story):
     story.run(10, {2: 5}, origins={2: 1})
     story.run(3, {2: 5, 3: 4}, origins={3: 2})
     twin = Story()
-    twin.lifecycle.load(story.lifecycle.state())
+    refill(twin.lifecycle, plain(story.lifecycle))
     twin.now, before = story.now, len(story.events)
     for one in (story, twin):
         one.run(80, {2: 5, 3: 4})

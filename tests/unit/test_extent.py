@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
-from comotion.hypotheses.extent import _MOST_POINTS, _SMALLER, Extents, Members
+from comotion.hypotheses.extent import _MOST_POINTS, _SMALLER, measured
+from comotion.hypotheses.records import Current, Extent
 from comotion.partition import PoseReference
+from comotion.saving import plain, restored
 
 from ..builders import S, batch
 
@@ -22,7 +24,7 @@ class Body:
     """Measures one hypothesis whose pose the test sets."""
 
     def __init__(self, dim=3):
-        self.dim, self.extents, self.reference = dim, Extents(), PoseReference.new(0)
+        self.dim, self.extent, self.reference = dim, None, PoseReference.new(0)
         self.posed = True
 
     def move(self, R, t):
@@ -35,8 +37,10 @@ class Body:
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
         sure = np.ones(count, bool) if sure is None else np.array(sure)
-        members = Members(keys, labels, points @ R.T + t, sure)
-        return self.extents.box(stamp_ns, 1, members, self.reference if self.posed else None)
+        current = Current(keys, np.arange(count), labels, points @ R.T + t, sure)
+        reference = self.reference if self.posed else None
+        self.extent, box = measured(self.extent, stamp_ns, 1, current, reference)
+        return box
 
 
 def matrix(box):
@@ -109,16 +113,14 @@ def test_what_is_kept_of_lost_members_is_bounded_and_as_large():
         points = rng.uniform(-HALF, HALF, (40, 3))
         body.box(2 * k * S, points, keys=range(40 * k, 40 * k + 40))
         box = body.box(2 * k * S + S, points, keys=range(40 * k, 40 * k + 40))
-    assert len(body.extents.state()[0][1]) <= _MOST_POINTS + 40
+    assert len(body.extent.keys) <= _MOST_POINTS + 40
     np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.05)
 
 
 def test_the_state_continues_after_a_restart():
     body = Body()
     whole = body.box(0, CORNERS)
-    restored = Extents()
-    restored.load(body.extents.state())
-    body.extents = restored
+    body.extent = restored(Extent, plain(body.extent))
     assert body.box(S, CORNERS[:2], keys=[0, 1]) == replace(whole)
 
 

@@ -56,14 +56,10 @@ def child(kind, q, seed=0, start=0):
     return motion(R, p + rng.normal(0, SHIFT_NOISE, p.shape), start=start)
 
 
-def pair(**changes):
-    return Pair(1, 2, np.zeros(3), JointsConfig(**changes))
-
-
 def judged(body, *, times=2):
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(times):
-        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
+        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body, JointsConfig())
     return found
 
 
@@ -127,17 +123,17 @@ def test_bodies_that_move_as_one_are_fixed():
     rng = np.random.default_rng(0)
     held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(2):
-        found.judge(carrier, held)
+        found.judge(carrier, held, JointsConfig())
     assert found.known.kind == "fixed"
 
 
 def test_a_joint_is_remembered_when_its_motion_has_left_the_window():
-    found = pair(key_states=10)
+    found, config = Pair(1, 2, np.zeros(3)), JointsConfig(key_states=10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
-        found.judge(world(150, first), child("revolute", q, seed=first, start=first))
+        found.judge(world(150, first), child("revolute", q, seed=first, start=first), config)
     assert found.known.kind == "revolute"
     assert len(found._keys.weight) <= 10
     # For the last 150 frames it has rested.
@@ -151,20 +147,19 @@ def test_a_joint_that_breaks_is_released():
     assert found.known.kind == "revolute"
     body = child("revolute", np.concatenate([q[30:], np.full(30, 1.2)]), start=30)
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
-    found.judge(world(150, 30), body)
+    found.judge(world(150, 30), body, JointsConfig())
     assert found.known.kind in {"undetermined", "free"}
 
 
 def test_key_states_are_bounded_and_those_alike_are_averaged():
-    keys = KeyStates(5)
+    keys = KeyStates()
     for seed in range(3):
-        keys.absorb(
-            relative_states(world(40), child("revolute", np.linspace(0, 2, 40), seed), np.zeros(3)), 0.1
-        )
+        body = child("revolute", np.linspace(0, 2, 40), seed)
+        keys.absorb(relative_states(world(40), body, np.zeros(3)), 0.1, 5)
     assert len(keys.weight) == 5
-    same = KeyStates(5)
+    same = KeyStates()
     states = relative_states(world(10), child("revolute", np.zeros(10)), np.zeros(3))
-    same.absorb(states, 1.0)
+    same.absorb(states, 1.0, 5)
     assert same.weight.tolist() == [10]
     assert same.states.information[0] == pytest.approx(states.information.sum(0))
 

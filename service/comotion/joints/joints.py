@@ -18,6 +18,7 @@ from ..arrays import Floats
 from ..config import FusionConfig, JointsConfig, to_ns
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
+from ..saving import plain, restored
 from .pair import JOINTS, Pair
 from .states import States
 
@@ -86,11 +87,11 @@ class Joints:
 
     def state(self) -> list[dict[str, Any]]:
         """As plain values and arrays."""
-        return [pair.state() for pair in self._pairs.values()]
+        return [plain(pair) for pair in self._pairs.values()]
 
     def load(self, state: list[dict[str, Any]]) -> None:
         """Take up :meth:`state`."""
-        pairs = [Pair.load(one, self._config) for one in state]
+        pairs = (restored(Pair, one) for one in state)
         self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
 
     def _of_space(
@@ -128,9 +129,9 @@ class Joints:
         pair = self._pairs.get(key)
         if pair is None:
             parent, child = _roles(key, motions, listed)
-            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy(), self._config)
+            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy())
         before = pair.known.kind
-        pair.judge(motions[pair.parent], motions[pair.child])
+        pair.judge(motions[pair.parent], motions[pair.child], self._config)
         now = pair.known.kind
         if before == now:
             return []

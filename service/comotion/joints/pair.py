@@ -1,7 +1,7 @@
 """One pair of hypotheses over time, and the joint between them."""
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,33 +63,45 @@ class Known:
     sigmas: Sigmas | None = None
 
 
+@dataclass
 class Pair:
     """What is known of two hypotheses.
 
-    Parameters
+    Attributes
     ----------
     parent, child
         Their ids.
     point
         float64 [3], the point of the child whose place is followed, in the child's axes.
-    config
-        Parameters.
+    known
+        The joint as it was judged last.
+    models
+        The best fit of each kind.
+    judged_ns
+        When it was judged last; None: never.
+    range
+        Least and largest position of the joint so far.
+    typical_information
+        float64 [6, 6], of a state of two frames.
     """
 
-    def __init__(self, parent: int, child: int, point: Floats, config: JointsConfig) -> None:
-        self.parent, self.child, self.point = parent, child, point
-        self._config = config
-        self._keys = KeyStates(config.key_states)
-        self._absorbed_ns = np.iinfo(np.int64).min
-        self._first: States | None = None
-        self._together = False
-        self._candidate: JointKind = "undetermined"
-        self._patience_ns = 0
-        self.models: dict[FixedKind, Model] = {}
-        self.known = Known()
-        self.judged_ns: int | None = None
-        self.range: tuple[float, float] = (0.0, 0.0)
-        self.typical_information: Floats = np.eye(6)
+    parent: int
+    child: int
+    point: Floats
+    known: Known = field(default_factory=Known)
+    models: dict[FixedKind, Model] = field(default_factory=dict)
+    judged_ns: int | None = None
+    range: tuple[float, float] = (0.0, 0.0)
+    typical_information: Floats = field(default_factory=lambda: np.eye(6))
+    _keys: KeyStates = field(default_factory=KeyStates)
+    # States up to here are key states, or of no account.
+    _absorbed_ns: int = -(2**62)
+    # The state of position 0.
+    _first: States | None = None
+    # Whether both have moved in the space at a time.
+    _together: bool = False
+    _candidate: JointKind = "undetermined"
+    _patience_ns: int = 0
 
     @property
     def model(self) -> Model | None:
@@ -97,7 +109,7 @@ class Pair:
         kind = _joint_kind(self.known.kind)
         return None if kind is None else self.models.get(kind)
 
-    def judge(self, parent: BodyMotion, child: BodyMotion) -> None:
+    def judge(self, parent: BodyMotion, child: BodyMotion, config: JointsConfig) -> None:
         """Decide anew what the pair is."""
         stamp_ns = int(parent.stamps[-1])
         window = relative_states(parent, child, self.point)
@@ -106,7 +118,7 @@ class Pair:
         self.judged_ns = stamp_ns
         if len(window) < 2:
             return
-        self._together |= _has_moved(child, self._config) and _has_moved(parent, self._config)
+        self._together |= _has_moved(child, config) and _has_moved(parent, config)
         self.typical_information = window.information[-1]
         verdict = judge(states, self.models, _REACH * max(child.radius or parent.radius, _LEAST_RADIUS))
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
@@ -115,14 +127,14 @@ class Pair:
         before = self.model
         self.models = {kind: one.model for kind, one in verdict.fits.items()}
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
-        self._decide(verdict, len(states) / rate)
+        self._decide(verdict, len(states) / rate, config)
         if self.model is not None and (before is None or before.kind != self.model.kind):
             self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
         self._see(verdict)
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
-            self._keys.absorb(leaving, child.radius or parent.radius)
+            self._keys.absorb(leaving, child.radius or parent.radius, config.key_states)
             self._absorbed_ns = int(leaving.stamps[-1])
 
     def position(self, state: States) -> float:
@@ -135,19 +147,19 @@ class Pair:
     def _zero(self, model: Model) -> float:
         return 0.0 if self._first is None else joint_position(model, self._first)
 
-    def _decide(self, verdict: Verdict, seconds: float) -> None:
+    def _decide(self, verdict: Verdict, seconds: float, config: JointsConfig) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
-        apart = verdict.turn >= self._config.least_turn or verdict.shift >= self._config.least_shift
+        apart = verdict.turn >= config.least_turn or verdict.shift >= config.least_shift
         decided = self._together if kind == "fixed" else apart
         decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         sigmas = _sigmas(verdict, kind, seconds)
-        most = self._config.most_axis_sigma * (_KEPT if kind == self.known.kind else 1)
+        most = config.most_axis_sigma * (_KEPT if kind == self.known.kind else 1)
         decided &= sigmas is None or sigmas.axis <= most
         own = verdict.probability.get(self.known.kind, 0.0)
-        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - self._config.least_confidence:
+        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - config.least_confidence:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif decided and chance >= self._config.least_confidence:
+        elif decided and chance >= config.least_confidence:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
             if kind not in JOINTS:
@@ -187,45 +199,10 @@ class Pair:
 
     def _begin_again(self, stamp_ns: int) -> None:
         self._lose()
-        self._keys.clear()
+        self._keys = KeyStates()
         self.models, self.known, self._first = {}, Known(), None
         self._together = False
         self._absorbed_ns = stamp_ns - int(_RECENT * 1e9)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values and arrays."""
-        return {
-            "parent": self.parent,
-            "child": self.child,
-            "point": self.point,
-            "keys": self._keys.state(),
-            "absorbed_ns": int(self._absorbed_ns),
-            "first": None if self._first is None else dict(vars(self._first)),
-            "together": bool(self._together),
-            "patience_ns": self._patience_ns,
-            "models": [dict(vars(model)) for model in self.models.values()],
-            "known": [self.known.kind, self.known.confidence, self.known.sigmas],
-            "judged_ns": self.judged_ns,
-            "range": list(self.range),
-            "information": self.typical_information,
-        }
-
-    @classmethod
-    def load(cls, state: dict[str, Any], config: JointsConfig) -> "Pair":
-        """Build a pair from :meth:`state`."""
-        pair = cls(int(state["parent"]), int(state["child"]), state["point"], config)
-        pair._keys.load(state["keys"])
-        pair._absorbed_ns = int(state["absorbed_ns"])
-        pair._first = None if state["first"] is None else States(**state["first"])
-        pair._together = bool(state["together"])
-        pair._patience_ns = int(state["patience_ns"])
-        pair.models = {one["kind"]: Model(**one) for one in state["models"]}
-        kind, confidence, sigma = state["known"]
-        pair.known = Known(kind, float(confidence), None if sigma is None else Sigmas(*sigma))
-        pair.judged_ns = state["judged_ns"]
-        pair.range = (float(state["range"][0]), float(state["range"][1]))
-        pair.typical_information = state["information"]
-        return pair
 
 
 def _joint_kind(kind: JointKind) -> FixedKind | None:
