@@ -39,7 +39,7 @@ def restored(kind: Any, state: Any) -> Any:
     AttributeError, KeyError, TypeError, ValueError
         If `state` is not of this type, as far as that shows.
     """
-    origin = get_origin(kind) or kind
+    origin: Any = get_origin(kind) or kind
     members = [member for member in get_args(kind) if member is not NoneType]
     found = state
     if state is None or (origin in _UNIONS and len(members) > 1):
@@ -48,10 +48,10 @@ def restored(kind: Any, state: Any) -> Any:
     elif origin in _UNIONS:
         found = restored(members[0], state)
     elif is_dataclass(origin):
-        types = _types(origin)
+        types = _types(kind)
         found = kind(**{name: restored(types[name], value) for name, value in state.items()})
     elif hasattr(origin, "_fields"):
-        found = kind(*map(restored, _types(origin).values(), state))
+        found = kind(*map(restored, _types(kind).values(), state))
     elif origin is dict:
         found = {restored(members[0], key): restored(members[1], value) for key, value in state}
     elif origin is tuple and members[-1] is not Ellipsis:
@@ -63,8 +63,9 @@ def restored(kind: Any, state: Any) -> Any:
 
 def refill(one: Any, state: Mapping[str, Any]) -> None:
     """Give a dataclass the fields that :func:`plain` has kept of its like."""
-    types = _types(type(one))
-    for field in _kept(type(one)):
+    kind: Any = type(one)
+    types = _types(kind)
+    for field in _kept(kind):
         setattr(one, field.name, restored(types[field.name], state[field.name]))
 
 

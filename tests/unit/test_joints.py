@@ -59,7 +59,7 @@ def child(kind, q, seed=0, start=0):
 def judged(body, *, times=2):
     found = Pair(1, 2, np.zeros(3))
     for _ in range(times):
-        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body, JointsConfig())
+        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
     return found
 
 
@@ -125,15 +125,16 @@ def test_bodies_that_move_as_one_are_fixed():
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
     found = Pair(1, 2, np.zeros(3))
     for _ in range(2):
-        found.judge(carrier, held, JointsConfig())
+        found.judge(carrier, held)
     assert found.known.kind == "fixed"
 
 
-def test_a_joint_is_remembered_when_its_motion_has_left_the_window():
-    found, config = Pair(1, 2, np.zeros(3)), JointsConfig(key_states=10)
+def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
+    found = Pair(1, 2, np.zeros(3))
+    monkeypatch.setattr("comotion.joints.memory._MOST_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
-        found.judge(world(150, first), child("revolute", q, seed=first, start=first), config)
+        found.judge(world(150, first), child("revolute", q, seed=first, start=first))
     assert found.known.kind == "revolute"
     assert len(found._keys.weight) <= 10
     # For the last 150 frames it has rested.
@@ -147,19 +148,20 @@ def test_a_joint_that_breaks_is_released():
     assert found.known.kind == "revolute"
     body = child("revolute", np.concatenate([q[30:], np.full(30, 1.2)]), start=30)
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
-    found.judge(world(150, 30), body, JointsConfig())
+    found.judge(world(150, 30), body)
     assert found.known.kind in {"undetermined", "free"}
 
 
-def test_key_states_are_bounded_and_those_alike_are_averaged():
+def test_key_states_are_bounded_and_those_alike_are_averaged(monkeypatch):
+    monkeypatch.setattr("comotion.joints.memory._MOST_STATES", 5)
     keys = KeyStates()
     for seed in range(3):
         body = child("revolute", np.linspace(0, 2, 40), seed)
-        keys.absorb(relative_states(world(40), body, np.zeros(3)), 0.1, 5)
+        keys.absorb(relative_states(world(40), body, np.zeros(3)), 0.1)
     assert len(keys.weight) == 5
     same = KeyStates()
     states = relative_states(world(10), child("revolute", np.zeros(10)), np.zeros(3))
-    same.absorb(states, 1.0, 5)
+    same.absorb(states, 1.0)
     assert same.weight.tolist() == [10]
     assert same.states.information[0] == pytest.approx(states.information.sum(0))
 

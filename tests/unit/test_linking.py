@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
-from comotion.linking.decision import body_evidence, decide, linked_hypotheses, representatives
+from comotion.linking.decision import MARGIN, body_evidence, decide, linked_hypotheses, representatives
 from comotion.rigid.anchored import pose_covariances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
@@ -19,7 +19,6 @@ from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 from ..builders import batch
 
 RATE = 15
-LINKING = FusionConfig().linking
 BODIES = ("room", "lid", "cart")
 Motion = Callable[[float], tuple[Rotation, np.ndarray]]
 
@@ -206,11 +205,11 @@ def test_without_calibration_or_poses_there_are_no_links() -> None:
 
 
 def decided(evidence: np.ndarray, previous: int | None) -> int | None:
-    return decide(evidence, previous, LINKING.margin)
+    return decide(evidence, previous)
 
 
 def decided_by(log_likelihood: np.ndarray) -> int | None:
-    return decided(body_evidence(log_likelihood, LINKING.outlier_share), None)
+    return decided(body_evidence(log_likelihood), None)
 
 
 def test_one_outlier_prevents_no_link_and_a_few_members_make_none() -> None:
@@ -222,10 +221,10 @@ def test_one_outlier_prevents_no_link_and_a_few_members_make_none() -> None:
 
 
 def test_a_link_holds_until_something_beats_it() -> None:
-    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), 1) == 1
-    assert decided(np.array([0.0, -1.1 * LINKING.margin, -20.0]), 1) == 0
+    assert decided(np.array([0.0, -0.9 * MARGIN, -20.0]), 1) == 1
+    assert decided(np.array([0.0, -1.1 * MARGIN, -20.0]), 1) == 0
     assert decided(np.array([-20.0, -20.0, 0.0]), 1) is None
-    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), None) is None
+    assert decided(np.array([0.0, -0.9 * MARGIN, -20.0]), None) is None
     # One body alone: that something is at rest says nothing where nothing moves.
     assert decided(np.array([0.0, -50.0]), None) is None
 

@@ -74,4 +74,4 @@ def test_a_state_of_another_layout_is_an_error():
     with pytest.raises(KeyError):
         refill(Outer(), {"name": "two"})
     with pytest.raises(TypeError):
-        restored(Inner, {"other": 1})
+        restored(Inner, {"kind": "a"})

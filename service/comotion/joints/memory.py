@@ -10,23 +10,25 @@ from .states import States, turned, turns_between
 # States within a cell are one key state: rad, and share of the child's radius.
 _CELL_TURN = 0.04
 _CELL_SHIFT = 0.1
+# Key states of a pair.
+_MOST_STATES = 40
 # A key state is worth so many of its frames at most: errors that last do not average out.
 _MOST_WEIGHT = 20.0
 
 
 @dataclass
 class KeyStates:
-    """Key states of a pair, and float64 [n], how many each stands for."""
+    """Some states of a pair, and float64 [n], how many each stands for."""
 
     states: States = field(default_factory=States.empty)
     weight: Floats = field(default_factory=lambda: np.zeros(0))
 
-    def absorb(self, new: States, radius: float, most: int) -> None:
-        """Take in states, and keep `most`; `radius` is the child's, in the unit of the space."""
+    def absorb(self, new: States, radius: float) -> None:
+        """Take in states; `radius` is the child's, in the unit of the space."""
         cell = max(_CELL_SHIFT * radius, 1e-9)
         for k in range(len(new)):
             self._add(new.of(slice(k, k + 1)), cell)
-            if len(self.weight) > most:
+            if len(self.weight) > _MOST_STATES:
                 self._thin(cell)
 
     def _add(self, one: States, cell: float) -> None:

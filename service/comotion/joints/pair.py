@@ -8,7 +8,6 @@ import numpy as np
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats, Stamps
-from ..config import JointsConfig
 from ..partition import BodyMotion
 from .evidence import DEGREES, KINDS, Verdict, excess, judge
 from .memory import KeyStates
@@ -22,6 +21,13 @@ JOINTS: tuple[JointKind, ...] = KINDS
 _RECENT = 1.0
 _BROKEN = 2.0
 _WORSE = 4.0
+# Probability from which on a kind of joint is published.
+_LEAST_CONFIDENCE = 0.95
+# rad and m; a pair that has turned and moved less is undetermined.
+_LEAST_TURN, _LEAST_SHIFT = 0.2, 0.03
+# rad; a pair whose axis is less well known is undetermined. Chosen on `tennis_serve`, see
+# docs/research/joints.md.
+_MOST_AXIS_SIGMA = 0.15
 # A free body may move for a while as if it had a joint. After that it must do so for longer.
 _PATIENCE_NS, _MOST_PATIENCE_NS = 3_000_000_000, 8_000_000_000
 # A joint is kept until its axis is so many times less well known than a new one's.
@@ -109,7 +115,7 @@ class Pair:
         kind = _joint_kind(self.known.kind)
         return None if kind is None else self.models.get(kind)
 
-    def judge(self, parent: BodyMotion, child: BodyMotion, config: JointsConfig) -> None:
+    def judge(self, parent: BodyMotion, child: BodyMotion) -> None:
         """Decide anew what the pair is."""
         stamp_ns = int(parent.stamps[-1])
         window = relative_states(parent, child, self.point)
@@ -118,7 +124,7 @@ class Pair:
         self.judged_ns = stamp_ns
         if len(window) < 2:
             return
-        self._together |= _has_moved(child, config) and _has_moved(parent, config)
+        self._together |= _has_moved(child) and _has_moved(parent)
         self.typical_information = window.information[-1]
         verdict = judge(states, self.models, _REACH * max(child.radius or parent.radius, _LEAST_RADIUS))
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
@@ -127,14 +133,14 @@ class Pair:
         before = self.model
         self.models = {kind: one.model for kind, one in verdict.fits.items()}
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
-        self._decide(verdict, len(states) / rate, config)
+        self._decide(verdict, len(states) / rate)
         if self.model is not None and (before is None or before.kind != self.model.kind):
             self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
         self._see(verdict)
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
-            self._keys.absorb(leaving, child.radius or parent.radius, config.key_states)
+            self._keys.absorb(leaving, child.radius or parent.radius)
             self._absorbed_ns = int(leaving.stamps[-1])
 
     def position(self, state: States) -> float:
@@ -147,19 +153,19 @@ class Pair:
     def _zero(self, model: Model) -> float:
         return 0.0 if self._first is None else joint_position(model, self._first)
 
-    def _decide(self, verdict: Verdict, seconds: float, config: JointsConfig) -> None:
+    def _decide(self, verdict: Verdict, seconds: float) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
-        apart = verdict.turn >= config.least_turn or verdict.shift >= config.least_shift
+        apart = verdict.turn >= _LEAST_TURN or verdict.shift >= _LEAST_SHIFT
         decided = self._together if kind == "fixed" else apart
         decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         sigmas = _sigmas(verdict, kind, seconds)
-        most = config.most_axis_sigma * (_KEPT if kind == self.known.kind else 1)
+        most = _MOST_AXIS_SIGMA * (_KEPT if kind == self.known.kind else 1)
         decided &= sigmas is None or sigmas.axis <= most
         own = verdict.probability.get(self.known.kind, 0.0)
-        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - config.least_confidence:
+        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - _LEAST_CONFIDENCE:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif decided and chance >= config.least_confidence:
+        elif decided and chance >= _LEAST_CONFIDENCE:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
             if kind not in JOINTS:
@@ -223,11 +229,11 @@ def _sigmas(verdict: Verdict, kind: JointKind, seconds: float) -> Sigmas | None:
     )
 
 
-def _has_moved(body: BodyMotion, config: JointsConfig) -> bool:
+def _has_moved(body: BodyMotion) -> bool:
     """Whether a body has moved in the space, within the window."""
     if body.static or not body.posed.any():
         return False
     R, place = body.R[body.posed], body.R[body.posed] @ body.centre + body.t[body.posed]
     chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", R, R[-1]), 0)).max()
     shift = float(np.linalg.norm(place - place[-1], axis=1).max())
-    return bool(chord >= config.least_turn or shift >= config.least_shift)
+    return bool(chord >= _LEAST_TURN or shift >= _LEAST_SHIFT)
