@@ -80,7 +80,7 @@ def test_another_version_is_said(monkeypatch):
     monkeypatch.setattr(snapshot, "FORMAT", 3)
     older = dump({})
     monkeypatch.undo()
-    with pytest.raises(ValueError, match="format 3, expected 7"):
+    with pytest.raises(ValueError, match=f"format 3, expected {snapshot.FORMAT}"):
         load(older, same)
 
 
