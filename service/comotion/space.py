@@ -96,6 +96,10 @@ class Space:
     ----------
     contradicting
         Sources that say that the frame moves, where not all do.
+    owner
+        The source that was the first to observe something here; empty where nobody knows.
+    fed_ns, updated
+        When something came in last on the clock of arrivals, and in which update the space was updated last.
     """
 
     def __init__(
@@ -114,6 +118,7 @@ class Space:
         # Keys and update of what was listed last.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.contradicting: list[str] = []
+        self.owner, self.fed_ns, self.updated = "", 0, -1
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self.drift = DriftCheck()
         self._groupings = 0
@@ -257,6 +262,10 @@ class Space:
         slots = np.concatenate([self._current, *self._opened])
         numbers, counts = np.unique(self._window.source[slots], return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+
+    def knows(self, session: int) -> bool:
+        """Whether a session has sent anything."""
+        return self._index.knows(session)
 
     def holds(self, ids: Ids, session: int) -> Bools:
         """Which ids of a session have a trajectory here, bool [n]."""
