@@ -1,7 +1,7 @@
 """In objects, out plain values and arrays that a snapshot keeps, and the other way round by their types.
 
-What is kept are dataclasses and named tuples of numbers, texts, arrays and more of them, also in dicts,
-lists, tuples, sets and queues. Fields that are marked with :data:`NOT_KEPT` come from elsewhere.
+What is kept are dataclasses and named tuples of numbers, texts, arrays, rigid motions and more of them, also
+in dicts, lists, tuples, sets and queues. Fields that are marked with :data:`NOT_KEPT` come from elsewhere.
 """
 
 from collections import deque
@@ -12,6 +12,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 NOT_KEPT = {"kept": False}
 """Metadata of a field that a snapshot does not keep."""
@@ -24,6 +25,8 @@ def plain(one: Any) -> Any:
         return {field.name: plain(getattr(one, field.name)) for field in _kept(type(one))}
     if isinstance(one, np.ndarray):
         return one.copy()
+    if isinstance(one, RigidTransform):
+        return one.as_matrix()
     if isinstance(one, Mapping):
         return [[plain(key), plain(value)] for key, value in one.items()]
     if isinstance(one, list | tuple | set | deque):
@@ -45,6 +48,8 @@ def restored(kind: Any, state: Any) -> Any:
     if state is None or (origin in _UNIONS and len(members) > 1):
         # Of several kinds of numbers the state says which one it is.
         pass
+    elif origin is RigidTransform:
+        found = RigidTransform.from_matrix(state)
     elif origin in _UNIONS:
         found = restored(members[0], state)
     elif is_dataclass(origin):

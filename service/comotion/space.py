@@ -24,6 +24,7 @@ from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
 from .partition import Method, Partition, Rows, SpaceSpec
+from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import Stored
 from .trajectories.track_index import Ids, TrackIndex
@@ -133,7 +134,7 @@ class Space:
         if not moving:
             self._frame = None
         elif self._frame is None:
-            self._frame = MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
+            self._frame = MovingFrame(self.spec.dim, self.spec.unit == "m")
 
     def _follow_sources(self) -> None:
         """Take the frame for one that moves where the configuration, or all current sources, say so."""
@@ -426,7 +427,7 @@ class Space:
             "window": self._window.state(),
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
-            "frame": None if self._frame is None else self._frame.state(),
+            "frame": plain(self._frame),
             "ended": [[number, ids] for number, ids in self._index.ended()],
         }
 
@@ -439,7 +440,7 @@ class Space:
         if state["frame"] is not None:
             self._carry(moving=True)
             if keep_method and self._frame is not None:
-                self._frame.load(state["frame"])
+                refill(self._frame, state["frame"])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from ..arrays import Bools, Floats, Slots, Stamps
 from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "covariance", "_complete")
+_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete")
+_PER_SLOT = ("start", "stop", "used", *_KEPT)
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -290,16 +291,8 @@ class Window:
         """Everything the window holds, as plain arrays of their own."""
         slots = self.slots()
         counts = self.counts(slots)
-        state: dict[str, Any] = {
-            "next_key": self._next_key,
-            "counts": counts,
-            "ended": self.ended[slots],
-            "whole": self._complete[slots],
-            "source": self.source[slots],
-            "key": self.key[slots],
-            "last_ns": self.last_ns[slots],
-            "covariance": self.covariance[slots],
-        }
+        state: dict[str, Any] = {"next_key": self._next_key, "counts": counts}
+        state |= {name: getattr(self, name)[slots] for name in _KEPT}
         spans = list(zip(slots.tolist(), self.start[slots].tolist(), self.stop[slots].tolist(), strict=True))
         for name in _COLUMNS:
             column = getattr(self, name)
@@ -323,9 +316,7 @@ class Window:
                 if name in state:
                     getattr(self, name)[slot, :count] = state[name][end - count : end]
         self.start[slots], self.stop[slots] = 0, counts
-        self._complete[slots], self.ended[slots] = state["whole"], state["ended"]
-        self.source[slots], self.key[slots] = state["source"], state["key"]
-        self.covariance[slots] = state["covariance"]
-        self.last_ns[slots] = state["last_ns"]
+        for name in _KEPT:
+            getattr(self, name)[slots] = state[name]
         self._next_key = state["next_key"]
         return slots
