@@ -95,6 +95,8 @@ class Space:
 
     Attributes
     ----------
+    index
+        Who the trajectories are.
     contradicting
         Sources that say that the frame moves, where not all do.
     owner
@@ -109,7 +111,7 @@ class Space:
         self.spec = spec
         self._stats = stats
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
-        self._index = TrackIndex(self._window)
+        self.index = TrackIndex(self._window)
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
@@ -218,31 +220,23 @@ class Space:
         self, ids: Ids, session: int, allowance: Callable[[int], int]
     ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
-        slots = self._index.find(ids, session)
+        slots = self.index.find(ids, session)
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
             _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
             # By first appearance: the oldest trajectory has the lowest number.
             new = fresh[np.sort(first)]
-            gone = self._index.has_ended(ids[new], session)
+            gone = self.index.has_ended(ids[new], session)
             opened, ended = new[~gone], int(gone.sum())
             opened = opened[: allowance(len(opened)) if len(opened) else 0]
-            slots[opened] = self._index.open(ids[opened], session)
+            slots[opened] = self.index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
             self._stats.refused_rows += int(np.count_nonzero(slots < 0))
             self._stats.tracks += len(opened)
             self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
-        self._index.expect(ids, session, slots)
+        self.index.expect(ids, session, slots)
         return slots, len(fresh), ended
-
-    def end(self, ids: Ids, session: int) -> None:
-        """Mark trajectories of a session as ended for good."""
-        self._index.end(ids, session)
-
-    def end_session(self, session: int) -> None:
-        """Mark all trajectories of a session as ended for good."""
-        self._index.end_session(session)
 
     def occupied(self) -> int:
         """Trajectories that count against the limit: those current at the last update or opened since.
@@ -263,14 +257,6 @@ class Space:
         slots = np.concatenate([self._current, *self._opened])
         numbers, counts = np.unique(self._window.source[slots], return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
-
-    def knows(self, session: int) -> bool:
-        """Whether a session has sent anything."""
-        return self._index.knows(session)
-
-    def holds(self, ids: Ids, session: int) -> Bools:
-        """Which ids of a session have a trajectory here, bool [n]."""
-        return np.asarray(self._index.find(ids, session) >= 0)
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
@@ -328,7 +314,7 @@ class Space:
             window.key[current],
             SpaceUpdate(
                 sessions=owners,
-                ids=self._index.ids[current],
+                ids=self.index.ids[current],
                 positions=newest,
                 labels=labels,
                 confidence=partition.confidence * explained(labels, present, newest, owners),
@@ -354,7 +340,7 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
-        previous = self._hypotheses.previous(window)
+        previous = self._hypotheses.labels.previous(window)
         if not grouped and self._last is not None and len(self._last.current):
             return self._last.extended(window, current, previous.labels)
         self._method.searching = self._groupings % effort.search_every == 0
@@ -367,7 +353,7 @@ class Space:
             few = len(some) < np.count_nonzero(steady[current])
             part = window.of(some if few else np.flatnonzero(steady))
         found = self._method.partition(part, some, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, some, self._index.ids[some])
+        self._last = LastGrouping.of(window, found, some, self.index.ids[some])
         if len(some) == len(current):
             return found
         return self._last.extended(window, current, previous.labels)
@@ -400,7 +386,7 @@ class Space:
         window = self._window
         self._method.forgetting(window, gone)
         self._hypotheses.labels.forget(window, gone)
-        self._index.close(gone)
+        self.index.close(gone)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""
@@ -423,18 +409,18 @@ class Space:
             "name": self.spec.name,
             "unit": self.spec.unit,
             "dim": self.spec.dim,
-            "ids": self._index.ids[self._window.slots()],
+            "ids": self.index.ids[self._window.slots()],
             "window": self._window.state(),
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
             "frame": plain(self._frame),
-            "ended": [[number, ids] for number, ids in self._index.ended()],
+            "ended": [[number, ids] for number, ids in self.index.ended()],
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
         """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         slots = self._window.load(state["window"])
-        self._index.load(state["ids"], slots, state["ended"])
+        self.index.load(state["ids"], slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state["frame"] is not None:

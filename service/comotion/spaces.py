@@ -138,7 +138,7 @@ class Spaces:
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session number as ended for good."""
         for space in self:
-            space.end_session(session)
+            space.index.end_session(session)
 
     def update(
         self,
@@ -291,16 +291,16 @@ class Spaces:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
         if instant.last and instant.batch.ended is not None:
             for space in self:
-                if space.knows(instant.session):
-                    space.end(instant.batch.ended, instant.session)
+                if space.index.knows(instant.session):
+                    space.index.end(instant.batch.ended, instant.session)
 
     def _elsewhere(self, instant: Instants, home: Space) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
-        others = [space for space in self if space is not home and space.knows(instant.session)]
+        others = [space for space in self if space is not home and space.index.knows(instant.session)]
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
-        found: Bools = np.any([space.holds(ids, instant.session) for space in others], axis=0)
+        found: Bools = np.any([space.index.find(ids, instant.session) >= 0 for space in others], axis=0)
         return found if found.any() else None
 
     def _allowance(self, session: int, wanted: int) -> int:

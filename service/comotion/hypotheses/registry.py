@@ -20,7 +20,7 @@ from comotion_schemas import Event, Hypothesis
 
 from ..arrays import Labels, Slots
 from ..config import HypothesesConfig
-from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
+from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference
 from ..saving import plain, refill
 from ..trajectories.window import Window
 from .events import Count, Lifecycle
@@ -68,10 +68,6 @@ class Registry:
         # Recalled by their place, and not yet confirmed to have returned.
         self._recalled: list[int] = []
         self.labels = LabelMemory(ids, established=established)
-
-    def previous(self, window: Window) -> Previous:
-        """What a method learns of the last update."""
-        return self.labels.previous(window)
 
     def update(
         self,

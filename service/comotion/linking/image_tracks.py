@@ -69,7 +69,7 @@ def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraMo
     for n, slot in enumerate(slots.tolist()):
         chosen = _thinned(np.flatnonzero(states.held[:, n]))
         frame[n, : len(chosen)], seen[n, : len(chosen)] = chosen, True
-        sigma = window.series(slot).sigma
+        sigma = window.held(window.sigma, slot)
         reported = sigma[np.isfinite(sigma)]
         noise[n] = np.median(reported) if len(reported) else _NOISE
     pixels = np.where(seen[..., None], states.position[frame, np.arange(count)[:, None]], 0.0)

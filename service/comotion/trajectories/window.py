@@ -6,7 +6,6 @@ its birth number, never is.
 """
 
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -24,21 +23,6 @@ _FIRST_ROWS = 60
 # Memory is given back when less than this share of it is still in use: of the rows of a slot, or of more
 # slots than this number.
 _MANY_SLOTS, _STILL_USED = 256, 0.25
-
-
-@dataclass(frozen=True)
-class Series:
-    """Views of one trajectory: times int64 [M] ns, positions float64 [M, dim], speed, sigma [M].
-
-    `quaternions` is float64 [M, 4] (x, y, z, w; NaN where the feature is a point) or None where no
-    trajectory of the space has ever had an orientation.
-    """
-
-    times: Stamps
-    positions: Floats
-    speed: Floats
-    sigma: Floats
-    quaternions: Floats | None
 
 
 class Window:
@@ -81,17 +65,9 @@ class Window:
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
 
-    def series(self, slot: int) -> Series:
-        """Views of the observations in a slot."""
-        span = slice(self.start[slot], self.stop[slot])
-        turns = None if self.quaternions is None else self.quaternions[slot, span]
-        return Series(
-            self.times[slot, span],
-            self.positions[slot, span],
-            self.speed[slot, span],
-            self.sigma[slot, span],
-            turns,
-        )
+    def held(self, column: NDArray[Any], slot: int) -> NDArray[Any]:
+        """The observations in a slot, a view of a column such as `times`, [M, ...]."""
+        return column[slot, self.start[slot] : self.stop[slot]]
 
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
