@@ -4,14 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Labels, Slots, Stamps
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
@@ -168,52 +168,52 @@ class Space:
             What became of them.
         """
         batch, session = instants.batch, instants.session
-        columns = _Columns.of(instants) if taken is None else _Columns.of(instants).where(~taken)
-        near = self.extent.fits(session, columns.of_batch(batch.positions)) if len(columns.rows) else None
-        if near is not None and not near.any():
-            return Stored(fits=False, factor=self.extent.refused[session])
-        columns = columns if near is None else columns.where(near)
-        self._stats.refused_rows += len(instants.rows) - len(columns.rows)
-        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, allowance)
+        rows, stamps = instants.rows, instants.stamps[: len(instants.rows)]
+        if taken is not None:
+            rows, stamps = rows[~taken], stamps[~taken]
+        places: NDArray[Any] = batch.positions[rows]
+        near = self.extent.fits(session, places) if len(rows) else None
+        if near is not None:
+            if not near.any():
+                return Stored(fits=False, factor=self.extent.refused[session])
+            rows, stamps = rows[near], stamps[near]
+        slots, fresh, ended = self._find_or_open(batch.ids[rows], session, allowance)
         known = slots >= 0
         # An id that its source has declared lost for good must not come back.
         keep = known.copy()
         keep[known] = ~self._window.ended[slots[known]]
         ended += int(np.count_nonzero(known & ~keep))
-        self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
-        if not keep.all():
-            slots, columns = slots[keep], columns.where(keep)
-        if len(slots):
-            self._insert(instants, slots, columns)
+        self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(keep))
+        if keep.any():
+            self._insert(instants, slots[keep], rows[keep], stamps[keep])
         return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0))
 
-    def _insert(self, instants: Instants, slots: Slots, columns: "_Columns") -> None:
-        batch, rows = instants.batch, columns.rows
+    def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
+        """Put rows of a batch into the window, each with its slot and stamp."""
+        batch = instants.batch
         self._said[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
-            sigma[:] = columns.of_batch(batch.sigma) if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
-        quaternions = None
-        if batch.quaternions is not None:
-            quaternions = columns.of_batch(batch.quaternions).astype(np.float64)
-        positions = columns.of_batch(batch.positions).astype(np.float64)
-        stamps = columns.stamps if batch.stamps_ns is not None else instants.stamp_ns
-        stored = self._window.insert(slots, stamps, positions, sigma, quaternions)
+        quaternions = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
+        at_once = instants.stamp_ns if batch.stamps_ns is None else stamps
+        positions = batch.positions[rows].astype(np.float64)
+        stored = self._window.insert(slots, at_once, positions, sigma, quaternions)
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
             declared = np.zeros((len(slots), 6))
-            declared[:, entries] = columns.of_batch(batch.covariance)
+            declared[:, entries] = batch.covariance[rows]
             self._window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        slots, at_ns = slots[stored], columns.stamps[stored]
-        cuts = np.flatnonzero(at_ns[1:] != at_ns[:-1]) + 1
-        for first, stop in pairwise([0, *cuts.tolist(), len(at_ns)]):
+        slots, stamps = slots[stored], stamps[stored]
+        cuts = np.flatnonzero(stamps[1:] != stamps[:-1]) + 1
+        for first, stop in pairwise([0, *cuts.tolist(), len(stamps)]):
             if stop > first:
-                rows_of_one = Rows(int(at_ns[first]), slots[first:stop], instants.in_order)
+                rows_of_one = Rows(int(stamps[first]), slots[first:stop], instants.in_order)
                 self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(
@@ -231,7 +231,6 @@ class Space:
             opened = opened[: allowance(len(opened)) if len(opened) else 0]
             slots[opened] = self.index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
-            self._stats.refused_rows += int(np.count_nonzero(slots < 0))
             self._stats.tracks += len(opened)
             self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
@@ -427,30 +426,6 @@ class Space:
             self._carry(moving=True)
             if keep_method and self._frame is not None:
                 refill(self._frame, state["frame"])
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Rows of a batch, intp [n], and their stamps, int64 [n]; `every`: they are all, in their order."""
-
-    rows: NDArray[np.intp]
-    stamps: Stamps
-    every: bool
-
-    @classmethod
-    def of(cls, instants: Instants) -> Self:
-        """All rows of some instants."""
-        rows, batch = instants.rows, instants.batch
-        every = len(rows) == len(batch.ids) and batch.stamps_ns is None
-        return cls(rows, instants.stamps[: len(rows)], every)
-
-    def where(self, keep: Bools) -> "_Columns":
-        """Some of them."""
-        return _Columns(self.rows[keep], self.stamps[keep], every=False)
-
-    def of_batch(self, column: NDArray[Any]) -> NDArray[Any]:
-        """Their part of a column of the batch."""
-        return column if self.every else column[self.rows]
 
 
 def _newest(window: Window, slots: Slots) -> Floats:
