@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comotion.config import JointsConfig
 from comotion.joints.evidence import first_guess
 from comotion.joints.models import FixedKind, fit
 from comotion.joints.pair import Pair
@@ -66,7 +65,7 @@ def run_case(kind: FixedKind, moved: float, seeds: Sequence[int]) -> PoseCase:
     found = PoseCase(kind, moved, [], [], [], [], [], [])
     for seed in seeds:
         child, axis, point = _child(kind, np.radians(moved) if kind == "revolute" else moved, seed)
-        pair = Pair(1, 2, np.zeros(3), JointsConfig())
+        pair = Pair(1, 2, np.zeros(3))
         for _ in range(2):
             begun = time.process_time()
             pair.judge(_world(child.stamps), child)
