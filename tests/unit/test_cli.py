@@ -399,7 +399,7 @@ def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.Capt
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("study", ["stress", "joints"])
+@pytest.mark.parametrize("study", ["stress", "ablation"])
 def test_what_the_wheel_leaves_out_is_one_line(study, monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr("comotion_deploy.cli.in_checkout", lambda: False)
     monkeypatch.setattr(comotion_experiments, "__path__", [])
