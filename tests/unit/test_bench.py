@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig
-from comotion_clients.metrics import nmi
-from comotion_experiments.bench import Scene, SceneSpec, time_scene
-from comotion_experiments.bench.live import latencies
-from comotion_experiments.bench.report import write_page
-from comotion_experiments.bench.straightforward import Straightforward
+from comotion import FusionConfig
+from comotion_tools.bench.live import latencies
+from comotion_tools.bench.report import write_page
+from comotion_tools.bench.scene import Scene, SceneSpec
+from comotion_tools.bench.timing import time_scene
 
 
 def test_a_source_keeps_its_number_of_features_and_gives_up_those_it_replaces() -> None:
@@ -58,28 +57,6 @@ def test_a_timing_covers_every_update_after_the_window_has_filled() -> None:
     assert 0 < np.mean(timing.nmi) <= 1
 
 
-def test_the_straightforward_version_agrees_with_the_core() -> None:
-    config = FusionConfig(method="thesis", window=2.0)
-    scene = Scene(SceneSpec(features=60, bodies=2, churn=0.0))
-    fusion, work = Fusion(config), Straightforward(60, config)
-    for batch in scene.merged(3.0):
-        fusion.ingest(batch)
-        work.ingest(batch)
-        if batch.seq % 6 == 5:
-            fusion.update(batch.stamp_ns)
-            work.advance()
-    update = fusion.update(batch.stamp_ns)
-    tracks, labels = work.cluster()
-    names = [source.name for source in update.sources]
-    mine = {
-        (names[s], i): h
-        for s, i, h in zip(
-            update.track_source, update.track_id.tolist(), update.track_hypothesis, strict=True
-        )
-    }
-    assert nmi(labels, np.array([mine[track] for track in tracks], np.int64)) > 0.9
-
-
 def test_latency_counts_from_the_last_put_that_an_update_holds() -> None:
     ms = 1_000_000
     puts = np.array([[0, 1], [30, 32], [60, 61], [90, 95]]) * ms
@@ -91,9 +68,9 @@ def test_latency_counts_from_the_last_put_that_an_update_holds() -> None:
 
 def test_a_page_is_written_between_its_marks_alone(tmp_path: Path) -> None:
     page = tmp_path / "performance.md"
-    write_page(page, "core", "first\n")
+    write_page(page, "first\n")
     page.write_text("before\n" + page.read_text() + "after\n")
-    write_page(page, "core", "second\n")
+    write_page(page, "second\n")
     text = page.read_text()
     assert "second" in text
     assert "first" not in text
@@ -101,4 +78,4 @@ def test_a_page_is_written_between_its_marks_alone(tmp_path: Path) -> None:
     assert text.endswith("after\n")
     (tmp_path / "other.md").write_text("no marks")
     with pytest.raises(ValueError, match="no marks"):
-        write_page(tmp_path / "other.md", "core", "x")
+        write_page(tmp_path / "other.md", "x")
