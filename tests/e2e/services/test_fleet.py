@@ -17,7 +17,7 @@ from comotion_deploy.fleet.plan import Place, Scene
 from comotion_schemas import HypothesisUpdate
 
 from ..conftest import DEADLINE
-from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..etcd_cluster import NEEDS_ETCD
 from .test_service import is_sorted_out, labels
 
 pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
@@ -26,12 +26,6 @@ SCENES = int(os.environ.get("COMOTION_FLEET_SCENES", "2"))
 FEW = 2
 """With so few scenes, an agent is drained at once when the new one is there: that moves as much."""
 OPTIONS = tuple(os.environ.get("COMOTION_FLEET_OPTIONS", "--set window=7").split())
-
-
-@pytest.fixture
-def etcd(tmp_path):
-    with EtcdCluster(tmp_path) as cluster:
-        yield cluster
 
 
 @pytest.fixture
