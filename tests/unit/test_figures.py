@@ -15,7 +15,8 @@ from comotion_experiments.figures import FIGURES, Options, select
 from comotion_experiments.figures.colouring import LETTERS, Styles
 from comotion_experiments.figures.numbers import format_times, perfect_from, right_at
 from comotion_experiments.figures.runs import ViewRequest
-from comotion_experiments.figures.study import Study, thesis
+from comotion_experiments.figures.study import Study
+from comotion_experiments.offline import thesis
 from comotion_experiments.plot import unit
 from comotion_schemas import UNDETERMINED
 
