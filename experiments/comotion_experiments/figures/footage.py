@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from comotion import FusionConfig
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
-from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt import Tracker, TrackerConfig
-from comotion_sources.klt.observer import Observer, choose_space
-from comotion_sources.streams import OFFLINE_SESSION
+from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
-from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
+from comotion_sources.workcell.camera import CameraSpec
 from comotion_sources.workcell.scene import scene_folder
 from comotion_sources.workcell.sensor import SensorNoise
 
 from ..offline import Message
+from ..rendered import filmed
 from .runs import SceneRuns, ViewRequest, run_seed
 from .study import Study, describe
 
@@ -82,7 +80,10 @@ def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Me
         kept = (decode(raw) for raw in msgpack.unpackb(path.read_bytes()))
         return [one for one in kept if isinstance(one, TruthBatch | ObservationBatch)]
     study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
-    messages = _filmed(name, seed, how)
+    spec = CameraSpec(
+        scene=name, camera=CAMERA, size=how.size, rate=how.rate, seed=seed, duration=how.seconds
+    )
+    messages = [message for one in filmed(spec, _SOURCE, how.tracker) for message in one.messages]
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial")
@@ -98,19 +99,6 @@ def _fingerprint(how: FilmSetup) -> str:
     for path in (*map(Path, filter(None, modules)), *sorted(scene_folder().glob("*.xml"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
-
-
-def _filmed(name: str, seed: int, how: FilmSetup) -> list[Message]:
-    """Render and track what the camera sees."""
-    camera = WorkcellCamera(
-        CameraSpec(scene=name, camera=CAMERA, size=how.size, rate=how.rate, seed=seed, duration=how.seconds)
-    )
-    space = choose_space(_SOURCE, has_depth=True, intrinsics=camera.intrinsics, extrinsics=camera.extrinsics)
-    builder = MessageBuilder(
-        source=_SOURCE, session=OFFLINE_SESSION, space=space.name, unit=space.unit, dim=space.dim
-    )
-    observer, tracker = Observer(space, builder, camera.objects), Tracker(how.tracker, camera.intrinsics)
-    return [message for frame in camera for message in observer.messages(tracker.step(frame), frame)]
 
 
 class Stills:
