@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from itertools import count
 
-import numpy as np
 import pytest
 import zenoh
 
@@ -12,9 +11,10 @@ from comotion.event_time.stats import Ledger, Stats
 from comotion.runtime.intake import Intake
 from comotion.runtime.rings import IDLE_NS
 from comotion.runtime.tokens import Tokens
-from comotion_schemas import Keys, ObservationBatch, encode
+from comotion_schemas import Keys, encode
 from comotion_schemas.transport import stream_publisher
 
+from ..builders import batch
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
@@ -22,19 +22,7 @@ KEYS = Keys()
 
 
 def payload(source: str, seq: int) -> bytes:
-    return encode(
-        ObservationBatch(
-            source=source,
-            session="00000000000000aa",
-            seq=seq,
-            space="world",
-            unit="m",
-            dim=2,
-            stamp_ns=seq,
-            ids=[1],
-            positions=np.zeros((1, 2), np.float32),
-        )
-    )
+    return encode(batch(source, seq, seq))
 
 
 class Reader:
