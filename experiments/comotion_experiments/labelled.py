@@ -2,20 +2,17 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch, Pose
 from comotion_schemas.naming import Names
 from comotion_sources.calibration import Calibration
-from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.types import Camera, CameraError, Frame
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig, Tracks
@@ -74,18 +71,6 @@ class Labelled(NamedTuple):
     hypotheses: NDArray[np.int64]
     confidence: NDArray[np.float64]
     listed: Sequence[Hypothesis]
-
-
-def labelled_frames(what: str, options: SegmentOptions) -> Iterator[Labelled]:
-    """Frames with the labels of their features, as :func:`segment` writes them; nothing is written.
-
-    Raises
-    ------
-    CameraError
-        If it cannot be read, or is a live camera.
-    """
-    with closing(open_frames(what, options.rate)) as camera, threadpool_limits(limits=1):
-        yield from LabelledFrames(camera, options).labelled()
 
 
 class LabelledFrames:

@@ -24,7 +24,7 @@ from comotion import FusionConfig
 from comotion_schemas.errors import KnownError
 from comotion_sources.cameras.opening import open_frames
 
-from . import links, screens
+from . import screens
 from .evaluate import evaluate_inputs
 from .inputs import find_inputs
 from .segment import SegmentOptions, segment
@@ -36,8 +36,6 @@ SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery.md"
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
-_LINKED_S = 8.0
-_LINKED = links.Setup(duration=_LINKED_S)
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
 _MS = 200  # per image of the animation
@@ -65,9 +63,6 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         made.append(_scenes(folder / "workcell.jpg"))
     if only in {None, "affinity.png"}:
         made.append(_affinity(folder / "affinity.png"))
-    if only in {None, "links.jpg"}:
-        made.append(folder.parent / "research" / "images" / "links.jpg")
-        links.save_picture(made[-1], "truck", 0, FusionConfig(), setup=_LINKED, seconds=_LINKED_S)
     return made + _screens(folder, only)
 
 

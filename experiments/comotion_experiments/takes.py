@@ -3,20 +3,21 @@
 They are the same on every machine, however busy it is.
 """
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 
-from comotion_schemas import Message, Preview, Status
-from comotion_sources.cameras.types import Frame
-from comotion_sources.klt import TrackerConfig, Tracks
-from comotion_sources.proprioception import Kinematics
+from comotion_schemas import Message, ObservationBatch, Preview, Status, TruthBatch
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt import TrackerConfig
+from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.proprioception.packer import Packer, Packing
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene
-from comotion_sources.workcell.atlas import build_atlas
+from comotion_sources.workcell.camera import CameraSpec
 
-from .fusion.recording import robot_messages
-from .fusion.study import in_time_order
-from .rendered import filmed
+from .rendered import Filmed, filmed
 from .samples import received
 
 _SIZE = (480, 360)
@@ -34,30 +35,43 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
         If MuJoCo is not installed (extra ``sim3d``).
     """
     scene = Scene.named(name, 0)
-    atlas = build_atlas(scene.model, 0)
     messages: list[tuple[int, Message]] = [(0, _links(scene))]
-    sources = [list(robot_messages(scene, _ROBOT_RATE, seconds))]
+    given = list(_robot(scene, seconds))
     for camera, (rate, features) in _CAMERAS.items():
         source = f"klt-{camera}"
-
-        def keep(frame: Frame, tracks: Tracks, source: str = source) -> None:
-            messages.append((frame.stamp_ns, _preview(source, frame, tracks)))
-
-        tracker = TrackerConfig(max_features=features)
-        seen, _ = filmed(
-            scene,
-            camera,
-            source,
-            tracker,
-            size=_SIZE,
-            rate=rate,
-            seconds=seconds,
-            atlas=atlas,
-            on_frame=keep,
-        )
-        sources.append(seen)
-    messages += received(in_time_order(sources), seconds)
+        spec = CameraSpec(scene=name, camera=camera, size=_SIZE, rate=rate, duration=seconds)
+        for one in filmed(spec, source, TrackerConfig(max_features=features)):
+            messages.append((one.frame.stamp_ns, _preview(source, one)))
+            given += [(one.frame.stamp_ns, message) for message in one.messages]
+    in_time_order = (message for _, message in sorted(given, key=lambda one: one[0]))
+    messages += received(in_time_order, seconds)
     return sorted(messages, key=lambda one: one[0])
+
+
+def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
+    """Poses of the robot's links, with joint positions rounded to encoder counts as a robot's are."""
+    kinematics = Kinematics(scene.model, scene.robot)
+    packer = Packer(kinematics, Packing(rate=_ROBOT_RATE))
+    builder = MessageBuilder(source=_ROBOT, session=OFFLINE_SESSION, space="world", unit="m", dim=3)
+    numbers = [scene.object_of(link) for link in kinematics.links]
+    ids = np.arange(len(numbers), dtype=np.uint64)
+    yield 0, builder.truth(ids=ids, objects=numbers, names=scene.objects)
+    for index in range(round(seconds * _ROBOT_RATE)):
+        t = index / _ROBOT_RATE
+        reading = JointSample(round(1e9 * t), scene.joints, scene.configuration(t))
+        pack = packer.add(kinematics.encoded(reading))
+        if pack is not None:
+            yield (
+                pack.stamp_ns,
+                builder.observation(
+                    stamp_ns=pack.stamp_ns,
+                    ids=pack.ids,
+                    positions=pack.positions,
+                    sigma=pack.sigma,
+                    quaternions=pack.quaternions,
+                    stamps_ns=pack.stamps_ns,
+                ),
+            )
 
 
 def _links(scene: Scene) -> Status:
@@ -77,14 +91,14 @@ def _links(scene: Scene) -> Status:
     )
 
 
-def _preview(source: str, frame: Frame, tracks: Tracks) -> Preview:
-    _, encoded = cv2.imencode(".jpg", frame.image)
+def _preview(source: str, seen: Filmed) -> Preview:
+    _, encoded = cv2.imencode(".jpg", seen.frame.image)
     return Preview(
         source=source,
         session=OFFLINE_SESSION,
-        stamp_ns=frame.stamp_ns,
+        stamp_ns=seen.frame.stamp_ns,
         encoding="jpeg",
         image=encoded.tobytes(),
-        ids=tracks.ids,
-        pixels=tracks.pixels.astype(np.float32),
+        ids=seen.tracks.ids,
+        pixels=seen.tracks.pixels.astype(np.float32),
     )

@@ -7,7 +7,6 @@ import pytest
 
 from comotion.runtime.statuses import Sent, Statuses
 from comotion_schemas import Keys, Status, encode
-from comotion_schemas.transport import SessionSettings, open_session
 
 from .. import builders
 from ..builders import SESSION, S
@@ -38,16 +37,14 @@ class Reader:
 
 
 @pytest.fixture
-def reader(free_port_endpoint) -> Iterator[Reader]:
-    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
-        statuses = Statuses(router, KEYS, most=100)
-        yield Reader(statuses)
-        statuses.close()
+def reader(router) -> Iterator[Reader]:
+    statuses = Statuses(router, KEYS, most=100)
+    yield Reader(statuses)
+    statuses.close()
 
 
 @pytest.fixture
-def put(reader, free_port_endpoint, connect) -> Callable[[str, Status], None]:
-    session = connect(free_port_endpoint)
+def put(reader, session) -> Callable[[str, Status], None]:
     return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
 
 
@@ -68,11 +65,9 @@ def test_a_status_about_another_component_is_refused_and_counted(reader, put) ->
     assert reader.got == [("cam", 5)]
 
 
-def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(
-    reader, put, free_port_endpoint, connect
-) -> None:
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(reader, put, session) -> None:
     put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
-    connect(free_port_endpoint).put(KEYS.stream("status", "cam"), b"\x00")
+    session.put(KEYS.stream("status", "cam"), b"\x00")
     reader.until(lambda: reader.statuses.refused == 2)
     for k in range(300):
         put(f"cam-{k}", status(f"cam-{k}"))

@@ -262,7 +262,7 @@ def test_the_scenes_are_listed(capsys):
     assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
 
 
-@pytest.mark.parametrize("study", ["stress", "joints"])
+@pytest.mark.parametrize("study", ["stress", "ablation"])
 def test_what_the_wheel_leaves_out_is_one_line(study, monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr("comotion_deploy.cli.in_checkout", lambda: False)
     monkeypatch.setattr(comotion_experiments, "__path__", [])

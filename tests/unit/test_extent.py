@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
-from comotion.hypotheses.extent import _SMALLER, Extents, Members
+from comotion.hypotheses.extent import _SMALLER, measured
+from comotion.hypotheses.records import Current
 from comotion.partition import PoseReference
 
 from ..builders import S, batch
@@ -22,7 +23,7 @@ class Body:
     """Measures one hypothesis whose pose the test sets."""
 
     def __init__(self, dim=3):
-        self.dim, self.extents, self.reference = dim, Extents(), PoseReference.new(0)
+        self.dim, self.extent, self.reference = dim, None, PoseReference.new(0)
         self.posed = True
 
     def move(self, R, t):
@@ -35,8 +36,10 @@ class Body:
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
         sure = np.ones(count, bool) if sure is None else np.array(sure)
-        members = Members(keys, labels, points @ R.T + t, sure)
-        return self.extents.box(stamp_ns, 1, members, self.reference if self.posed else None)
+        current = Current(keys, np.arange(count), labels, points @ R.T + t, sure)
+        reference = self.reference if self.posed else None
+        self.extent, box = measured(self.extent, stamp_ns, 1, current, reference)
+        return box
 
 
 def matrix(box):

@@ -6,6 +6,7 @@ import msgpack
 import numpy as np
 import pytest
 
+from comotion import snapshot
 from comotion.snapshot import HEADER_BYTES, Header, load, pieces
 
 
@@ -65,3 +66,18 @@ def test_every_changed_byte_is_found_and_the_next_id_outlives_all_damage_behind_
             load(damaged, same)
         if k >= HEADER_BYTES:
             assert Header.read(damaged).following == 7
+
+
+def test_another_version_is_said(monkeypatch):
+    monkeypatch.setattr(snapshot, "FORMAT", 3)
+    older = dump({})
+    monkeypatch.undo()
+    with pytest.raises(ValueError, match=f"format 3, expected {snapshot.FORMAT}"):
+        load(older, same)
+
+
+@pytest.mark.parametrize("build", [lambda s: s["missing"], lambda s: s["a"][5], lambda s: s["a"].b, int])
+def test_a_state_that_does_not_fit_is_damaged(build):
+    data = dump({"a": [1]})
+    with pytest.raises(ValueError, match="damaged snapshot"):
+        load(data, build)

@@ -10,7 +10,7 @@ from ..options import Json, Tool, option
 
 @dataclass(kw_only=True)
 class Bench(Assignments, Json, Tool):
-    """Time the core on generated scenes of any size: ms per update, CPU, memory, and baselines."""
+    """Time the core on generated scenes of any size: ms per update, CPU, memory."""
 
     epilog = """
 Examples:
@@ -20,7 +20,6 @@ Examples:
   comotion dev bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
   comotion dev bench --out docs/research   # writes performance.md and its picture
   comotion dev bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
-  comotion dev bench --scaling --scenes 1,2,4 --features 42,100 --out docs   # many scenes, and standbys
 """
     log_level = "warning"
 
@@ -38,21 +37,14 @@ Examples:
     churn: float = option(0.03, "Share of the features replaced per second.", min=0, max=1)
     seed: int = option(0, "Seed of the scene.", min=0)
     pixels: bool = option(False, "Plain cameras: a space in px for each of the sources.")
-    baseline: int | None = option(
-        None,
-        "Features for the straightforward version; 0: leave it out. Default: 1000, quick 200, px 0.",
-        min=0,
-    )
     quick: bool = option(False, "Small numbers, few updates.")
     live: bool = option(False, "Measure processes over a router instead.")
-    scaling: bool = option(False, "Measure many scenes, with and without standbys, instead.")
-    scenes: str = option("1,2,4,8", "Numbers of scenes of --scaling.")
-    seconds: float = option(30.0, "Of --live and --scaling.", min=1)
+    seconds: float = option(30.0, "Of --live.", min=1)
     out: Path | None = option(None, "Write performance.md and images/performance.png there.", metavar="DIR")
 
     def run(self) -> None:
         """Measure, and print or write the result."""
         require_checkout("bench")
-        from comotion_tools.bench import bench
+        from comotion_tools.bench.command import bench
 
         bench(self)

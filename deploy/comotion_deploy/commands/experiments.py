@@ -1,7 +1,6 @@
 """Options and checks of the commands of ``comotion dev reproduce``."""
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,23 +10,6 @@ from ..errors import UserError, missing_extra
 from ..options import Command, Json, Tool, option
 
 Pictures = Mapping[str, Callable[[Path], object]]
-
-
-@dataclass(kw_only=True)
-class Cached(Command):
-    """The option of an experiment that renders or tracks what the next run needs again."""
-
-    cache: Path | None = option(
-        None,
-        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
-        env="COMOTION_CACHE",
-        metavar="DIR",
-    )
-
-    def cache_folder(self, name: str) -> Path:
-        """Return the folder that keeps the tracks of the experiment of this name."""
-        base = os.environ.get("XDG_CACHE_HOME")
-        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / name
 
 
 @dataclass(kw_only=True)
@@ -89,15 +71,6 @@ class OnFamilies(Command):
         None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
     )
     jobs: int = option(2, "Processes at once.", min=1, max=256)
-
-
-@dataclass(kw_only=True)
-class OnWorkcell(Command):
-    """The option of an experiment on scenes of the workcell."""
-
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
-    )
 
 
 def check(out: Path) -> None:

@@ -8,13 +8,12 @@ from typer.core import TyperGroup
 from ..options import add, shown_epilog
 from .reproduce_figures import Figures
 from .reproduce_scenes import Ablation, Accuracy, Pixels, Stress
-from .reproduce_workcell import FusionStudy, JointsStudy, Links, Regions
 
 EPILOG = """
 Examples:
   comotion dev reproduce --quick
   comotion dev reproduce figures --help
-  comotion dev reproduce fusion --quick
+  comotion dev reproduce stress --quick
 """
 
 
@@ -36,12 +35,8 @@ add(
     app,
     {
         "figures": Figures,
-        "joints": JointsStudy,
-        "links": Links,
-        "regions": Regions,
         "ablation": Ablation,
         "stress": Stress,
-        "fusion": FusionStudy,
         "pixels": Pixels,
         "accuracy": Accuracy,
     },

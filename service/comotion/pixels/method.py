@@ -146,7 +146,7 @@ class PixelMethod(Method):
 
     def load(self, state: dict[str, Any], window: Window) -> None:  # noqa: ARG002
         """Read the instants from the window."""
-        series = [window.series(slot).times for slot in window.slots().tolist()]
+        series = [window.held(window.times, slot) for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
 
 

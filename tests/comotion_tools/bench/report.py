@@ -3,10 +3,10 @@
 import math
 from pathlib import Path
 
+from comotion_experiments.plot import new_figure
+from comotion_experiments.tables import Table
 from comotion_schemas.errors import KnownError
 
-from ..plot import new_figure
-from ..tables import Table
 from .experiment import Costs
 
 TITLES = (
@@ -22,7 +22,6 @@ TITLES = (
     "CPU",
     "MB",
     "NMI",
-    "limit",
 )
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
@@ -44,7 +43,6 @@ def table(costs: Costs) -> Table:
             f"{100 * row.cpu_share:.0f} %",
             f"{row.memory_mb:.0f}",
             f"{row.nmi:.3f}",
-            f"{row.limit_ms:.1f}" if row.limit_ms else "-",
         )
     return found
 
@@ -53,21 +51,11 @@ def lines(costs: Costs) -> list[str]:
     """Format the results that are not in the table."""
     machine = costs.machine
     versions = ", ".join(f"{name} {number}" for name, number in machine.versions.items())
-    texts = [
-        f"{machine.processor}, {machine.cores} cores, load {machine.load:.1f}; {versions}",
-        f"memory bandwidth (triad, single precision, all cores): {machine.triad_gb_s:.1f} GB/s",
+    head = f"{machine.processor}, {machine.cores} cores, load {machine.load:.1f}; {versions}"
+    return [
+        head,
+        *(f"{method}: cost grows as N to the {power:.2f}" for method, power in costs.exponents().items()),
     ]
-    texts += [f"{method}: cost grows as N to the {power:.2f}" for method, power in costs.exponents().items()]
-    if costs.baseline is not None:
-        base = costs.baseline
-        texts += [
-            f"straightforward version (NumPy sums, scikit-learn 2-means, ten starts), N = {base.features}: "
-            f"{base.update_ms:.0f} ms per update, NMI {base.nmi:.3f}",
-            f"of it {base.sums_ms:.0f} ms sums and {base.clustering_ms:.0f} ms clustering",
-        ]
-        if not math.isnan(costs.ratio()):
-            texts.append(f"thesis method: {costs.ratio():.0f} times as fast as the straightforward version")
-    return texts
 
 
 def markdown(costs: Costs, picture: str, command: str) -> str:
@@ -88,11 +76,6 @@ def save_picture(path: Path, costs: Costs) -> None:
         size, middle = [row.features for row in rows], [row.median_ms for row in rows]
         axes.plot(size, middle, marker="o", color=colour, label=label)
         axes.fill_between(size, middle, [row.p99_ms for row in rows], color=colour, alpha=0.2)
-        if rows and rows[0].limit_ms:
-            limit = [row.limit_ms for row in rows]
-            axes.plot(size, limit, color=colour, linestyle=":", label="memory bandwidth")
-    if costs.baseline is not None:
-        axes.plot(costs.baseline.features, costs.baseline.update_ms, "kx", label="straightforward")
     axes.set(
         xscale="log", yscale="log", xlabel="features N", ylabel="ms per update (line: median, band: to p99)"
     )
@@ -104,9 +87,9 @@ def save_picture(path: Path, costs: Costs) -> None:
     figure.savefig(path)
 
 
-def write_page(page: Path, title: str, text: str) -> None:
+def write_page(page: Path, text: str) -> None:
     """Replace the measured part of a page between its marks."""
-    begin, end = f"<!-- {title}: begin -->", f"<!-- {title}: end -->"
+    begin, end = "<!-- core: begin -->", "<!-- core: end -->"
     old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
     if begin not in old or end not in old:
         raise KnownError(f"{page}: has no marks '{begin}' and '{end}'")

@@ -9,18 +9,14 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
+from comotion_experiments.inputs import find_inputs
+from comotion_experiments.processes import Progress, alone, quiet
+from comotion_experiments.tables import plain
 
-from ..inputs import find_inputs
-from ..processes import Progress, alone, quiet
-from ..tables import plain
 from .machine import Machine, describe_machine
 from .scene import SceneSpec
-from .straightforward import Baseline, time_straightforward
 from .timing import Timing, time_input, time_scene
 
-# Per pair five float32 are read, four are written, and one affinity is written.
-_BYTES_PER_PAIR = 4 * (5 + 4 + 1)
-_BASELINE_UPDATES = 3
 _MIN_FITTED = 500
 # From this number of features on the default method gets a longer period, s.
 _MANY = 5000
@@ -31,8 +27,7 @@ _LONG_PERIOD = 0.25
 class Row:
     """One line of the table; times in ms per update, including the ingest of its batches.
 
-    `features` is the requested number, for a recording the median. `limit_ms` is the time in which the
-    memory can stream the sums of all pairs once; 0 if the method has none.
+    `features` is the requested number, for a recording the median.
     """
 
     scene: str
@@ -47,7 +42,6 @@ class Row:
     cpu_share: float
     memory_mb: float
     nmi: float
-    limit_ms: float
 
 
 @dataclass(frozen=True)
@@ -56,7 +50,6 @@ class Costs:
 
     machine: Machine
     rows: list[Row]
-    baseline: Baseline | None
 
     def exponents(self) -> dict[str, float]:
         """Exponent of the cost in the number of features, by method, from scenes with at least 500."""
@@ -73,17 +66,9 @@ class Costs:
         rows = [row for row in self.rows if row.method == method and row.scene == "made up"]
         return [row for row in rows if row.rate == min(r.rate for r in rows)]
 
-    def ratio(self) -> float:
-        """Ratio of the times of the straightforward version and the core; NaN if it was not run."""
-        for row in self.scenes("thesis"):
-            if self.baseline is not None and row.features == self.baseline.features:
-                return self.baseline.update_ms / row.median_ms
-        return math.nan
-
     def as_json(self) -> Any:
         """Plain values."""
-        more = {"exponents": self.exponents(), "times_faster_than_straightforward": self.ratio()}
-        return plain({**vars(self), **more})
+        return plain({**vars(self), "exponents": self.exponents()})
 
 
 def run_bench(
@@ -92,7 +77,6 @@ def run_bench(
     updates: int,
     *,
     recordings: Sequence[str] = (),
-    baseline: int = 0,
     progress: Progress = quiet,
 ) -> Costs:
     """Time every configuration on every scene and recording.
@@ -107,30 +91,21 @@ def run_bench(
         Number of updates to time in each scene.
     recordings
         Paths or ``sim:NAME``, as for ``comotion evaluate``.
-    baseline
-        Number of features for the straightforward version; 0: do not run it.
     progress
         Called with the name of the next run.
     """
-    progress("memory bandwidth")
-    machine: Machine = alone(describe_machine)
     inputs = find_inputs(recordings)
     rows = []
     for config in configs:
         for spec in scenes:
             progress(f"{config.method}, {spec.features} features at {spec.rate:g} Hz")
             sized = _sized(config, spec)
-            rows.append(_row("made up", spec.rate, machine, alone(time_scene, spec, sized, updates)))
+            rows.append(_row("made up", spec.rate, alone(time_scene, spec, sized, updates)))
             rows[-1] = replace(rows[-1], features=spec.features)
         for item in inputs:
             progress(f"{config.method}, {item.name}")
-            rows.append(_row(Path(item.name).name, math.nan, machine, alone(_time_named, item.name, config)))
-    found = None
-    if baseline:
-        progress(f"straightforward version, {baseline} features")
-        spec = replace(scenes[0], features=baseline)
-        found = alone(time_straightforward, spec, FusionConfig(method="thesis"), _BASELINE_UPDATES)
-    return Costs(machine, rows, found)
+            rows.append(_row(Path(item.name).name, math.nan, alone(_time_named, item.name, config)))
+    return Costs(describe_machine(), rows)
 
 
 def _time_named(name: str, config: FusionConfig) -> Timing:
@@ -145,14 +120,12 @@ def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
     return config.model_copy(update=changes)
 
 
-def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:
+def _row(scene: str, rate: float, timing: Timing) -> Row:
     total = timing.total_ms
-    features = int(np.median(timing.features))
-    streamed = _BYTES_PER_PAIR * features**2 / 2 if timing.method == "thesis" else 0.0
     return Row(
         scene=scene,
         method=timing.method,
-        features=features,
+        features=int(np.median(timing.features)),
         rate=rate,
         period=timing.period,
         median_ms=float(np.median(total)),
@@ -162,7 +135,6 @@ def _row(scene: str, rate: float, machine: Machine, timing: Timing) -> Row:
         cpu_share=float(np.sum(timing.cpu_ms)) / (1e3 * timing.period * len(total)),
         memory_mb=timing.memory_mb,
         nmi=float(np.nanmean(timing.nmi)) if np.isfinite(timing.nmi).any() else math.nan,
-        limit_ms=streamed / machine.triad_gb_s / 1e6,
     )
 
 

@@ -13,10 +13,10 @@ from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import nmi
+from comotion_experiments.inputs import Input
+from comotion_experiments.offline import run_offline
 from comotion_schemas import HypothesisUpdate, ObservationBatch
 
-from ..inputs import Input
-from ..offline import run_offline
 from .scene import Scene, SceneSpec
 
 

@@ -1,9 +1,9 @@
 """End-to-end latency over a router: sources log their puts, a probe logs the updates it receives.
 
-Run as processes, see :mod:`comotion_deploy.bench_live`::
+:func:`run_live` runs router, service, and these as processes::
 
-    python -m comotion_experiments.bench.live source ENDPOINT FOLDER INDEX FEATURES START
-    python -m comotion_experiments.bench.live probe ENDPOINT FOLDER SECONDS SETTLE
+    python -m comotion_tools.bench.live source ENDPOINT FOLDER INDEX FEATURES START
+    python -m comotion_tools.bench.live probe ENDPOINT FOLDER SECONDS SETTLE
 """
 
 import json
@@ -11,17 +11,22 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_clients.subscribe import subscribe
+from comotion_deploy.demo import free_endpoint
+from comotion_deploy.errors import UserError
+from comotion_deploy.launcher import launch
+from comotion_deploy.processes import PYTHON, ProcessSpec, comotion
 from comotion_schemas import Status
 from comotion_schemas.errors import KnownError
-from comotion_schemas.transport import SessionSettings
 from comotion_sources.runtime import SourcePublisher
 
 from .scene import Scene, SceneSpec
@@ -29,9 +34,11 @@ from .scene import Scene, SceneSpec
 SCENE = "bench"
 SOURCES = 3
 RATE = 30.0
-RESULT = "live.json"
 COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
 _READY = "COMOTION_READY_FILE"
+_RESULT = "live.json"
+_LEAD_S = 10.0  # until the sources start: all processes are then ready
+_MODULE = "comotion_tools.bench.live"
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -63,25 +70,83 @@ class Live:
     counters: dict[str, int]
 
 
+def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
+    """Run the complete system and measure it.
+
+    Parameters
+    ----------
+    features
+        Features of the scene, over all sources.
+    seconds
+        Duration of the measurement.
+    fusion
+        Options of ``comotion serve``.
+    settle
+        Seconds from the first track to the start of the measurement, for the window to fill.
+
+    Raises
+    ------
+    UserError
+        If there is no result; the message has the last lines of the processes.
+    """
+    endpoint = free_endpoint()
+    with TemporaryDirectory(prefix="comotion-bench-") as name:
+        folder = Path(name)
+        start = time.time() + _LEAD_S
+        common = (*PYTHON, _MODULE)
+        sources = [
+            ProcessSpec(
+                name=f"s{k}",
+                command=(*common, "source", endpoint, name, str(k), str(features), f"{start:.3f}"),
+                restart="never",
+            )
+            for k in range(SOURCES)
+        ]
+        probe = (*common, "probe", endpoint, name, f"{seconds:g}", f"{settle:g}")
+        launch(
+            [
+                comotion("router", "router", "--listen", endpoint),
+                comotion("serve", "serve", "--no-state", *fusion, "--connect", endpoint, "--scene", SCENE),
+                *sources,
+                ProcessSpec(name="probe", command=probe, restart="never", foreground=True),
+            ],
+            log=folder / "log",
+        )
+        result = folder / _RESULT
+        if not result.exists():
+            last = " | ".join((folder / "log").read_text(encoding="utf-8").splitlines()[-3:])
+            raise UserError(f"no result; last lines: {last}")
+        found: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
+        return found
+
+
+def live_lines(found: dict[str, Any]) -> list[str]:
+    """Format the result as text."""
+    seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
+
+    def spread(name: str) -> str:
+        middle, p99, largest = found[name]
+        return f"median {middle:.1f} ms, p99 {p99:.1f} ms, largest {largest:.1f} ms"
+
+    counters = ", ".join(f"{value} {name}" for name, value in found["counters"].items())
+    return [
+        f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
+        f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
+        f"put of the last batch in an update to its receipt: {spread('last_batch')}",
+        f"put of a batch to receipt of the first update that includes it: {spread('every_batch')}",
+    ]
+
+
 def run_source(endpoint: str, folder: Path, index: int, features: int, start: float) -> None:
-    """Publish one source of the scene in real time until stopped; then write (stamp, time of put)."""
-    spec = SceneSpec(features=features, sources=SOURCES, rate=RATE)
-    log: list[tuple[int, int]] = []
-    for stamp_ns in publish(endpoint, SCENE, f"s{index}", Scene(spec, round(start * 1e9)), index):
-        log.append((stamp_ns, time.time_ns()))
-        if len(log) % round(RATE) == 0:
-            _write(folder / f"s{index}.npy", log)
-    _write(folder / f"s{index}.npy", log)
-
-
-def publish(endpoint: str, name: str, source: str, scene: Scene, index: int = 0) -> Iterator[int]:
-    """Publish one source of a scene in real time until stopped; yields the stamp of every batch.
+    """Publish one source of the scene in real time until stopped, and write (stamp, time of put).
 
     The acquisition time is the time at which a batch is due, also if its put is delayed.
     """
+    scene = Scene(SceneSpec(features=features, sources=SOURCES, rate=RATE), round(start * 1e9))
+    log: list[tuple[int, int]] = []
     publisher = SourcePublisher(
-        source, space="world", unit="m", dim=3, scene=name, settings=SessionSettings(connect=(endpoint,)),
-        ready_file=Path(os.environ[_READY]), rate=scene.spec.rate,
+        f"s{index}", space="world", unit="m", dim=3, scene=SCENE, connect=endpoint,
+        ready_file=Path(os.environ[_READY]), rate=RATE,
     )  # fmt: skip
     with publisher as live:
         live.ready()
@@ -89,7 +154,10 @@ def publish(endpoint: str, name: str, source: str, scene: Scene, index: int = 0)
             if live.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
                 break
             live.observe(ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended)
-            yield batch.stamp_ns
+            log.append((batch.stamp_ns, time.time_ns()))
+            if len(log) % round(RATE) == 0:
+                _write(folder / f"s{index}.npy", log)
+    _write(folder / f"s{index}.npy", log)
 
 
 def _write(path: Path, log: list[tuple[int, int]]) -> None:
@@ -117,13 +185,13 @@ def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> Non
                 continue
             if not updates:
                 pid = _service(endpoint)
-                before, began = _counters(statuses.drain()), (now, processor_seconds(pid))
+                before, began = _counters(statuses.drain()), (now, _processor_seconds(pid))
             updates.append((update.stamp_ns, time.time_ns()))
             tracks.append(len(update.track_id))
             if now > start + seconds:
                 break
         took = now - began[0]
-        cpu = (processor_seconds(pid) - began[1]) / took
+        cpu = (_processor_seconds(pid) - began[1]) / took
         after = _counters(statuses.drain())
     time.sleep(1.5)
     puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
@@ -138,7 +206,7 @@ def run_probe(endpoint: str, folder: Path, seconds: float, settle: float) -> Non
         _memory_mb(pid),
         _grown(before, after),
     )
-    (folder / RESULT).write_text(json.dumps(asdict(live)))
+    (folder / _RESULT).write_text(json.dumps(asdict(live)))
 
 
 def latencies(updates: Stamps, puts: Stamps) -> tuple[Floats, Floats]:
@@ -192,7 +260,7 @@ def _service(endpoint: str) -> int:
     raise KnownError("the service has ended, or this system has no /proc")
 
 
-def processor_seconds(pid: int) -> float:
+def _processor_seconds(pid: int) -> float:
     """Processor time of a process so far, s; its threads included."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

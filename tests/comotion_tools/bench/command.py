@@ -9,21 +9,19 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from comotion_deploy.commands.experiments import check
-from comotion_experiments import bench as study
-from comotion_experiments.bench import report, scaling
-from comotion_experiments.bench.machine import describe_machine
 from comotion_schemas.errors import KnownError
 
-from .bench_live import live_lines, run_live
-from .bench_scaling import run_scaling
+from . import report
+from .experiment import Costs, run_bench, scaled
+from .live import live_lines, run_live
+from .scene import SceneSpec
 
 if TYPE_CHECKING:
     from comotion_deploy.commands.bench import Bench
-    from comotion_experiments.bench import Costs
 
 
 def bench(options: "Bench") -> None:
-    """Measure the core, processes over a router, or many scenes."""
+    """Measure the core, or processes over a router."""
     # Threads of parallel kernels spin for some tens of microseconds before they sleep.
     os.environ.setdefault("GOMP_SPINCOUNT", "50000")
     if options.live:
@@ -31,15 +29,12 @@ def bench(options: "Bench") -> None:
         return
     if options.out is not None:
         check(options.out)
-    if options.scaling:
-        _scaling(options)
-    else:
-        _core(options)
+    _core(options)
 
 
 def _core(options: "Bench") -> None:
     quick = options.quick
-    spec = study.SceneSpec(
+    spec = SceneSpec(
         bodies=options.bodies,
         sources=options.sources,
         churn=options.churn,
@@ -48,27 +43,23 @@ def _core(options: "Bench") -> None:
     )
     features = options.features or ("200,500" if quick else "500,1000,3000,5000")
     sizes = numbers("--features", features, 2, 50_000)
-    baseline = options.baseline
-    if baseline is None:
-        baseline = 0 if options.pixels else 200 if quick else 1000
     status = Console(stderr=True)
-    costs = study.run_bench(
-        study.scaled(spec, sizes, numbers("--rate", options.rate, 1, 1000)),
+    costs = run_bench(
+        scaled(spec, sizes, numbers("--rate", options.rate, 1, 1000)),
         [options.fusion_config(name) for name in options.method or ("comotion", "thesis")],
         options.updates or (20 if quick else 100),
         recordings=options.recording or (),
-        baseline=baseline,
         progress=lambda what: status.print(what, style="dim", highlight=False),
     )
     _report(costs, options.out, as_json=options.json_)
 
 
-def _report(costs: "Costs", out: Path | None, *, as_json: bool) -> None:
+def _report(costs: Costs, out: Path | None, *, as_json: bool) -> None:
     if out is not None:
         (out / "images").mkdir(parents=True, exist_ok=True)
         report.save_picture(out / "images" / "performance.png", costs)
         text = report.markdown(costs, "images/performance.png", _command())
-        report.write_page(out / "performance.md", "core", text)
+        report.write_page(out / "performance.md", text)
     if as_json:
         print(json.dumps(costs.as_json(), indent=2))
         return
@@ -96,25 +87,6 @@ def _live(options: "Bench") -> None:
             print("\n".join(live_lines(results[-1])))
     if options.json_:
         print(json.dumps(results, indent=2))
-
-
-def _scaling(options: "Bench") -> None:
-    """The same features in one scene and in many, with and without standbys."""
-    counts = numbers("--scenes", options.scenes, 1, 256)
-    sizes = numbers("--features", options.features or "100", 2, 50_000)
-    loads = [load for size in sizes for load in scaling.loads(counts, size)]
-    shares = run_scaling(
-        loads, options.seconds, _serve_words(options), lambda line: print(line, file=sys.stderr, flush=True)
-    )
-    print(scaling.markdown(shares))
-    if options.out is not None:
-        (options.out / "images").mkdir(parents=True, exist_ok=True)
-        scaling.save_picture(options.out / "images" / "scaling.png", shares)
-        machine = describe_machine()
-        where = f"{machine.processor}, {machine.cores} cores"
-        text = f"`{_command()}`, {where}, comotion {machine.versions['comotion']}.\n\n"
-        text += f"{scaling.markdown(shares)}\n\n![Cores by kind](images/scaling.png)\n"
-        report.write_page(options.out / "scaling.md", "scaling", text)
 
 
 def _serve_words(options: "Bench") -> list[str]:
