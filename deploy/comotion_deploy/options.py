@@ -22,6 +22,7 @@ from .errors import UserError, missing_extra
 from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
+    from comotion_schemas.component import Where
     from comotion_schemas.transport import SessionSettings
 
 _FROM_NAME = "COMOTION_"
@@ -252,6 +253,10 @@ class Process(Ready, Client):
     def settings(self) -> "SessionSettings":
         """Return the settings of its session."""
         return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
+
+    def where(self) -> "Where":
+        """Return where its component runs, and how it says that it is ready."""
+        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
 
 
 def _name_in(tls: Path | None) -> str | None:

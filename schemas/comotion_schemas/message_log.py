@@ -88,6 +88,9 @@ class MessageLog:
         raise it.
     """
 
+    gap_s = 0.1
+    """About the time between two messages, between two passes of a replay."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.invalid = 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_sources import playback
+from comotion_sources import replay
 from comotion_sources.calibration import Intrinsics, format_calibration
 from comotion_sources.simulator import scene_names
 
@@ -91,18 +91,18 @@ def test_the_scenes_are_listed(capsys):
 
 
 def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(playback, "_PLAIN_LINE_S", 0.0)
-    with playback.shown_progress("take", 20.0) as advance:
+    monkeypatch.setattr(replay, "_PLAIN_LINE_S", 0.0)
+    with replay.shown_progress("take", 20.0) as advance:
         advance(0, 5.0)
         advance(2, 7.5)
     assert capsys.readouterr().err.splitlines() == ["take: 5.0 of 20.0 s", "take, pass 3: 7.5 of 20.0 s"]
 
 
 def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(playback, "_TERMINAL_LINE_S", 0.0)
+    monkeypatch.setattr(replay, "_TERMINAL_LINE_S", 0.0)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
-    with playback.shown_progress("take", 20.0) as advance:
+    with replay.shown_progress("take", 20.0) as advance:
         advance(0, 20.0)
     shown = capsys.readouterr().err
     assert "━" * 40 in shown

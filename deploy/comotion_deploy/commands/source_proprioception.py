@@ -71,9 +71,7 @@ Examples:
             truth=truth,
             name=self.name,
             space=self.space,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
+            **self.where(),
         )
 
     def _joint_reader(self, default_joints: str | None) -> "JointReader":

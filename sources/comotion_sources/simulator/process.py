@@ -2,15 +2,14 @@
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.component import Where
 
 from ..parts import Part, rate_of
-from ..playback import publish
-from ..player import Schedule
+from ..replay import play_streams
 from ..streams import numbered
+from ..tape import Schedule
 from .offline import stream
 from .simulation import Simulation, Split, simulate
 from .spec import SceneSpec
@@ -57,10 +56,8 @@ def run(
     schedule: Schedule,
     *,
     name: str | None = None,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
     publish_sigma: bool = False,
+    **where: Unpack[Where],
 ) -> None:
     """Publish simulated sources until the scene ends, a signal arrives or the schedule ends.
 
@@ -72,10 +69,10 @@ def run(
         When frames are due, and their stamps.
     name
         Name of the source; with several sources, the k-th is ``<name>-k``.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
     publish_sigma
         Publish the true noise of every feature.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -87,12 +84,10 @@ def run(
         streams = [
             dataclasses.replace(one, name=numbered(name, k, len(streams))) for k, one in enumerate(streams)
         ]
-    publish(
+    play_streams(
         streams,
         schedule,
-        scene=scene,
-        settings=settings,
-        ready_file=ready_file,
-        publish_sigma=publish_sigma,
         message=f"simulates {simulations[0].spec.title}",
+        publish_sigma=publish_sigma,
+        **where,
     )
