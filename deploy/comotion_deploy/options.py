@@ -190,6 +190,32 @@ class Json(Command):
 
     json_: bool = setting(False, "Print the result as JSON.")
 
+    def show(self, values: object, *shown: object, width: int = 160) -> None:
+        """Print a result.
+
+        Parameters
+        ----------
+        values
+            Plain values, for JSON.
+        shown
+            Otherwise: lines, and what rich renders.
+        width
+            Characters of what rich renders where the output is no terminal.
+        """
+        import json
+
+        from rich.console import Console
+
+        if self.json_:
+            print(json.dumps(values, indent=2))
+            return
+        console = Console(width=None if sys.stdout.isatty() else width)
+        for part in shown:
+            if isinstance(part, str):
+                print(part)
+            else:
+                console.print(part)
+
 
 @dataclass(kw_only=True)
 class Ready(Command):

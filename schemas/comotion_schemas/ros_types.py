@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-from .errors import KnownError
+from .errors import InputError
 
 # vision_msgs 4. The hash of a type depends on names and types of its fields alone.
 _VISION = {
@@ -44,24 +44,20 @@ def store() -> Any:
     return found
 
 
-class CdrError(KnownError):
-    """Bytes that are not a message of a type; one line."""
-
-
 def from_cdr(raw: bytes, kind: str) -> Any:
     """Decode a message in CDR with its 4 bytes of encapsulation header.
 
     Raises
     ------
-    CdrError
+    InputError
         If the bytes are not a message of this type.
     ImportError
         If rosbags is not installed.
     """
     types = store()
     if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
-        raise CdrError("not a CDR payload")
+        raise InputError("not a CDR payload")
     try:
         return types.deserialize_cdr(raw, kind)
     except Exception as error:  # rosbags raises many types on malformed bytes
-        raise CdrError(f"not a {kind}: {type(error).__name__}") from None
+        raise InputError(f"not a {kind}: {type(error).__name__}") from None

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion_schemas import ObservationBatch, TruthBatch
-from comotion_sources.errors import RecordingError
+from comotion_sources.errors import InputError, RecordingError
 from comotion_sources.recordings import read_recording, recording_batches, recording_streams
-from comotion_sources.recordings.c3d_parser import NotReadableError, read_header
+from comotion_sources.recordings.c3d_parser import read_header
 
 PROCESSORS = {"intel": 84, "dec": 85, "sgi": 86}
 SCALE = 0.25
@@ -171,7 +171,7 @@ def test_any_bytes_give_a_c3d_header_or_are_refused(content, magic):
     raw = b"\x02\x50" + content.ljust(1200, b"U") if magic else content
     try:
         header = read_header(raw)
-    except NotReadableError:
+    except InputError:
         return
     assert header.processor in PROCESSORS.values()
 

@@ -1,11 +1,8 @@
 """``comotion evaluate``: scores of the hypotheses against the truth, live or offline."""
 
-import json
-import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from ..errors import UserError, missing_extra
 from ..fusion_options import Fusion
@@ -76,8 +73,6 @@ Examples:
             self._score_scene()
 
     def _score_files(self, files: list[str]) -> None:
-        from rich.console import Console
-
         from comotion.library.compiling import report_compiling
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
@@ -102,13 +97,9 @@ Examples:
             paths=self.paths,
             comparator=self.compare,
         )
-        if self.json_:
-            _print_json(as_json(results, config, self.period))
-            return
-        Console(width=None if sys.stdout.isatty() else 160).print(table(results))
-        if self.plot is not None:
-            for scored in inputs:
-                print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
+        several = len(inputs) > 1
+        plots = [] if self.plot is None else [plot_path(self.plot, one, several=several) for one in inputs]
+        self.show(as_json(results, config, self.period), table(results), *(f"plot: {path}" for path in plots))
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
@@ -129,14 +120,5 @@ Examples:
                 truth=run.truth,
                 spaces=run.spaces,
             )
-        if self.json_:
-            _print_json(as_json(run))
-            return
-        for line in summary_lines(run):
-            print(line)
-        if self.plot is not None:
-            print(f"plot: {self.plot}")
-
-
-def _print_json(values: dict[str, Any]) -> None:
-    print(json.dumps(values, indent=2))
+        plots = [] if self.plot is None else [f"plot: {self.plot}"]
+        self.show(as_json(run), *summary_lines(run), *plots)

@@ -37,20 +37,6 @@ class Experiment(Json, Tool):
     log_level = "warning"
     out: Path
 
-    def show(self, values: str, *shown: object) -> None:
-        """Print the values as JSON, or tables and lines."""
-        from rich.console import Console
-
-        if self.json_:
-            print(values)
-            return
-        console = Console(width=max(170, Console().width))
-        for part in shown:
-            if isinstance(part, str):
-                print(part)
-            else:
-                console.print(part)
-
     def report(
         self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
     ) -> None:
@@ -69,16 +55,16 @@ class Experiment(Json, Tool):
         pictures
             What draws each picture, by its path in the folder.
         """
-        data, drawn = json.dumps(values, indent=2), pictures or {}
+        drawn = pictures or {}
         page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
         for path in (page, *images):
             path.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
-        numbers.write_text(data + "\n", encoding="utf-8")
+        numbers.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
         for path, draw in zip(images, drawn.values(), strict=True):
             draw(path)
         written = ", ".join(map(str, (page, numbers, *images)))
-        self.show(data, *(shown or (text,)), f"written: {written}")
+        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
 
 
 @dataclass(kw_only=True)

@@ -1,6 +1,5 @@
 """``comotion pki``: certificates of the components of a system, from a private authority in a folder."""
 
-import json
 import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -120,11 +119,8 @@ Examples:
         authority = _authority().Authority(self.folder)
         rows = [_row(entry, now) for entry in authority.issued()]
         expiry = authority.certificate.not_valid_after_utc
-        if self.json_:
-            print(json.dumps({"authority_expires": expiry.isoformat(), "components": rows}, indent=2))
-        else:
-            _print_rows(rows)
-            print(f"the authority expires on {expiry:%Y-%m-%d}")
+        values = {"authority_expires": expiry.isoformat(), "components": rows}
+        self.show(values, _table(rows), f"the authority expires on {expiry:%Y-%m-%d}", width=140)
         bad = [row["name"] for row in rows if row["problem"] or row["warning"]]
         if bad:
             print(f"look at: {', '.join(bad)}", file=sys.stderr)
@@ -196,8 +192,7 @@ def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:
     }
 
 
-def _print_rows(rows: list[dict[str, Any]]) -> None:
-    from rich.console import Console
+def _table(rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table("name", "role", "scene", "publishes as", "expires", "days", "", box=None, pad_edge=False)
@@ -206,4 +201,4 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
         expires = (row["expires"] or "")[:10]
         note = row["problem"] or row["warning"]
         table.add_row(row["name"], row["role"], row["scene"], " ".join(row["sources"]), expires, days, note)
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    return table

@@ -64,7 +64,7 @@ To play a recording: comotion source replay take.mcap
             series=series, name=self.name, duration=self.duration, ready_file=self.ready_file
         )
         result = record(options, self.scene, self.settings())
-        self._print(result.as_json(), result.lines())
+        self.show(result.as_json(), *result.lines())
 
     def _repair_or_export(self) -> None:
         if self.repair is not None:
@@ -72,7 +72,7 @@ To play a recording: comotion source replay take.mcap
 
             target = self.out or self.repair.with_name(f"{self.repair.stem}-repaired.mcap")
             saved = repair(self.repair, target)
-            self._print(saved.as_json(), saved.lines(target))
+            self.show(saved.as_json(), *saved.lines(target))
         if self.export is not None:
             try:
                 from comotion_clients.recording.export import export
@@ -81,12 +81,7 @@ To play a recording: comotion source replay take.mcap
 
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)
-            self._print(exported.as_json(), exported.lines(target))
-
-    def _print(self, values: dict[str, object], lines: list[str]) -> None:
-        import json
-
-        print(json.dumps(values, indent=2) if self.json_ else "\n".join(lines))
+            self.show(exported.as_json(), *exported.lines(target))
 
 
 def _target(file: Path | None, scene: str) -> Path:

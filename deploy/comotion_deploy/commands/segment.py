@@ -1,6 +1,5 @@
 """``comotion segment``: draws the objects of a video, offline."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -72,14 +71,8 @@ Examples:
             found = segment(self.what, options, progress)
         if self.trajectory is not None:
             _write_trajectory(self.trajectory, found)
-        if self.json_:
-            print(json.dumps(found.as_json(), indent=2))
-            return
-        _print_summary(found)
-        for path in self._outputs():
-            print(f"wrote {path}")
-        if found.codec == "mpeg4":
-            print(f"the video is {NO_ENCODER}")
+        codec = [f"the video is {NO_ENCODER}"] if found.codec == "mpeg4" else []
+        self.show(found.as_json(), *_summary(found), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
         from comotion_experiments.labelled import SegmentOptions
@@ -130,11 +123,13 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _print_summary(found: "Segmented") -> None:
+def _summary(found: "Segmented") -> list[str]:
     speed = found.frames / found.seconds
     times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
-    print(f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}")
-    print(f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end")
+    return [
+        f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end",
+    ]
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """``comotion status``: one look at a scene, for people and scripts."""
 
-import json
 import sys
 from dataclasses import dataclass
 from typing import Literal
@@ -45,7 +44,7 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         how = StatusOptions(wait=self.wait, timeout=self.timeout, expect=tuple(self.expect or ()))
         found = look(self.scene, self.settings(), how)
         if self.json_:
-            print(json.dumps(found.as_json(), indent=2))
+            self.show(found.as_json())
         else:
             show(found, Console(width=None if sys.stdout.isatty() else 160))
         raise typer.Exit(_EXIT[found.overall])

@@ -42,8 +42,8 @@ _HEIGHT = ("image_height", "image_Height", "height")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
-class CalibrationError(InputError):
-    """A calibration is missing, is malformed or does not fit its camera; the message is one line."""
+CalibrationError = InputError
+"""The error of a calibration that is missing, is malformed or does not fit its camera."""
 
 
 @dataclass(frozen=True)
@@ -59,21 +59,21 @@ def read_calibration(path: Path) -> Calibration:
 
     Raises
     ------
-    CalibrationError
+    InputError
         If the file cannot be read or has another format.
     """
     text = _text(path)
     try:
         return _from_toml(text) if path.suffix.lower() == ".toml" else _from_yaml(text)
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
-        raise CalibrationError(f"{path}: {_one_line(error)}") from None
+        raise InputError(f"{path}: {_one_line(error)}") from None
 
 
 def _text(path: Path) -> str:
     try:
         return read_text(path, _MAX_BYTES)
     except InputError as error:
-        raise CalibrationError(f"{error}, so not a calibration") from None
+        raise InputError(f"{error}, so not a calibration") from None
 
 
 def _one_line(error: Exception) -> str:

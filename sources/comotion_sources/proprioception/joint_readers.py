@@ -13,10 +13,11 @@ from typing import Protocol, TypeAlias, cast
 from comotion_schemas import DecodeError, JointStates, decode_on
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
 
+from ..errors import InputError
 from ..received import Received
 from ..runtime import SourcePublisher
 from .cdr import decode_message, from_message, ros_key
-from .samples import JointSample, SampleError, joint_sample
+from .samples import JointSample, joint_sample
 
 _Read: TypeAlias = Callable[[str, bytes, int], JointSample]
 
@@ -122,7 +123,7 @@ def _samples(received: Received, source: SourcePublisher, read: _Read) -> Iterat
             yield read(*arrival)
         except DecodeError as error:
             source.reject(error.reason)
-        except SampleError:
+        except InputError:
             source.reject("malformed")
 
 

@@ -70,7 +70,7 @@ class Packer:
 
         Raises
         ------
-        SampleError
+        InputError
             If a joint is missing in the sample.
         """
         if self._newest is not None and sample.stamp_ns <= self._newest:

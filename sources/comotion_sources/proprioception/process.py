@@ -8,11 +8,12 @@ import numpy as np
 
 from comotion_schemas.component import Where
 
+from ..errors import InputError
 from ..runtime import SourcePublisher
 from .joint_readers import JointReader
 from .kinematics import Kinematics
 from .packer import Pack, Packer, Packing
-from .samples import JointSample, SampleError
+from .samples import JointSample
 
 _SET_BACK_NS = 1_000_000_000
 """Stamps that go back by more than this mean that the clock was reset, not that samples are late."""
@@ -90,7 +91,7 @@ class _Relay:
         stale = self._packer.stale
         try:
             pack = self._packer.add(sample)
-        except SampleError as error:
+        except InputError as error:
             self._source.reject("schema", str(error))
             return
         if self._packer.stale > stale:

@@ -7,9 +7,10 @@ from typing import Unpack
 from comotion_schemas.component import Where
 from comotion_schemas.transport import SessionSettings, open_session
 
+from ..errors import InputError
 from ..received import Received
 from ..runtime import SourcePublisher
-from .convert import Converter, MessageError, Observed, kind_of
+from .convert import Converter, Observed, kind_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +89,7 @@ class _Relay:
             return
         try:
             found = self._converter.convert(kind, raw, received_ns)
-        except MessageError as error:
+        except InputError as error:
             self._source.reject("malformed", str(error))
             return
         for one in found:

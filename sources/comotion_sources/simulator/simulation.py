@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..errors import SceneError
+from ..errors import InputError
 from ..frames import Frame
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
@@ -44,7 +44,7 @@ class Simulation:
 
     Raises
     ------
-    SceneError
+    InputError
         If an argument is out of range.
     """
 
@@ -114,15 +114,15 @@ class Simulation:
 
     def _check(self) -> None:
         if self.seed < 0:
-            raise SceneError(f"seed {self.seed} is negative")
+            raise InputError(f"seed {self.seed} is negative")
         if not 0 < self.rate <= 1000:
-            raise SceneError(f"rate {self.rate:g} is not within 0 to 1000 Hz")
+            raise InputError(f"rate {self.rate:g} is not within 0 to 1000 Hz")
         if not 0 <= self.noise < np.inf:
-            raise SceneError(f"noise factor {self.noise:g} is negative or infinite")
+            raise InputError(f"noise factor {self.noise:g} is negative or infinite")
         if not 0 < self.time_scale <= 1000:
-            raise SceneError(f"time scale {self.time_scale:g} is not within 0 to 1000")
+            raise InputError(f"time scale {self.time_scale:g} is not within 0 to 1000")
         if not 0 <= self.part < self.parts:
-            raise SceneError(f"part {self.part + 1} of {self.parts} does not exist")
+            raise InputError(f"part {self.part + 1} of {self.parts} does not exist")
 
     def _time(self, number: int) -> float:
         return (number + self._phase) / self.rate
@@ -195,7 +195,7 @@ def simulate(
 
     Raises
     ------
-    SceneError
+    InputError
         If an argument is out of range.
     """
     chosen = spec.rates if rates is None else rates

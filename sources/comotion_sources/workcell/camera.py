@@ -26,8 +26,8 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
-from ..cameras.types import CameraError, Frame
-from ..errors import SceneError
+from ..cameras.types import Frame
+from ..errors import InputError
 from .history import JointHistory
 from .scene import Scene, Vector
 from .viewpoint import Cover, Viewpoint
@@ -75,7 +75,7 @@ def parse(text: str) -> CameraSpec:
 
     Raises
     ------
-    CameraError
+    InputError
         If the name is malformed.
 
     Examples
@@ -86,15 +86,15 @@ def parse(text: str) -> CameraSpec:
     path, _, query = text.removeprefix(PREFIX).partition("?")
     scene, slash, camera = path.partition("/")
     if not (scene and slash and camera):
-        raise CameraError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
+        raise InputError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
     values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in _OPTIONS:
-            raise CameraError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
+            raise InputError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
         try:
             values[key] = _OPTIONS[key](value)
         except ValueError:
-            raise CameraError(f"{text}: {key}={value} is not valid") from None
+            raise InputError(f"{text}: {key}={value} is not valid") from None
     return CameraSpec(scene=scene, camera=camera, **values)
 
 
@@ -146,17 +146,14 @@ class WorkcellCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If the scene or camera does not exist, or MuJoCo is not installed.
     """
 
     def __init__(self, spec: CameraSpec) -> None:
         self.spec = spec
-        try:
-            self.scene = Scene.named(spec.scene, spec.seed)
-            self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
-        except SceneError as error:
-            raise CameraError(str(error)) from None
+        self.scene = Scene.named(spec.scene, spec.seed)
+        self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
         self.live = False
         self.has_depth = True
         self.rate: float | None = spec.rate
@@ -258,7 +255,7 @@ def open_camera(text: str) -> WorkcellCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If the name is malformed or the camera does not exist; the message is one line.
     """
     return WorkcellCamera(parse(text))

@@ -2,7 +2,7 @@
 
 from types import ModuleType
 
-from ..errors import SceneError
+from ..errors import InputError
 
 
 def require_mujoco() -> ModuleType:
@@ -10,11 +10,11 @@ def require_mujoco() -> ModuleType:
 
     Raises
     ------
-    SceneError
+    InputError
         If it is not installed.
     """
     try:
         import mujoco
     except ImportError:
-        raise SceneError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
+        raise InputError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
     return mujoco  # type: ignore[no-any-return]
