@@ -1,6 +1,5 @@
 """Live evaluation: running scene -> NMI of its updates against the published truth."""
 
-import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -16,10 +15,10 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
+from .feed import BATCHES_KEPT, SceneFeed
 from .joint_rows import plain
 from .metrics import Score, Truth
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
-from .subscription import Subscription
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -60,10 +59,13 @@ class LiveRun:
     joints: list[Joint]
 
 
-class _Feed:
-    """Scores the updates of one scene from its subscriptions."""
+class _Feed(SceneFeed):
+    """Scores the updates of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
+        super().__init__(
+            session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
+        )
         self.tally = Tally(Truth())
         self.first_at: float | None = None
         self.joints: list[Joint] = []
@@ -71,17 +73,17 @@ class _Feed:
         self._on_update = on_update
         self.observed = Observed()
         self._waiting: list[tuple[float, HypothesisUpdate]] = []
-        self._truths = Subscription(session, TruthBatch, scene)
-        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
-        self.updates = Subscription(session, HypothesisUpdate, scene)
 
     def poll(self, *, settled: bool = False) -> None:
         """Process received messages and score the updates that are due; all of them if `settled`."""
-        self._waiting += self.updates.drain()
-        for _, truth in self._truths.drain():
-            self.tally.truth.add(truth)
-        for _, batch in self._batches.drain():
-            self.observed.add(batch)
+        for message, arrived, _ in self.messages():
+            match message:
+                case TruthBatch():
+                    self.tally.truth.add(message)
+                case ObservationBatch():
+                    self.observed.add(message)
+                case HypothesisUpdate():
+                    self._waiting.append((arrived, message))
         if self.first_at is None and self._waiting:
             self.first_at = self._waiting[0][0]
         now = time.monotonic()
@@ -93,11 +95,6 @@ class _Feed:
                 self._scored_ns = update.stamp_ns
                 self.joints = update.joints
                 self._on_update(update, self.tally.add(update, self.observed))
-
-    def close(self) -> None:
-        """Undeclare everything."""
-        for subscription in (self.updates, self._batches, self._truths):
-            subscription.close()
 
 
 def evaluate(
@@ -126,19 +123,21 @@ def evaluate(
     """
     options = options or EvaluateOptions()
     timeout = None if options.duration is None else FIRST_UPDATE_TIMEOUT_S
-    with viewer(
-        "evaluate", scene, settings, ready_file=options.ready_file, connect_timeout=timeout
-    ) as component:
-        feed = _Feed(component.session, scene, options.on_update)
+    progress = reporting(quiet=options.quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+    with (
+        viewer(
+            "evaluate", scene, settings, ready_file=options.ready_file, connect_timeout=timeout
+        ) as component,
+        _Feed(component.session, scene, options.on_update) as feed,
+        progress as report,
+    ):
         if options.ready_file is not None:
             component.ready()
-        progress = reporting(quiet=options.quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
-        with contextlib.closing(feed), progress as report:
-            begun = time.monotonic()
-            while not component.stop.wait(POLL_S) and not _is_over(feed, options.duration, begun):
-                feed.poll()
-                report(lambda: progress_line(feed.tally))
-            feed.poll(settled=True)
+        begun = time.monotonic()
+        while not component.stop.wait(POLL_S) and not _is_over(feed, options.duration, begun):
+            feed.poll()
+            report(lambda: progress_line(feed.tally))
+        feed.poll(settled=True)
     return _result(feed, scene)
 
 
@@ -156,13 +155,14 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
         raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
     if not summary.scored:
         raise KnownError(f"no update of scene {scene!r} could be scored: no source publishes truth")
+    updates = feed.of[HypothesisUpdate].counters
     return LiveRun(
         summary=summary,
         scores=feed.tally.scores,
         truth=feed.tally.truth,
         spaces=dict(feed.observed.spaces),
-        lost=feed.updates.counters.lost,
-        invalid=dict(feed.updates.counters.invalid),
+        lost=updates.lost,
+        invalid=dict(updates.invalid),
         joints=feed.joints,
     )
 

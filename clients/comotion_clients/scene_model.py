@@ -9,7 +9,15 @@ from typing import get_args
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas import (
+    UNDETERMINED,
+    Event,
+    Hypothesis,
+    HypothesisUpdate,
+    Message,
+    ObservationBatch,
+    Status,
+)
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import OF_BODIES, EventKind
 from comotion_schemas.naming import Names, named
@@ -60,6 +68,17 @@ class SceneModel(Heard):
     def seen(self) -> bool:
         """Whether any message of the scene was received."""
         return self._update is not None or self.service is not None or bool(self._sources())
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
+        """Add a message of any kind; returns the events that no earlier update had."""
+        match message:
+            case ObservationBatch():
+                self.on_batch(message, arrived, wall_ns)
+            case HypothesisUpdate():
+                return self.on_update(message, arrived)
+            case Status():
+                self.on_status(message)
+        return []
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""

@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,9 +18,8 @@ from comotion_schemas import (
 )
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
-from .presence import Presence
+from .feed import SceneFeed
 from .scene_status import SceneStatus, StatusModel
-from .subscription import Subscription
 
 ROUTERS = "@/*/router"
 LOOK_S = 2.3
@@ -69,7 +67,7 @@ def status(
     deadline = time.monotonic() + options.timeout
     with (
         connect(settings, timeout=options.timeout) as session,
-        closing(_Look(session, scene)) as look,
+        _Look(session, scene) as look,
     ):
         while True:
             look.run(LOOK_S)
@@ -88,17 +86,14 @@ def missing(found: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
     return SceneStatus(**{**vars(found), "overall": overall, "problems": [*found.problems, *absent]})
 
 
-class _Look:
-    """Fills a model from an open session."""
+class _Look(SceneFeed):
+    """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
+        super().__init__(session, scene, {Status: None, HypothesisUpdate: None})
         self.model = StatusModel(scene)
         self._session = session
         self._keys = Keys(scene)
-        self._exit = ExitStack()
-        self._statuses = self._exit.enter_context(Subscription(session, Status, scene))
-        self._updates = self._exit.enter_context(Subscription(session, HypothesisUpdate, scene))
-        self._presence = self._exit.enter_context(closing(Presence(session, scene)))
 
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""
@@ -114,17 +109,13 @@ class _Look:
             time.sleep(_POLL_S)
         self._listen()
 
-    def close(self) -> None:
-        """Undeclare everything."""
-        self._exit.close()
-
     def _listen(self) -> None:
-        ahead_s = time.time() - time.monotonic()
-        for arrived, message in self._statuses.drain():
-            self.model.on_status(message, arrived + ahead_s)
-        for arrived, update in self._updates.drain():
-            self.model.hear_update(update, arrived + ahead_s)
-        for role, token, alive in self._presence.drain():
+        for message, _, wall_ns in self.messages():
+            if isinstance(message, Status):
+                self.model.on_status(message, wall_ns / 1e9)
+            elif isinstance(message, HypothesisUpdate):
+                self.model.hear_update(message, wall_ns / 1e9)
+        for role, token, alive in self.presence():
             self.model.on_presence(role, token, alive=alive)
 
     def _ask_services(self) -> None:

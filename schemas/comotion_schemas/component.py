@@ -272,25 +272,17 @@ class Component:
             )
 
     def _compose(self, fields: StatusFields) -> Status:
-        self._hangs = fields.hangs
+        sent = vars(fields) | {"message": shown(fields.message)}
+        self._hangs = sent.pop("hangs")
+        sent["feature_names"] = fields.feature_names or None
         return Status(
             component=self.name,
             role=self.role,
             session=self.session_id,
             stamp_ns=time.time_ns(),
-            state=fields.state,
-            rates=fields.rates,
-            ages=fields.ages,
-            counters=fields.counters,
-            rejected=fields.rejected,
-            message=shown(fields.message),
-            problems=fields.problems,
             version=_version(),
             host=socket.gethostname(),
-            replica=fields.replica,
-            epoch=fields.epoch,
-            clock_offsets=fields.clock_offsets,
-            feature_names=fields.feature_names or None,
+            **sent,
         )
 
     def _connect(self) -> zenoh.Session:

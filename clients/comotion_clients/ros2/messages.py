@@ -6,7 +6,7 @@ frame of a hypothesis is ``comotion/<scene>/<id>``.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,15 @@ from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
 from comotion_schemas.naming import Names, joint_words
 from comotion_schemas.naming import named as called
-from comotion_schemas.rigid import transform
+from comotion_schemas.rigid import rotation, three, transform
 
 from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
-from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
+from .bodies import Body, bodies
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, make
+
+Vector: TypeAlias = Sequence[float]
 
 _CUBE, _TEXT, _ADD = 1, 9, 0  # visualization_msgs/Marker
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/PointField
@@ -83,7 +85,7 @@ class Converter:
         found = bodies(update.hypotheses, set(tracks))
         named = self._topics.named
         for space, rows in tracks.items():
-            here = [body for body in found if body.one.space == space]
+            here = [body for body in found if body.hypothesis.space == space]
             yield named("features"), CLOUD, _cloud(update, space, rows)
             yield named("detections"), DETECTIONS, self._detections(update, space, here)
             yield named("markers"), MARKERS, self._markers(update, here)
@@ -103,9 +105,9 @@ class Converter:
         The world is the child: the frame of a space may already have a parent in the ROS network.
         """
         for body in found:
-            space, child = body.one.space, self._frame(body.one.id)
+            space, child = body.hypothesis.space, self._frame(body.hypothesis.id)
             yield _transform(update, space, child, body.origin, body.quaternion)
-        for space in {body.one.space for body in found} & update.frames.keys():
+        for space in {body.hypothesis.space for body in found} & update.frames.keys():
             place, turn = transform(update.frames[space]).inv().as_components()
             child = f"comotion/{self._scene}/{space}/world"
             yield _transform(update, space, child, place.tolist(), turn.as_quat().tolist())
@@ -113,8 +115,8 @@ class Converter:
     def _odometry(self, update: HypothesisUpdate, body: Body) -> Any:
         twist = make("geometry_msgs/Twist")(linear=_vector(body.linear), angular=_vector(body.angular))
         return make(ODOMETRY)(
-            header=_header(update, body.one.space),
-            child_frame_id=self._frame(body.one.id),
+            header=_header(update, body.hypothesis.space),
+            child_frame_id=self._frame(body.hypothesis.id),
             pose=make("geometry_msgs/PoseWithCovariance")(
                 pose=_pose(body.origin, body.quaternion), covariance=_NO_COVARIANCE
             ),
@@ -130,7 +132,7 @@ class Converter:
         markers = []
         words = {joint.child: joint_words(joint, self.names) for joint in update.joints if joint.point}
         for body in found:
-            one, rgb = body.one, self._palette.colour(body.one.id)
+            one, rgb = body.hypothesis, self._palette.colour(body.hypothesis.id)
             if one.box is not None and one.state != "static" and rgb != BACKGROUND:
                 centre, turn, size = _box(one.box)
                 look = _Look(_CUBE, _pose(centre, turn), size, rgb, _BOX_ALPHA)
@@ -154,7 +156,7 @@ class Converter:
         )
 
 
-def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector, turn: Quaternion) -> Any:
+def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector, turn: Vector) -> Any:
     return make("geometry_msgs/TransformStamped")(
         header=_header(update, parent),
         child_frame_id=child,
@@ -204,7 +206,7 @@ def _cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp]) -> Any:
 
 
 def _detection(update: HypothesisUpdate, body: Body) -> Any:
-    one = body.one
+    one = body.hypothesis
     confidence = update.track_confidence[update.track_hypothesis == one.id]
     result = make("vision_msgs/ObjectHypothesisWithPose")(
         hypothesis=make("vision_msgs/ObjectHypothesis")(
@@ -223,9 +225,13 @@ def _detection(update: HypothesisUpdate, body: Body) -> Any:
     )
 
 
-def _box(box: Box) -> tuple[Vector, Quaternion, Vector]:
+def _box(box: Box) -> tuple[Vector, Vector, Vector]:
     """Centre, quaternion and size of a box; flat in 2-D."""
-    return spatial(box.center), quaternion(box.rotation), spatial([2 * half for half in box.half])
+    return (
+        three(box.center).tolist(),
+        rotation(box.rotation).as_quat().tolist(),
+        (2 * three(box.half)).tolist(),
+    )
 
 
 @dataclass(frozen=True)
@@ -280,12 +286,12 @@ def _vector(values: Vector) -> Any:
     return make("geometry_msgs/Vector3")(x=x, y=y, z=z)
 
 
-def _quaternion(values: Quaternion) -> Any:
+def _quaternion(values: Vector) -> Any:
     x, y, z, w = values
     return make("geometry_msgs/Quaternion")(x=x, y=y, z=z, w=w)
 
 
-def _pose(place: Vector, turn: Quaternion) -> Any:
+def _pose(place: Vector, turn: Vector) -> Any:
     x, y, z = place
     point = make("geometry_msgs/Point")(x=x, y=y, z=z)
     return make("geometry_msgs/Pose")(position=point, orientation=_quaternion(turn))

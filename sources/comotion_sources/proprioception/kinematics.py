@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ..calibration.model import Extrinsics
 from ..errors import InputError
-from ..workcell.extra import require_mujoco
-from .model import couplings
+from ..workcell.extra import couplings, require_mujoco
 from .samples import JointSample, Vector
 
 Vectors = NDArray[np.float64]

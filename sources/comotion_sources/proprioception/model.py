@@ -39,16 +39,6 @@ def load_model(path: Path) -> Any:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
 
 
-def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
-    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
-    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
-    return [
-        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
-        for i in range(model.neq)
-        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
-    ]
-
-
 def _kinematics_only(robot: ET.Element) -> str:
     for link in robot.iter("link"):
         for tag in ("visual", "collision", "inertial"):

@@ -1,14 +1,13 @@
 """Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Unpack
 
 from comotion_schemas.component import Where
-from comotion_schemas.transport import SessionSettings, open_session
+from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
-from ..received import Received
+from ..received import subscribed
 from ..runtime import SourcePublisher
 from .convert import Converter, Observed, kind_of
 
@@ -59,15 +58,8 @@ def run(
         message=f"ROS topic {what.topic}",
         **where,
     )
-    received = Received(source)
-    with source, ExitStack() as stack:
-        session = source.component.session
-        if what.ros is not None:
-            session = stack.enter_context(open_session(what.ros))
-        subscriber = session.declare_subscriber(
-            f"{what.domain}/{what.topic.strip('/')}/*/*", received.receive
-        )
-        stack.callback(subscriber.undeclare)
+    key = f"{what.domain}/{what.topic.strip('/')}/*/*"
+    with source, subscribed(source, key, what.ros) as received:
         source.ready()
         relay = _Relay(source, what)
         for arrival in received:

@@ -103,9 +103,9 @@ class Simulation:
         times
             float64 [T], seconds since the start of the source.
 
-            rns
-            ---
-            tions float64 [T, dim, dim] and translations float64 [T, dim].
+        Returns
+        -------
+        Rotations float64 [T, dim, dim] and translations float64 [T, dim].
         """
         scene_times = np.atleast_1d(np.asarray(times, np.float64)) * self.time_scale
         pose = self._actors.paths[body].at(scene_times)

@@ -1,6 +1,7 @@
-"""Imports MuJoCo, an optional dependency."""
+"""MuJoCo, an optional dependency, and what is read of its models."""
 
 from types import ModuleType
+from typing import Any
 
 from ..errors import InputError
 
@@ -18,3 +19,13 @@ def require_mujoco() -> ModuleType:
     except ImportError:
         raise InputError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
     return mujoco  # type: ignore[no-any-return]
+
+
+def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
+    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
+    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
+    return [
+        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
+        for i in range(model.neq)
+        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
+    ]

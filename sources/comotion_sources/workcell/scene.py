@@ -27,7 +27,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..frames import AMBIGUOUS
-from .extra import require_mujoco
+from .extra import couplings, require_mujoco
 
 BACKGROUND = 0
 """Object number of everything that cannot move."""
@@ -101,7 +101,7 @@ class Scene:
         self.joints: tuple[str, ...] = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.period = float(self._numeric("period", [0.0])[0])
         self._curves = self._read_motion()
-        self._couplings = self._read_couplings()
+        self._couplings = couplings(self.model)
         self._warp = self._draw_warp()
         self.objects, self.body_objects = self._number_objects()
         self.geom_objects = self.body_objects[self.model.geom_bodyid]
@@ -212,14 +212,6 @@ class Scene:
         if times[0] != 0 or (self.period and (times[-1] != self.period or values[-1] != values[0])):
             raise InputError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
         return PchipInterpolator(times, values)
-
-    def _read_couplings(self) -> list[tuple[int, int, Vector]]:
-        model, kind = self.model, int(self._mujoco.mjtEq.mjEQ_JOINT)
-        return [
-            (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), np.array(model.eq_data[i, :5]))
-            for i in range(model.neq)
-            if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
-        ]
 
     def _draw_warp(self) -> tuple[float, float]:
         if self.seed == 0 or not self.period:
