@@ -39,7 +39,8 @@ from .scene_rows import (
 
 GONE_SHOWN_S = 60.0
 """How long a source that has left remains in the list."""
-EVENTS_KEPT = 100
+EVENTS_SHOWN, EVENTS_KEPT = 100, 4096
+"""Newest events of a snapshot, and those that are known again when a later update repeats them."""
 
 
 class SceneModel(Heard):
@@ -227,7 +228,7 @@ class SceneModel(Heard):
         return rows
 
     def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
-        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)
+        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)[:EVENTS_SHOWN]
         return [
             EventRow(
                 e.stamp_ns,

@@ -5,7 +5,7 @@ with its clock, and those that the cache of every component's publisher answers.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from comotion_schemas import Status
@@ -30,10 +30,6 @@ class SceneStatus:
     components: list[ComponentRow]
     routers: list[RouterRow]
     problems: list[str]
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
 
 
 class StatusModel(Heard):

@@ -8,9 +8,8 @@ import mmap
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
@@ -51,10 +50,6 @@ class RepairResult:
     def seconds(self) -> float:
         """Seconds between the first and the last message."""
         return (self.end_ns - self.start_ns) / 1e9
-
-    def as_json(self) -> dict[str, Any]:
-        """Convert to plain values."""
-        return asdict(self)
 
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""

@@ -64,7 +64,7 @@ To play a recording: comotion source replay take.mcap
             series=series, name=self.name, duration=self.duration, ready_file=self.ready_file
         )
         result = record(options, self.scene, self.settings())
-        self.show(result.as_json(), *result.lines())
+        self.show(result, *result.lines())
 
     def _repair_or_export(self) -> None:
         if self.repair is not None:
@@ -72,7 +72,7 @@ To play a recording: comotion source replay take.mcap
 
             target = self.out or self.repair.with_name(f"{self.repair.stem}-repaired.mcap")
             saved = repair(self.repair, target)
-            self.show(saved.as_json(), *saved.lines(target))
+            self.show(saved, *saved.lines(target))
         if self.export is not None:
             try:
                 from comotion_clients.recording.export import export
@@ -81,7 +81,7 @@ To play a recording: comotion source replay take.mcap
 
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)
-            self.show(exported.as_json(), *exported.lines(target))
+            self.show(exported, *exported.lines(target))
 
 
 def _target(file: Path | None, scene: str) -> Path:

@@ -44,7 +44,7 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         how = StatusOptions(wait=self.wait, timeout=self.timeout, expect=tuple(self.expect or ()))
         found = look(self.scene, self.settings(), how)
         if self.json_:
-            self.show(found.as_json())
+            self.show(found)
         else:
             show(found, Console(width=None if sys.stdout.isatty() else 160))
         raise typer.Exit(_EXIT[found.overall])
