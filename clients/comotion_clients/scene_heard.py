@@ -139,9 +139,9 @@ class Heard:
     @property
     def service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
-        found = [seen for seen in self._seen.values() if seen.status and seen.role == "service"]
+        services = [seen for seen in self._seen.values() if seen.status and seen.role == "service"]
         # Where services have tokens, who has none is no service.
-        holding = [seen for seen in found if seen.tokens] or found
+        holding = [seen for seen in services if seen.tokens] or services
         speaking = [seen.status for seen in holding if seen.status and seen.status.replica != "standby"]
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 

@@ -95,8 +95,8 @@ class SceneModel(Heard):
         self._service_gone = False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
-        told = [e for e in update.events if e.kind in self._kinds]
-        new = [e for e in told if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
+        shown = [e for e in update.events if e.kind in self._kinds]
+        new = [e for e in shown if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
         for key in list(self._events)[:-EVENTS_KEPT]:
             del self._events[key]
@@ -151,7 +151,9 @@ class SceneModel(Heard):
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
             problems=[]
             if status is None
-            else [ProblemRow(one.kind, one.source, in_line(one.text)) for one in status.problems],
+            else [
+                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in status.problems
+            ],
         )
 
     def _service_state(self, now: float) -> ServiceState:
@@ -236,7 +238,7 @@ class SceneModel(Heard):
                 e.kind,
                 e.hypothesis,
                 list(e.others),
-                {one: self.names[one] for one in (e.hypothesis, *e.others) if one in self.names},
+                {number: self.names[number] for number in (e.hypothesis, *e.others) if number in self.names},
             )
             for e in newest_first
         ]

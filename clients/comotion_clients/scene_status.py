@@ -69,7 +69,7 @@ class StatusModel(Heard):
             host=in_cell(metadata.get("host", "")),
             zid=zid,
             version=in_cell(described.get("version", "")).partition("-")[0],
-            locators=[in_cell(one) for one in locators],
+            locators=[in_cell(locator) for locator in locators],
             sessions=sum(s.get("whatami") != "router" for s in sessions),
             routers=sum(s.get("whatami") == "router" for s in sessions),
             dials=dials if isinstance(dials := metadata.get("dials"), int) else 0,

@@ -71,19 +71,19 @@ def status(
     ):
         while True:
             look.run(LOOK_S)
-            found = missing(look.model.snapshot(time.time()), options.expect)
-            if options.wait is None or found.overall == options.wait or time.monotonic() > deadline:
-                return found
+            state = missing(look.model.snapshot(time.time()), options.expect)
+            if options.wait is None or state.overall == options.wait or time.monotonic() > deadline:
+                return state
 
 
-def missing(found: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
+def missing(state: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
     """Add the components that are expected and not there to the problems."""
-    there = {row.name for row in found.components}
-    absent = [f"{name} is not there" for name in expected if name not in there]
+    present = {row.name for row in state.components}
+    absent = [f"{name} is not there" for name in expected if name not in present]
     if not absent:
-        return found
-    overall = "degraded" if found.overall == "ok" else found.overall
-    return SceneStatus(**{**vars(found), "overall": overall, "problems": [*found.problems, *absent]})
+        return state
+    overall = "degraded" if state.overall == "ok" else state.overall
+    return SceneStatus(**{**vars(state), "overall": overall, "problems": [*state.problems, *absent]})
 
 
 class _Look(SceneFeed):

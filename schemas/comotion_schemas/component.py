@@ -90,10 +90,10 @@ class Rates:
 
     def of(self, counts: Mapping[str, int]) -> dict[str, float]:
         """Increments per second since the last call; a new name begins at 0."""
-        now, before = time.monotonic(), self._counts
+        now, counts_before = time.monotonic(), self._counts
         seconds = max(now - self._at, 1e-3)
         self._at, self._counts = now, dict(counts)
-        return {name: (count - before.get(name, 0)) / seconds for name, count in counts.items()}
+        return {name: (count - counts_before.get(name, 0)) / seconds for name, count in counts.items()}
 
 
 class Where(TypedDict, total=False):

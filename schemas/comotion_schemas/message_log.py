@@ -137,8 +137,8 @@ class MessageLog:
         """
         topics = [key for key, kind in self._topics.items() if kinds is None or kind in kinds]
         try:
-            found = self._reader.iter_messages(topics, starting_at=start_ns, ending_at=end_ns)
-            for _, channel, message in found:
+            records = self._reader.iter_messages(topics, starting_at=start_ns, ending_at=end_ns)
+            for _, channel, message in records:
                 yield Logged(self._topics[channel.topic], channel.topic, message.log_time, message.data)
         except _DAMAGED as error:
             raise self._damaged(error) from None

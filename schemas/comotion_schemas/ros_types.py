@@ -38,10 +38,10 @@ def store() -> Any:
     """
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - an extra
 
-    found = get_typestore(Stores.ROS2_JAZZY)
+    types = get_typestore(Stores.ROS2_JAZZY)
     for name, text in (_VISION | _MOCAP).items():
-        found.register(get_types_from_msg(text, name))
-    return found
+        types.register(get_types_from_msg(text, name))
+    return types
 
 
 def from_cdr(raw: bytes, kind: str) -> Any:

@@ -88,8 +88,8 @@ class FoxgloveScene:
         update = poses_in_space(update)
         score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
-        found = (score.nmi, score.misclassification) if scored else (None, None)
-        self._log("/numbers", log_ns, messages.numbers(update, *found))
+        scores = (score.nmi, score.misclassification) if scored else (None, None)
+        self._log("/numbers", log_ns, messages.numbers(update, *scores))
         space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)

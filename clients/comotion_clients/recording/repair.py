@@ -161,7 +161,7 @@ def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
     schemas: dict[int, Definition] = {}
     channels: dict[int, Channel] = {}
     # The end of a file repeats the definitions: they may be lost where they are used.
-    for record in (one for group in _groups(data, RepairResult()) for one in group):
+    for record in (member for group in _groups(data, RepairResult()) for member in group):
         if isinstance(record, Schema):
             schemas[record.id] = Definition(record.name, record.encoding, record.data)
         elif isinstance(record, Channel):
@@ -208,12 +208,12 @@ def _break_up(chunk: Chunk, result: RepairResult) -> list[McapRecord]:
     try:
         if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
             raise KnownError("the size of the chunk is not plausible")
-        found = breakup_chunk(chunk, validate_crc=True)
+        records = breakup_chunk(chunk, validate_crc=True)
     except Exception:  # decompression and parsing raise many types on damaged bytes
         result.damaged += 1
         return []
     result.chunks += 1
-    return found
+    return records
 
 
 def _record(data: mmap.mmap, position: int) -> tuple[McapRecord | None, int]:

@@ -98,7 +98,9 @@ Examples:
             comparator=self.compare,
         )
         several = len(inputs) > 1
-        plots = [] if self.plot is None else [plot_path(self.plot, one, several=several) for one in inputs]
+        plots = (
+            [] if self.plot is None else [plot_path(self.plot, scored, several=several) for scored in inputs]
+        )
         self.show(as_json(results, config, self.period), table(results), *(f"plot: {path}" for path in plots))
 
     def _score_scene(self) -> None:

@@ -121,7 +121,7 @@ def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
     UserError
         If there is no part of that name.
     """
-    unknown = [one for one in parts or () if one not in known]
+    unknown = [part for part in parts or () if part not in known]
     if unknown:
         raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
     return list(parts or ())

@@ -39,8 +39,8 @@ def _camera(text: str) -> "tuple[str, Camera]":
     name, separator, where = text.partition("=")
     if not (name and separator and where):
         raise UserError(f"--camera {text}: expected NAME=FILE, or NAME=INTRINSICS,EXTRINSICS")
-    found = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
-    inner, outer = found.intrinsics, found.extrinsics
+    calibration = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
+    inner, outer = calibration.intrinsics, calibration.extrinsics
     if inner is None or outer is None:
         raise UserError(f"--camera {text}: has no {'intrinsics' if inner is None else 'extrinsics'}")
     return name if "/" in name else f"{name}/pixels", Camera(

@@ -68,11 +68,11 @@ Examples:
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
         options = self._options()
         with _progress(self.what, options.fusion.method) as progress:
-            found = segment(self.what, options, progress)
+            result = segment(self.what, options, progress)
         if self.trajectory is not None:
-            _write_trajectory(self.trajectory, found)
-        codec = [f"the video is {NO_ENCODER}"] if found.codec == "mpeg4" else []
-        self.show(found.as_json(), *_summary(found), *(f"wrote {path}" for path in self._outputs()), *codec)
+            _write_trajectory(self.trajectory, result)
+        codec = [f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else []
+        self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
         from comotion_experiments.labelled import SegmentOptions
@@ -105,10 +105,10 @@ Examples:
         return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
 
 
-def _write_trajectory(path: Path, found: "Segmented") -> None:
+def _write_trajectory(path: Path, result: "Segmented") -> None:
     """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
     lines = ["# stamp tx ty tz qx qy qz qw"]
-    for stamp_ns, pose in found.path:
+    for stamp_ns, pose in result.path:
         if isinstance(pose.rotation, list):
             values = " ".join(f"{value:.6f}" for value in (*pose.translation, *pose.rotation))
             lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d} {values}")
@@ -123,12 +123,12 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _summary(found: "Segmented") -> list[str]:
-    speed = found.frames / found.seconds
-    times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
+def _summary(result: "Segmented") -> list[str]:
+    speed = result.frames / result.seconds
+    times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
     return [
-        f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}",
-        f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end",
+        f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
     ]
 
 

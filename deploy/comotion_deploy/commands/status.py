@@ -42,9 +42,9 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         from comotion_clients.status_view import show
 
         how = StatusOptions(wait=self.wait, timeout=self.timeout, expect=tuple(self.expect or ()))
-        found = look(self.scene, self.settings(), how)
+        state = look(self.scene, self.settings(), how)
         if self.json_:
-            self.show(found)
+            self.show(state)
         else:
-            show(found, Console(width=None if sys.stdout.isatty() else 160))
-        raise typer.Exit(_EXIT[found.overall])
+            show(state, Console(width=None if sys.stdout.isatty() else 160))
+        raise typer.Exit(_EXIT[state.overall])

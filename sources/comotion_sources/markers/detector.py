@@ -110,12 +110,12 @@ class MarkerDetector:
 
     def detect(self, image: Image) -> Markers:
         """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR)."""
-        found, numbers, _ = self._detector.detectMarkers(image)
+        outlines, numbers, _ = self._detector.detectMarkers(image)
         flat = np.empty(0, np.int64) if numbers is None else np.asarray(numbers, np.int64).ravel()
         seen: list[tuple[int, NDArray[np.float32], Extrinsics, float]] = []
         for number in np.unique(flat).tolist():
             places = np.flatnonzero(flat == number)
-            corners = np.asarray(found[places[0]], np.float32).reshape(4, 2)
+            corners = np.asarray(outlines[places[0]], np.float32).reshape(4, 2)
             posed = self._pose(number, corners) if len(places) == 1 else None
             if posed is not None:
                 seen.append((number, corners, *posed))

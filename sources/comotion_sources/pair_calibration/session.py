@@ -127,7 +127,7 @@ def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Int
     InputError
         If there are none.
     """
-    found = given or camera.intrinsics
-    if found is None:
+    intrinsics = given or camera.intrinsics
+    if intrinsics is None:
         raise InputError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
-    return found
+    return intrinsics

@@ -92,8 +92,8 @@ class Chessboard:
         """Find the inner corners; empty unless all are visible."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
-        if not found:
+        detected, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
+        if not detected:
             return {}
         fine = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _SUBPIX)
         pixels = self._upright(np.asarray(grey, np.uint8), fine.reshape(-1, 2).astype(np.float64))
@@ -146,12 +146,12 @@ class SingleMarkers:
 
     def find(self, image: Image) -> TargetPoints:
         """Find the markers whose number occurs once in the image."""
-        found, numbers, _ = self._detector.detectMarkers(image)
+        detected, numbers, _ = self._detector.detectMarkers(image)
         flat = [] if numbers is None else [int(n) for n in np.ravel(numbers)]
         return {
             f"marker {number}": dict(
                 enumerate(zip(self._points, np.asarray(corners, np.float64).reshape(4, 2), strict=True))
             )
-            for number, corners in zip(flat, found, strict=True)
+            for number, corners in zip(flat, detected, strict=True)
             if flat.count(number) == 1
         }

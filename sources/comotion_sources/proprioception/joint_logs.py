@@ -117,9 +117,9 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
             connections = [c for c in reader.connections if wanted(c)]
             topics = sorted({c.topic for c in connections})
             if len(topics) != 1:
-                found = f"several: {', '.join(topics)}; name one" if topics else "none"
+                which = f"several: {', '.join(topics)}; name one" if topics else "none"
                 called = f" named {topic}" if topic else ""
-                raise InputError(f"{path}: topics with joint states{called}: {found}")
+                raise InputError(f"{path}: topics with joint states{called}: {which}")
             for _, recorded_ns, raw in reader.messages(connections=connections):
                 yield from_message(decode_message(raw), recorded_ns)
     except (AnyReaderError, OSError) as error:

@@ -160,14 +160,14 @@ class Kinematics:
 
     def _find_joints(self) -> list[int]:
         """Indices of the joints between the world and the links, coupled ones replaced by their driver."""
-        model, found = self._model, set[int]()
+        model, joints = self._model, set[int]()
         for body in self._bodies:
             while body:
                 first = int(model.body_jntadr[body])
-                found.update(range(first, first + int(model.body_jntnum[body])))
+                joints.update(range(first, first + int(model.body_jntnum[body])))
                 body = int(model.body_parentid[body])  # noqa: PLW2901 - walking up the tree
         drivers = {target: driver for target, driver, _ in self._couplings}
-        needed = sorted({drivers.get(joint, joint) for joint in found})
+        needed = sorted({drivers.get(joint, joint) for joint in joints})
         single = (int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE))
         for joint in needed:
             if int(model.jnt_type[joint]) not in single:

@@ -94,11 +94,11 @@ def _poses(kind: str, message: Any) -> Iterator[tuple[str, Any, Any, Any]]:
     if kind == POSE:
         yield "pose", message.header, message.pose.position, message.pose.orientation
     elif kind == NAMED_POSES:
-        for one in message.poses:
-            yield one.name, message.header, one.pose.position, one.pose.orientation
+        for pose in message.poses:
+            yield pose.name, message.header, pose.pose.position, pose.pose.orientation
     else:
-        for one in message.transforms if kind == TF else [message]:
-            yield one.child_frame_id, one.header, one.transform.translation, one.transform.rotation
+        for pose in message.transforms if kind == TF else [message]:
+            yield pose.child_frame_id, pose.header, pose.transform.translation, pose.transform.rotation
 
 
 def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list[float]]]) -> Observed:

@@ -80,24 +80,24 @@ class _Relay:
             self._source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
             return
         try:
-            found = self._converter.convert(kind, raw, received_ns)
+            observations = self._converter.convert(kind, raw, received_ns)
         except InputError as error:
             self._source.reject("malformed", str(error))
             return
-        for one in found:
-            self._publish(one)
+        for observed in observations:
+            self._publish(observed)
 
-    def _publish(self, one: Observed) -> None:
-        self._frame = self._frame or one.frame
-        if one.frame != self._frame:
-            self._source.reject("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
+    def _publish(self, observed: Observed) -> None:
+        self._frame = self._frame or observed.frame
+        if observed.frame != self._frame:
+            self._source.reject("space-mismatch", f"frame {observed.frame!r} is not {self._frame!r}")
             return
         try:
             self._source.observe(
-                ids=one.ids,
-                positions=one.positions,
-                quaternions=one.quaternions,
-                stamp_ns=one.stamp_ns,
+                ids=observed.ids,
+                positions=observed.positions,
+                quaternions=observed.quaternions,
+                stamp_ns=observed.stamp_ns,
             )
         except ValueError as error:
             self._source.reject("malformed", str(error).partition("\n")[0])

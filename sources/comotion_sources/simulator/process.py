@@ -82,7 +82,8 @@ def run(
     streams = [stream(simulation) for simulation in simulations]
     if name is not None:
         streams = [
-            dataclasses.replace(one, name=numbered(name, k, len(streams))) for k, one in enumerate(streams)
+            dataclasses.replace(source, name=numbered(name, k, len(streams)))
+            for k, source in enumerate(streams)
         ]
     play_streams(
         streams,

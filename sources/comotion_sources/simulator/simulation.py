@@ -87,11 +87,11 @@ class Simulation:
         return frame_count(self.duration, self.rate, self._phase)
 
     def __iter__(self) -> Iterator[Frame]:
-        before = np.zeros(len(self._mine), bool)
+        alive_before = np.zeros(len(self._mine), bool)
         for number in range(len(self)):
             alive = self._alive(self._time(number))
-            yield self._frame(number, alive, before & ~alive)
-            before = alive
+            yield self._frame(number, alive, alive_before & ~alive)
+            alive_before = alive
 
     def poses(self, body: int, times: Array) -> Poses:
         """True poses of a body in the observing frame.
