@@ -29,20 +29,6 @@ FIRST_UPDATE_TIMEOUT_S = 10.0
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class EvaluateOptions:
-    """Options of a live evaluation.
-
-    `duration`: seconds from the first update on, None: until stopped; `quiet`: no progress;
-    `on_update`: called with every scored update; `ready_file`: written once it is subscribed.
-    """
-
-    duration: float | None = None
-    quiet: bool = False
-    on_update: OnUpdate = lambda update, score: None  # noqa: ARG005
-    ready_file: Path | None = None
-
-
 @dataclass(frozen=True)
 class LiveRun:
     """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates.
@@ -100,7 +86,11 @@ class _Feed(SceneFeed):
 def evaluate(
     scene: str = DEFAULT_SCENE,
     settings: SessionSettings | None = None,
-    options: EvaluateOptions | None = None,
+    *,
+    duration: float | None = None,
+    quiet: bool = False,
+    on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
+    ready_file: Path | None = None,
 ) -> LiveRun:
     """Score a running scene until the duration is over or a signal arrives.
 
@@ -111,8 +101,14 @@ def evaluate(
     ----------
     scene, settings
         Name of the scene; how to connect.
-    options
-        Duration and progress.
+    duration
+        Seconds from the first update on; None: until stopped.
+    quiet
+        Show no progress.
+    on_update
+        Called with every scored update.
+    ready_file
+        Written once it is subscribed.
 
     Raises
     ------
@@ -121,20 +117,17 @@ def evaluate(
     ValueError
         If no update was received, or none could be scored because no source publishes truth.
     """
-    options = options or EvaluateOptions()
-    timeout = None if options.duration is None else FIRST_UPDATE_TIMEOUT_S
-    progress = reporting(quiet=options.quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+    timeout = None if duration is None else FIRST_UPDATE_TIMEOUT_S
+    progress = reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
     with (
-        viewer(
-            "evaluate", scene, settings, ready_file=options.ready_file, connect_timeout=timeout
-        ) as component,
-        _Feed(component.session, scene, options.on_update) as feed,
+        viewer("evaluate", scene, settings, ready_file=ready_file, connect_timeout=timeout) as component,
+        _Feed(component.session, scene, on_update) as feed,
         progress as report,
     ):
-        if options.ready_file is not None:
+        if ready_file is not None:
             component.ready()
         begun = time.monotonic()
-        while not component.stop.wait(POLL_S) and not _is_over(feed, options.duration, begun):
+        while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
             feed.poll()
             report(lambda: progress_line(feed.tally))
         feed.poll(settled=True)

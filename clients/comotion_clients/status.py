@@ -2,8 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import zenoh
@@ -30,22 +29,13 @@ _POLL_S = 0.05
 _EACH = zenoh.ConsolidationMode.NONE
 
 
-@dataclass(frozen=True, kw_only=True)
-class StatusOptions:
-    """`wait`: look until the scene is ok.
-
-    `timeout`: s to wait for a router, and for that; `expect`: names of components that must be there.
-    """
-
-    wait: Literal["ok"] | None = None
-    timeout: float = 10.0
-    expect: tuple[str, ...] = ()
-
-
 def status(
     scene: str = DEFAULT_SCENE,
     settings: SessionSettings | None = None,
-    options: StatusOptions | None = None,
+    *,
+    wait: Literal["ok"] | None = None,
+    timeout: float = 10.0,
+    expect: Sequence[str] = (),
 ) -> SceneStatus:
     """Look at a scene.
 
@@ -53,8 +43,12 @@ def status(
     ----------
     scene, settings
         Name of the scene; how to connect.
-    options
-        How long to wait, and for what.
+    wait
+        Look until the scene is in this state.
+    timeout
+        s to wait for a router, and for that.
+    expect
+        Names of components that must be there.
 
     Raises
     ------
@@ -63,20 +57,20 @@ def status(
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    settings, options = settings or client_settings(), options or StatusOptions()
-    deadline = time.monotonic() + options.timeout
+    settings = settings or client_settings()
+    deadline = time.monotonic() + timeout
     with (
-        connect(settings, timeout=options.timeout) as session,
+        connect(settings, timeout=timeout) as session,
         _Look(session, scene) as look,
     ):
         while True:
             look.run(LOOK_S)
-            state = missing(look.model.snapshot(time.time()), options.expect)
-            if options.wait is None or state.overall == options.wait or time.monotonic() > deadline:
+            state = missing(look.model.snapshot(time.time()), expect)
+            if wait is None or state.overall == wait or time.monotonic() > deadline:
                 return state
 
 
-def missing(state: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
+def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     """Add the components that are expected and not there to the problems."""
     present = {row.name for row in state.components}
     absent = [f"{name} is not there" for name in expected if name not in present]

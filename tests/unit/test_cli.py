@@ -14,7 +14,7 @@ from rich.text import Text
 
 import comotion_experiments
 from comotion_deploy.cli import app, run
-from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline, time_scale
+from comotion_deploy.demo import demo_processes, nmi_per_second, sparkline, time_scale
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
 from comotion_deploy.router import zenoh_overrides
@@ -264,11 +264,14 @@ class TestProcesses:
 
 
 class TestDemo:
-    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         specs = demo_processes(
-            DemoOptions(fusion=["--set", "thesis.sigma_switch=0.01"]),
+            "3d_async",
             "tcp/127.0.0.1:1",
+            tmp_path,
+            fusion=["--set", "thesis.sigma_switch=0.01"],
             scale=0.5,
+            seed=0,
             on_terminal=True,
         )
         assert [spec.name for spec in specs if spec.foreground] == ["watch"]
@@ -278,10 +281,10 @@ class TestDemo:
 
     def test_a_pass_outlasts_the_demo_and_is_never_played_fast(self) -> None:
         # The scene lasts 12 s.
-        assert time_scale(DemoOptions(duration=30.0)) < 12 / 30
-        assert time_scale(DemoOptions(duration=0.0)) == 1.0
+        assert time_scale("3d_async", 30.0) < 12 / 30
+        assert time_scale("3d_async", 0.0) == 1.0
         with pytest.raises(ValueError, match="no scene 'nonsense'"):
-            time_scale(DemoOptions(simulated="nonsense"))
+            time_scale("nonsense", 30.0)
 
     def test_nmi_per_second(self) -> None:
         stamps = [0, 10**9 // 2, 10**9, 3 * 10**9]
@@ -388,9 +391,9 @@ def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
     from comotion_schemas.transport import SessionSettings
 
     monkeypatch.setattr(evaluate, "FIRST_UPDATE_TIMEOUT_S", 0.2)
-    how = evaluate.EvaluateOptions(duration=0.1, quiet=True)
+    nowhere = SessionSettings(connect=("tcp/127.0.0.1:1",))
     with pytest.raises(TimeoutError):
-        evaluate.evaluate("typo", SessionSettings(connect=("tcp/127.0.0.1:1",)), how)
+        evaluate.evaluate("typo", nowhere, duration=0.1, quiet=True)
 
 
 def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:

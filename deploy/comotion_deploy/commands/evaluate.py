@@ -104,13 +104,18 @@ Examples:
         self.show(as_json(results, config, self.period), table(results), *(f"plot: {path}" for path in plots))
 
     def _score_scene(self) -> None:
-        from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+        from comotion_clients.evaluate import as_json, evaluate, summary_lines
         from comotion_clients.tum import save_paths
         from comotion_experiments.plot import Trace, save_plot
 
         trace = Trace()
-        how = EvaluateOptions(duration=self.duration, on_update=trace.add, ready_file=self.ready_file)
-        run = evaluate(self.scene, self.settings(), how)
+        run = evaluate(
+            self.scene,
+            self.settings(),
+            duration=self.duration,
+            on_update=trace.add,
+            ready_file=self.ready_file,
+        )
         if self.paths is not None:
             save_paths(self.paths, trace.updates)
         if self.plot is not None:

@@ -59,7 +59,6 @@ Examples:
     def run(self) -> None:
         """Publish until stopped, or to the end of a log."""
         from comotion_sources.proprioception import Encoders, Kinematics, process
-        from comotion_sources.proprioception.packer import Packing
 
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
@@ -67,7 +66,8 @@ Examples:
         process.run(
             kinematics,
             self._joint_reader(default_joints),
-            packing=Packing(rate=self.rate, span=self.batch),
+            rate=self.rate,
+            span=self.batch,
             truth=truth,
             name=self.name,
             space=self.space,

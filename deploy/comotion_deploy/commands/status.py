@@ -37,12 +37,12 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         """Show the status, and end with the exit status that says it."""
         from rich.console import Console
 
-        from comotion_clients.status import StatusOptions
         from comotion_clients.status import status as look
         from comotion_clients.status_view import show
 
-        how = StatusOptions(wait=self.wait, timeout=self.timeout, expect=tuple(self.expect or ()))
-        state = look(self.scene, self.settings(), how)
+        state = look(
+            self.scene, self.settings(), wait=self.wait, timeout=self.timeout, expect=self.expect or ()
+        )
         if self.json_:
             self.show(state)
         else:

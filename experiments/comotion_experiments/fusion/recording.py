@@ -9,7 +9,7 @@ import numpy as np
 
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.proprioception import JointSample, Kinematics
-from comotion_sources.proprioception.packer import Packer, Packing
+from comotion_sources.proprioception.packer import Packer
 from comotion_sources.workcell import Cover, Scene
 from comotion_sources.workcell.atlas import build_atlas
 
@@ -66,7 +66,7 @@ def _make(name: str, seed: int, setup: Setup) -> Sources:
 def robot_messages(scene: Scene, rate: float, seconds: float) -> Iterator[Message]:
     """Poses of the robot's links, with joint positions rounded to encoder counts as a robot's are."""
     kinematics = Kinematics(scene.model, scene.robot)
-    packer, builder = Packer(kinematics, Packing(rate=rate)), message_builder(ROBOT)
+    packer, builder = Packer(kinematics, rate=rate), message_builder(ROBOT)
     numbers = [scene.object_of(link) for link in kinematics.links]
     yield builder.truth(ids=np.arange(len(numbers), dtype=np.uint64), objects=numbers, names=scene.objects)
     for index in range(round(seconds * rate)):
