@@ -73,11 +73,14 @@ for _panel, _commands in _PANELS.items():
 
 
 def _present(arguments: Sequence[str]) -> list[str]:
-    """Arguments with the present names of commands; says where one has moved."""
-    if arguments and arguments[0] in dev.MOVED:
-        print(f"'comotion {arguments[0]}' is now 'comotion dev {arguments[0]}'", file=sys.stderr)
-        return ["dev", *arguments]
-    return list(arguments)
+    """Arguments with the present names of commands; says where one has moved, and what no wheel has."""
+    words = list(arguments)
+    if words and words[0] in dev.MOVED:
+        print(f"'comotion {words[0]}' is now 'comotion dev {words[0]}'", file=sys.stderr)
+        words.insert(0, "dev")
+    if words[:1] == ["dev"] and dev.OF_CHECKOUT & set(words[1:3]) and not in_checkout():
+        raise UserError("this needs a checkout of the repository: make setup, in a clone")
+    return words
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -91,10 +94,6 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
         return _fail(error, error)
-    except ImportError as error:
-        if in_checkout() or (error.name or "").partition(".")[0] != "comotion_experiments":
-            raise
-        return _fail("this needs a checkout of the repository: make setup, in a clone", error)
     except ValueError as error:
         if not _is_known(error):
             raise

@@ -18,8 +18,9 @@ from .bench_live import live_lines, run_live
 from .bench_scaling import run_scaling
 
 if TYPE_CHECKING:
-    from comotion_deploy.commands.bench import Bench
     from comotion_experiments.bench import Costs
+
+    from .commands.bench import Bench
 
 
 def bench(options: "Bench") -> None:

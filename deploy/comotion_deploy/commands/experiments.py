@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,25 +67,6 @@ class Experiment(Json, Tool):
         self.show(values, *(shown or (text,)), f"written: {written}", width=170)
 
 
-@dataclass(kw_only=True)
-class OnFamilies(Command):
-    """Options of an experiment on stress families."""
-
-    family: list[str] | None = option(
-        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
-    )
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
-
-
-@dataclass(kw_only=True)
-class OnWorkcell(Command):
-    """The option of an experiment on scenes of the workcell."""
-
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
-    )
-
-
 def check(out: Path) -> None:
     """Check before hours of work what would fail at the end.
 
@@ -111,20 +92,6 @@ def check_folder(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: not a folder")
-
-
-def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    """Check the parts of an experiment; none: all are meant.
-
-    Raises
-    ------
-    UserError
-        If there is no part of that name.
-    """
-    unknown = [part for part in parts or () if part not in known]
-    if unknown:
-        raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
-    return list(parts or ())
 
 
 @contextmanager

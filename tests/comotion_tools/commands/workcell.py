@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import require_dense
-from ..fusion_options import Fusion
-from ..options import option, setting
-from .experiments import Cached, Experiment, OnWorkcell, check, check_folder, known_parts, progress
+from comotion_deploy.commands.experiments import Cached, Experiment, check, check_folder, progress
+from comotion_deploy.errors import require_dense
+from comotion_deploy.fusion_options import Fusion
+from comotion_deploy.options import option, setting
+
+from .studies import OnWorkcell, known_parts
 
 
 @dataclass(kw_only=True)
