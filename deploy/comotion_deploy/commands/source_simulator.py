@@ -40,7 +40,7 @@ Examples:
             return
         if self.simulated is None:
             raise UserError("which scene? see 'comotion source simulator --list'")
-        simulations = process.choose_sources(
+        simulations = simulator.simulate(
             simulator.load_scene(self.simulated),
             part=self.chosen_part(),
             rates=self.rates(),

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..frames import Frame
+from ..parts import Part, rate_of
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec, frame_count
@@ -183,22 +184,30 @@ def simulate(
     noise: float = 1.0,
     time_scale: float = 1.0,
     split: Split = "features",
+    part: Part | None = None,
 ) -> list[Simulation]:
-    """Build the sources that together observe a scene.
+    """Build the sources that together observe a scene, or one of them.
 
     Parameters
     ----------
     spec, seed, noise, time_scale, split
         As in :class:`Simulation`.
     rates
-        Frames per second, one per source; None: those of the scene.
+        Frames per second, one per source; None: those of the scene. With a `part` one, or one per part.
+    part
+        Build only this source; None: all.
 
     Raises
     ------
-    InputError
-        If an argument is out of range.
+    ValueError
+        If the number of rates is wrong, or an argument is out of range.
     """
-    chosen = spec.rates if rates is None else rates
+    if part is None:
+        given = spec.rates if rates is None else rates
+        chosen = [(Part(index, len(given)), rate) for index, rate in enumerate(given)]
+    else:
+        known = spec.rates if len(spec.rates) == part.count else [spec.rate]
+        chosen = [(part, rate_of(part, rates or known))]
     return [
         Simulation(
             spec,
@@ -206,9 +215,9 @@ def simulate(
             rate=rate,
             noise=noise,
             time_scale=time_scale,
-            part=part,
-            parts=len(chosen),
+            part=each.index,
+            parts=each.count,
             split=split,
         )
-        for part, rate in enumerate(chosen)
+        for each, rate in chosen
     ]
