@@ -14,17 +14,18 @@ In both modes the time of the scene is the stamp modulo the period.
 import logging
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import parse_qsl
 
 import zenoh
+from pydantic import Field, TypeAdapter
 
 from comotion_schemas import DecodeError, JointStates, Keys, decode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
-from comotion_schemas.types import is_name
+from comotion_schemas.types import Name
 
 from ..cameras.types import Frame
 from ..errors import InputError
@@ -98,26 +99,6 @@ def parse(text: str) -> CameraSpec:
     return CameraSpec(scene=scene, camera=camera, **values)
 
 
-def _size(text: str) -> tuple[int, int]:
-    width, height = (int(part) for part in text.split("x"))
-    if not (16 <= width <= 4096 and 16 <= height <= 4096):
-        raise KnownError(text)
-    return width, height
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1e6:
-        raise KnownError(text)
-    return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise KnownError(text)
-    return int(text)
-
-
 def _cover(text: str) -> Cover:
     start, stop = (float(part) for part in text.split("-"))
     if not 0 <= start < stop < 1e6:
@@ -125,19 +106,15 @@ def _cover(text: str) -> Cover:
     return Cover(start, stop)
 
 
-def _name(text: str) -> str:
-    if not is_name(text):
-        raise KnownError(text)
-    return text
-
-
-_OPTIONS = {
-    "size": _size,
-    "rate": _positive,
-    "seed": _seed,
+_EDGE_PX = Annotated[int, Field(ge=16, le=4096)]
+_POSITIVE = TypeAdapter(Annotated[float, Field(gt=0, lt=1e6)])
+_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "size": lambda text: TypeAdapter(tuple[_EDGE_PX, _EDGE_PX]).validate_python(tuple(text.split("x"))),
+    "rate": _POSITIVE.validate_python,
+    "seed": TypeAdapter(Annotated[int, Field(ge=0)]).validate_python,
     "cover": _cover,
-    "duration": _positive,
-    "follow": _name,
+    "duration": _POSITIVE.validate_python,
+    "follow": TypeAdapter(Name).validate_python,
 }
 
 
