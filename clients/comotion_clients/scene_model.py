@@ -25,7 +25,7 @@ from comotion_schemas.rigid import rotation
 
 from .feature_names import HypothesisNames
 from .joint_rows import joint_row
-from .scene_heard import Heard, Seen, in_cell, in_line
+from .scene_components import ComponentRecord, ComponentsModel, in_cell, in_line
 from .scene_rows import (
     EventRow,
     HypothesisRow,
@@ -43,7 +43,7 @@ EVENTS_SHOWN, EVENTS_KEPT = 100, 4096
 """Newest events of a snapshot, and those that are known again when a later update repeats them."""
 
 
-class SceneModel(Heard):
+class SceneModel(ComponentsModel):
     """Accumulates the messages of one scene.
 
     Parameters
@@ -91,7 +91,7 @@ class SceneModel(Heard):
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
         """Add an update; returns the events that no earlier update had."""
-        self.hear_update(update, arrived)
+        self.add_update(update, arrived)
         self._service_gone = False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
@@ -111,14 +111,14 @@ class SceneModel(Heard):
         """Process that a component entered or left the scene."""
         super().on_presence(role, token, alive=alive, now=now)
         if role == "service":
-            held = any(seen.present for seen in self._seen.values() if "service" in seen.tokens)
+            held = any(seen.present for seen in self._components.values() if "service" in seen.tokens)
             self._service_gone = not held
 
-    def _sources(self) -> dict[str, Seen]:
+    def _sources(self) -> dict[str, ComponentRecord]:
         """Sources that have a token or have sent something, and those that the service knows."""
         named = self.service.ages if self.service is not None else {}
-        own = {n: s for n, s in self._seen.items() if "source" in s.tokens or s.stream.arrivals}
-        return {name: self._seen.get(name) or Seen() for name in sorted({*own, *named})}
+        own = {n: s for n, s in self._components.items() if "source" in s.tokens or s.stream.arrivals}
+        return {name: self._components.get(name) or ComponentRecord() for name in sorted({*own, *named})}
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""
@@ -173,7 +173,7 @@ class SceneModel(Heard):
         for name, source in self._sources().items():
             age = source.stream.age(now) if source.stream.arrivals else reported.get(name, math.inf)
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
-                del self._seen[name]
+                del self._components[name]
                 continue
             rows.append(
                 SourceRow(
@@ -254,7 +254,7 @@ def _rotation_vector(turn: list[float] | float) -> list[float]:
     return rotation(turn).as_rotvec().tolist() if isinstance(turn, list) else [turn]
 
 
-def _source_state(source: Seen, age: float, now: float) -> SourceState:
+def _source_state(source: ComponentRecord, age: float, now: float) -> SourceState:
     if source.gone_at is not None:
         return "gone"
     if not source.stream.arrivals:

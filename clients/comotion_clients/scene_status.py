@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from comotion_schemas import Status
 
-from .scene_heard import MOST, Heard, Seen, in_cell, in_line
+from .scene_components import MOST, ComponentRecord, ComponentsModel, in_cell, in_line
 from .scene_problems import ComponentRow, RouterRow, find_problems
 
 Overall = Literal["ok", "degraded", "stalled"]
@@ -32,7 +32,7 @@ class SceneStatus:
     problems: list[str]
 
 
-class StatusModel(Heard):
+class StatusModel(ComponentsModel):
     """Accumulates what is heard of a scene. Times are seconds of this machine's wall clock."""
 
     def __init__(self, scene: str) -> None:
@@ -42,7 +42,7 @@ class StatusModel(Heard):
     @property
     def names(self) -> list[str]:
         """Names of the components whose Status has arrived."""
-        return [name for name, seen in self._seen.items() if seen.status is not None]
+        return [name for name, seen in self._components.items() if seen.status is not None]
 
     def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
         """Add the answer of a service to a query for its Status."""
@@ -77,7 +77,7 @@ class StatusModel(Heard):
 
     def snapshot(self, now_s: float) -> SceneStatus:
         """Return what is known now."""
-        rows = [self._row(name, seen, now_s) for name, seen in sorted(self._seen.items())]
+        rows = [self._row(name, seen, now_s) for name, seen in sorted(self._components.items())]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
         routers = sorted(self._routers.values(), key=lambda row: (row.name, row.zid))
@@ -100,7 +100,7 @@ class StatusModel(Heard):
             return None
         return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
 
-    def _row(self, name: str, seen: Seen, now_s: float) -> ComponentRow:
+    def _row(self, name: str, seen: ComponentRecord, now_s: float) -> ComponentRow:
         status, service = seen.status, self.service
         clock, error = self._clock(name, seen, service)
         lag = None
@@ -125,11 +125,13 @@ class StatusModel(Heard):
             message="" if status is None else in_line(status.message),
         )
 
-    def _clock(self, name: str, seen: Seen, service: Status | None) -> tuple[float | None, float | None]:
+    def _clock(
+        self, name: str, seen: ComponentRecord, service: Status | None
+    ) -> tuple[float | None, float | None]:
         own = seen.clock.estimate()
         if own is None:
             return None, None
-        reference = None if service is None else self._seen[service.component].clock.estimate()
+        reference = None if service is None else self._components[service.component].clock.estimate()
         if reference is None:
             return own
         if service is not None and service.component == name:
@@ -140,7 +142,7 @@ class StatusModel(Heard):
 _ORDER = {"service": 0, "source": 1, "recorder": 2, "viewer": 3}
 
 
-def _rate(name: str, seen: Seen, service: Status | None, updates_hz: float | None) -> float | None:
+def _rate(name: str, seen: ComponentRecord, service: Status | None, updates_hz: float | None) -> float | None:
     if seen.role == "service":
         return updates_hz if service is not None and service.component == name else None
     if seen.role != "source":

@@ -23,7 +23,7 @@ from .scene_status import SceneStatus, StatusModel
 ROUTERS = "@/*/router"
 LOOK_S = 2.3
 """How long one look takes: two Statuses of each component."""
-_ASK_S = 0.5  # between two rounds of queries
+_QUERY_S = 0.5  # between two rounds of queries
 _ANSWER_S = 2.0  # a host that does not answer in this time has no clock offset in this look
 _POLL_S = 0.05
 _EACH = zenoh.ConsolidationMode.NONE
@@ -61,11 +61,11 @@ def status(
     deadline = time.monotonic() + timeout
     with (
         connect(settings, timeout=timeout) as session,
-        _Look(session, scene) as look,
+        _StatusFeed(session, scene) as feed,
     ):
         while True:
-            look.run(LOOK_S)
-            state = missing(look.model.snapshot(time.time()), expect)
+            feed.run(LOOK_S)
+            state = missing(feed.model.snapshot(time.time()), expect)
             if wait is None or state.overall == wait or time.monotonic() > deadline:
                 return state
 
@@ -80,7 +80,7 @@ def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     return SceneStatus(**{**vars(state), "overall": overall, "problems": [*state.problems, *absent]})
 
 
-class _Look(SceneFeed):
+class _StatusFeed(SceneFeed):
     """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
@@ -92,14 +92,14 @@ class _Look(SceneFeed):
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""
         end = time.monotonic() + duration_s
-        self._ask_routers()
+        self._query_routers()
         queried_s = float("-inf")
         while (now := time.monotonic()) < end:
             self._listen()
-            if now - queried_s > _ASK_S:
+            if now - queried_s > _QUERY_S:
                 queried_s = now
-                self._ask_services()
-                self._ask_caches()
+                self._query_services()
+                self._query_caches()
             time.sleep(_POLL_S)
         self._listen()
 
@@ -108,11 +108,11 @@ class _Look(SceneFeed):
             if isinstance(message, Status):
                 self.model.on_status(message, wall_ns / 1e9)
             elif isinstance(message, HypothesisUpdate):
-                self.model.hear_update(message, wall_ns / 1e9)
+                self.model.add_update(message, wall_ns / 1e9)
         for role, token, alive in self.presence():
             self.model.on_presence(role, token, alive=alive)
 
-    def _ask_services(self) -> None:
+    def _query_services(self) -> None:
         for sample, sent_s, received_s in self._replies(self._keys.query("status")):
             try:
                 answer = decode_as(Status, sample.payload.to_bytes())
@@ -120,13 +120,13 @@ class _Look(SceneFeed):
                 continue
             self.model.on_answer(answer, sent_s, received_s)
 
-    def _ask_caches(self) -> None:
+    def _query_caches(self) -> None:
         for name in self.model.names:
             key = f"{self._keys.stream('status', name)}/@adv/**"
             for _, sent_s, received_s in self._replies(key):
                 self.model.on_cache_answer(name, received_s - sent_s)
 
-    def _ask_routers(self) -> None:
+    def _query_routers(self) -> None:
         for sample, *_ in self._replies(ROUTERS):
             try:
                 described = json.loads(sample.payload.to_string())

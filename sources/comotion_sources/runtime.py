@@ -22,7 +22,7 @@ from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
 
-_MOST_SAID = 20  # different texts of rejected input in the log
+_MOST_LOGGED = 20  # different texts of rejected input in the log
 _log = logging.getLogger(__name__)
 
 STALLED_S = 1.0
@@ -79,7 +79,7 @@ class Source:
         # `sent` counts the batches of the present session: the service learns what of its end never came.
         self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
         self._rejected: dict[RejectionReason, int] = {}
-        self._said: set[str] = set()
+        self._logged: set[str] = set()
         self._rates = Rates()
         self._last_put: float | None = None
         scene = self.component.scene
@@ -130,8 +130,8 @@ class Source:
     def reject(self, reason: RejectionReason, text: str = "") -> None:
         """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
-        if text and text not in self._said and len(self._said) < _MOST_SAID:
-            self._said.add(text)
+        if text and text not in self._logged and len(self._logged) < _MOST_LOGGED:
+            self._logged.add(text)
             _log.warning("%s: such messages are left out", text)
 
     def overrun(self) -> None:

@@ -95,7 +95,7 @@ def test_a_kept_status_does_not_pass_for_a_slow_clock(model) -> None:
 def test_a_service_that_answers_late_is_bounded_on_both_sides() -> None:
     model = StatusModel("cell")
     model.on_answer(status("fusion", "service", NOW + 5.0 + 0.019), NOW, NOW + 0.020)
-    offset, error = model._seen["fusion"].clock.estimate()
+    offset, error = model._components["fusion"].clock.estimate()
     assert abs(offset - 5.0) <= error <= 0.0101
 
 

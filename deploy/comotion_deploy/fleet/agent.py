@@ -36,7 +36,7 @@ class _Running:
 
     children: list[Child]
     scene: Scene
-    said_ready: bool = False
+    announced: bool = False
     leaving: bool = False
     stopped_s: float = field(default=0.0)
 
@@ -151,7 +151,7 @@ class Agent:
         for place, running in self._running.items():
             if not entries.claim(self._etcd, place, self._name, lease):
                 self._stop(place, running, "another agent has it")
-            running.said_ready = False
+            running.announced = False
 
     def _follow(self, fleet: Fleet, lease: int) -> None:
         held, wanted = fleet.held(), set(fleet.places())
@@ -160,7 +160,7 @@ class Agent:
                 self._stop(place, running, "removed")
         for place, why in self._given_up(fleet).items():
             mine = self._running[place]
-            mine.said_ready = False
+            mine.announced = False
             if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
                 self._stop(place, mine, why)
         for place, agent in claims(fleet).items():
@@ -184,9 +184,9 @@ class Agent:
             if running.leaving and running.ended:
                 entries.release(self._etcd, place, lease)
                 del self._running[place]
-            elif not (running.leaving or running.said_ready) and running.children[0].was_ready:
+            elif not (running.leaving or running.announced) and running.children[0].was_ready:
                 entries.say_ready(self._etcd, place, self._name, running.scene.version, lease)
-                running.said_ready = True
+                running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
         children = [self._child(spec) for spec in self._specs(place, scene)]

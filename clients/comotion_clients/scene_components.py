@@ -1,4 +1,4 @@
-"""Who is heard in a scene: tokens, Statuses and messages -> its components and its service. Pure.
+"""The components of a scene, of their tokens, Statuses and messages. Pure.
 
 The base of what `comotion watch`, `view` and `status` know of a scene. The caller passes the time: `now` and
 `arrived` are seconds of one clock.
@@ -70,7 +70,7 @@ class Stream:
 
 
 @dataclass
-class Seen:
+class ComponentRecord:
     """What is known of one component.
 
     `tokens`: roles of its tokens, of which it holds one while `present`; `gone_at`: when it left;
@@ -94,7 +94,7 @@ class Seen:
         return said if not self.tokens or said in self.tokens else min(self.tokens)
 
 
-class Heard:
+class ComponentsModel:
     """Accumulates what is heard of a scene.
 
     Parameters
@@ -105,7 +105,7 @@ class Heard:
 
     def __init__(self, scene: str) -> None:
         self.scene = scene
-        self._seen: dict[str, Seen] = {}
+        self._components: dict[str, ComponentRecord] = {}
         self._sequences = SequenceCounter()
         self._updates = Stream()
         self._update: HypothesisUpdate | None = None
@@ -128,10 +128,10 @@ class Heard:
             seen = self._of(name)
             seen.tokens.add(role)
             seen.present, seen.gone_at = True, None
-        elif name in self._seen:
-            self._seen[name].present, self._seen[name].gone_at = False, now
+        elif name in self._components:
+            self._components[name].present, self._components[name].gone_at = False, now
 
-    def hear_update(self, update: HypothesisUpdate, arrived: float) -> None:
+    def add_update(self, update: HypothesisUpdate, arrived: float) -> None:
         """Add an update."""
         self._updates.arrive(self._sequences.sight("", update.session, update.seq).lost, arrived)
         self._update = update
@@ -139,20 +139,20 @@ class Heard:
     @property
     def service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
-        services = [seen for seen in self._seen.values() if seen.status and seen.role == "service"]
+        services = [seen for seen in self._components.values() if seen.status and seen.role == "service"]
         # Where services have tokens, who has none is no service.
         holding = [seen for seen in services if seen.tokens] or services
         speaking = [seen.status for seen in holding if seen.status and seen.status.replica != "standby"]
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 
-    def _of(self, name: str) -> Seen:
+    def _of(self, name: str) -> ComponentRecord:
         """What is known of a component; one too many is not remembered."""
-        if len(self._seen) >= MOST and name not in self._seen:
-            return Seen()
-        return self._seen.setdefault(name, Seen())
+        if len(self._components) >= MOST and name not in self._components:
+            return ComponentRecord()
+        return self._components.setdefault(name, ComponentRecord())
 
     def _full_name(self, short: str) -> str:
-        known = (name for name, seen in self._seen.items() if seen.role == "service")
+        known = (name for name, seen in self._components.items() if seen.role == "service")
         return next((name for name in known if name[:TOKEN_NAME_CHARACTERS] == short), short)
 
 
