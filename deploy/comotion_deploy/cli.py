@@ -23,7 +23,7 @@ from .commands.status import Status
 from .commands.up import Up
 from .commands.view import View
 from .commands.watch import Watch
-from .errors import UserError, one_line
+from .errors import UserError, missing_extra, one_line
 from .folded_help import helped
 from .options import Command, add
 
@@ -94,6 +94,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(error.format_message(), error)
     except (UserError, OSError) as error:
         return _fail(error, error)
+    except ImportError as error:
+        if (missing := missing_extra(error)) is None:
+            raise
+        return _fail(missing, error)
     except ValueError as error:
         if not _is_known(error):
             raise

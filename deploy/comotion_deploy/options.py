@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import typer
 
 from .config_file import read_config
-from .errors import UserError, missing_extra
+from .errors import UserError
 from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
@@ -303,10 +303,7 @@ def _expose_metrics(address: str, *, insecure: bool) -> None:
 
     host, port = metrics.parse_address(address)
     require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=insecure)
-    try:
-        port = metrics.expose(host, port)
-    except ImportError as error:
-        raise missing_extra("metrics", error) from None
+    port = metrics.expose(host, port)
     print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
 
 

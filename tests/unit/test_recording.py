@@ -6,8 +6,9 @@ import os
 import struct
 import subprocess
 import sys
-from collections import Counter, namedtuple
+from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
@@ -184,8 +185,7 @@ def test_a_write_that_fails_leaves_whole_chunks_for_a_repair(tmp_path, monkeypat
 
 def test_recording_stops_before_the_reserve_is_touched(tmp_path, monkeypatch):
     free = [10_000_000]
-    usage = namedtuple("usage", "free")
-    monkeypatch.setattr("shutil.disk_usage", lambda folder: usage(free[0]))
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=free[0]))
     series = Series(SeriesOptions(path=tmp_path / "take.mcap", scene="lab", reserve_bytes=1_000_000))
     for arrival in SCENE[:100]:
         series.add(arrival)

@@ -1,10 +1,9 @@
 """``comotion evaluate``: scores of the hypotheses against the truth, live or offline."""
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Client, Json, Ready, argument, setting
 
@@ -63,8 +62,8 @@ Examples:
         """Score the files, or the running scene."""
         if self.duration is not None and not 0 < self.duration < float("inf"):
             raise UserError(f"--duration {self.duration:g} is not above 0")
-        if self.plot is not None and find_spec("matplotlib") is None:
-            raise UserError("matplotlib is not installed: pip install 'comotion[plot]'")
+        if self.plot is not None:
+            import matplotlib  # noqa: F401 - before the work
         if self.files:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILES")
             self._score_files(self.files)
@@ -82,12 +81,7 @@ Examples:
         report_compiling()
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
-        try:
-            inputs = find_inputs(
-                files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received
-            )
-        except ImportError as error:
-            raise missing_extra("record", error) from None
+        inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
         results = evaluate_inputs(
             inputs,
             config,

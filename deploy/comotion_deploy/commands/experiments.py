@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..options import Command, Json, Tool, option
 
 Pictures = Mapping[str, Callable[[Path], object]]
@@ -72,13 +72,13 @@ def check(out: Path) -> None:
 
     Raises
     ------
+    ImportError
+        If matplotlib is not installed.
     UserError
-        If matplotlib is not installed, or `out` exists and is not a folder.
+        If `out` exists and is not a folder.
     """
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("plot", error) from None
+    import matplotlib  # noqa: F401
+
     check_folder(out)
 
 

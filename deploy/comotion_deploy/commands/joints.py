@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Client, Json, argument, setting
 from .watch import BodyNames
@@ -67,10 +67,7 @@ Examples:
         from comotion_experiments.offline import last_update
 
         config = self.fusion_config()
-        try:
-            (recording,) = find_inputs([file])
-        except ImportError as error:
-            raise missing_extra("record", error) from None
+        (recording,) = find_inputs([file])
         return last_update(recording.open(), config, self.duration)
 
     def _live(self) -> "HypothesisUpdate":

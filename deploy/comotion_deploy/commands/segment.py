@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, require_dense
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
@@ -80,7 +80,7 @@ Examples:
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
         if self.masks is not None:
-            require_dense()
+            import skimage.segmentation  # noqa: F401 - before the work
         if not self._outputs() and not self.json_:
             self.out = Path(f"{_stem(self.what)}-segmented.mp4")
         for path in self._outputs():

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..options import argument, setting
 from .source_options import Played, Stamps
 
@@ -78,10 +78,7 @@ Examples:
             end=self.end,
         )
         if is_scene:
-            try:
-                replay.replay_scene(self.file, schedule, **self.where())
-            except ImportError as error:
-                raise missing_extra("record", error) from None
+            replay.replay_scene(self.file, schedule, **self.where())
             return
         streams, recording = self._streams()
         replay.replay_recording(recording, streams, schedule, **self.where())

@@ -74,9 +74,6 @@ def _open_path(what: str, rate: float | None) -> Camera:
 
 
 def _open_workcell(rest: str) -> Camera:
-    try:
-        # Imported on demand: MuJoCo is an extra that real cameras do not need.
-        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
-    except ModuleNotFoundError as error:
-        raise InputError(f"{error.name} is not installed: pip install 'comotion[sim3d]'") from None
+    # Imported on demand: real cameras do not need it.
+    camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
     return camera

@@ -2,26 +2,12 @@
 
 from typing import Any
 
-from comotion_schemas.ros_types import from_cdr, store
+from comotion_schemas.ros_types import from_cdr
 
 from ..errors import InputError
 from .samples import JointSample, joint_sample
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-
-
-def ros_types() -> Any:
-    """Return the type store of rosbags.
-
-    Raises
-    ------
-    InputError
-        If rosbags is not installed.
-    """
-    try:
-        return store()
-    except ImportError:
-        raise InputError("rosbags is not installed: pip install 'comotion[ros]'") from None
 
 
 def decode_message(raw: bytes) -> Any:
@@ -32,7 +18,6 @@ def decode_message(raw: bytes) -> Any:
     InputError
         If the payload is not a JointState.
     """
-    ros_types()
     return from_cdr(raw, JOINT_STATE)
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TextIO
 
 from comotion_schemas.errors import KnownError
+from comotion_schemas.ros_types import store
 from comotion_schemas.time_units import seconds
 
 from ..errors import InputError
-from .cdr import JOINT_STATE, decode_message, from_message, ros_types
+from .cdr import JOINT_STATE, decode_message, from_message
 from .samples import JointSample, joint_sample
 
 _MAX_LINE = 100_000
@@ -105,7 +106,6 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
     InputError
         If the file is not a bag, if there is no such topic or several, or if a message is malformed.
     """
-    ros_types()  # says how to get rosbags when it is missing
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.interfaces import Connection
 
@@ -113,7 +113,7 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
         return connection.msgtype == JOINT_STATE and topic in (None, connection.topic)
 
     try:
-        with AnyReader([path], default_typestore=ros_types()) as reader:
+        with AnyReader([path], default_typestore=store()) as reader:
             connections = [c for c in reader.connections if wanted(c)]
             topics = sorted({c.topic for c in connections})
             if len(topics) != 1:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from comotion_deploy.commands.experiments import Cached, Experiment, check, check_folder, progress
-from comotion_deploy.errors import require_dense
 from comotion_deploy.fusion_options import Fusion
 from comotion_deploy.options import option, setting
 
@@ -106,7 +105,8 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        require_dense()
+        import skimage.segmentation  # noqa: F401 - before the work
+
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.regions import experiment as study
         from comotion_experiments.regions import report
