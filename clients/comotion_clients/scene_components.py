@@ -117,17 +117,17 @@ class ComponentsModel:
 
     def on_status(self, status: Status, arrived: float = 0.0) -> None:
         """Add a Status; one from a publisher's cache is older than its arrival tells."""
-        seen = self._of(status.component)
-        seen.status, seen.arrived = status, arrived
-        seen.clock.on_stamp(status.stamp_ns / 1e9 - arrived)
+        record = self._record(status.component)
+        record.status, record.arrived = status, arrived
+        record.clock.on_stamp(status.stamp_ns / 1e9 - arrived)
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
         """Add a change of a liveliness token; `token` is its last chunk."""
         name = self._full_name(token_name(token)) if role == "service" else token
         if alive:
-            seen = self._of(name)
-            seen.tokens.add(role)
-            seen.present, seen.gone_at = True, None
+            record = self._record(name)
+            record.tokens.add(role)
+            record.present, record.gone_at = True, None
         elif name in self._components:
             self._components[name].present, self._components[name].gone_at = False, now
 
@@ -139,20 +139,24 @@ class ComponentsModel:
     @property
     def service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
-        services = [seen for seen in self._components.values() if seen.status and seen.role == "service"]
+        services = [
+            record for record in self._components.values() if record.status and record.role == "service"
+        ]
         # Where services have tokens, who has none is no service.
-        holding = [seen for seen in services if seen.tokens] or services
-        speaking = [seen.status for seen in holding if seen.status and seen.status.replica != "standby"]
+        holding = [record for record in services if record.tokens] or services
+        speaking = [
+            record.status for record in holding if record.status and record.status.replica != "standby"
+        ]
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 
-    def _of(self, name: str) -> ComponentRecord:
+    def _record(self, name: str) -> ComponentRecord:
         """What is known of a component; one too many is not remembered."""
         if len(self._components) >= MOST and name not in self._components:
             return ComponentRecord()
         return self._components.setdefault(name, ComponentRecord())
 
     def _full_name(self, short: str) -> str:
-        known = (name for name, seen in self._components.items() if seen.role == "service")
+        known = (name for name, record in self._components.items() if record.role == "service")
         return next((name for name in known if name[:TOKEN_NAME_CHARACTERS] == short), short)
 
 

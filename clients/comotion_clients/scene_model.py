@@ -83,7 +83,7 @@ class SceneModel(ComponentsModel):
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""
-        source = self._of(batch.source)
+        source = self._record(batch.source)
         source.stream.arrive(self._sequences.sight(batch.source, batch.session, batch.seq).lost, arrived)
         source.space, source.gone_at = in_cell(batch.space), None
         source.lag = (wall_ns - batch.stamp_ns) / 1e9
@@ -111,7 +111,7 @@ class SceneModel(ComponentsModel):
         """Process that a component entered or left the scene."""
         super().on_presence(role, token, alive=alive, now=now)
         if role == "service":
-            held = any(seen.present for seen in self._components.values() if "service" in seen.tokens)
+            held = any(record.present for record in self._components.values() if "service" in record.tokens)
             self._service_gone = not held
 
     def _sources(self) -> dict[str, ComponentRecord]:

@@ -42,16 +42,16 @@ class StatusModel(ComponentsModel):
     @property
     def names(self) -> list[str]:
         """Names of the components whose Status has arrived."""
-        return [name for name, seen in self._components.items() if seen.status is not None]
+        return [name for name, record in self._components.items() if record.status is not None]
 
     def on_answer(self, status: Status, sent_s: float, received_s: float) -> None:
         """Add the answer of a service to a query for its Status."""
-        clock = self._of(status.component).clock
+        clock = self._record(status.component).clock
         clock.on_answer(status.stamp_ns / 1e9, sent_s, received_s)
 
     def on_cache_answer(self, name: str, trip_s: float) -> None:
         """Add the time until a publisher's cache has answered."""
-        self._of(name).clock.on_trip(trip_s)
+        self._record(name).clock.on_trip(trip_s)
 
     def on_router(self, described: Mapping[str, Any]) -> None:
         """Add what a router says of itself; what is malformed is left out."""
@@ -77,7 +77,7 @@ class StatusModel(ComponentsModel):
 
     def snapshot(self, now_s: float) -> SceneStatus:
         """Return what is known now."""
-        rows = [self._row(name, seen, now_s) for name, seen in sorted(self._components.items())]
+        rows = [self._row(name, record, now_s) for name, record in sorted(self._components.items())]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
         routers = sorted(self._routers.values(), key=lambda row: (row.name, row.zid))
@@ -100,22 +100,22 @@ class StatusModel(ComponentsModel):
             return None
         return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
 
-    def _row(self, name: str, seen: ComponentRecord, now_s: float) -> ComponentRow:
-        status, service = seen.status, self.service
-        clock, error = self._clock(name, seen, service)
+    def _row(self, name: str, record: ComponentRecord, now_s: float) -> ComponentRow:
+        status, service = record.status, self.service
+        clock, error = self._clock(name, record, service)
         lag = None
-        if service is not None and seen.role == "source":
+        if service is not None and record.role == "source":
             lag = service.ages.get(name)
         return ComponentRow(
-            role=seen.role,
+            role=record.role,
             name=name,
-            state="silent" if status is None or now_s - seen.arrived > SILENT_S else status.state,
+            state="silent" if status is None or now_s - record.arrived > SILENT_S else status.state,
             host="" if status is None else in_cell(status.host),
             version="" if status is None else in_cell(status.version),
             # A process that is killed loses its token at once; its last Status stays in this model.
-            present=seen.present,
-            age_s=now_s - seen.arrived,
-            rate_hz=_rate(name, seen, service, self._updates_hz()),
+            present=record.present,
+            age_s=now_s - record.arrived,
+            rate_hz=_rate(name, record, service, self._updates_hz()),
             lag_s=lag,
             lost=0 if status is None else status.counters.get("lost", 0),
             clock_s=clock,
@@ -126,9 +126,9 @@ class StatusModel(ComponentsModel):
         )
 
     def _clock(
-        self, name: str, seen: ComponentRecord, service: Status | None
+        self, name: str, record: ComponentRecord, service: Status | None
     ) -> tuple[float | None, float | None]:
-        own = seen.clock.estimate()
+        own = record.clock.estimate()
         if own is None:
             return None, None
         reference = None if service is None else self._components[service.component].clock.estimate()
@@ -142,13 +142,15 @@ class StatusModel(ComponentsModel):
 _ORDER = {"service": 0, "source": 1, "recorder": 2, "viewer": 3}
 
 
-def _rate(name: str, seen: ComponentRecord, service: Status | None, updates_hz: float | None) -> float | None:
-    if seen.role == "service":
+def _rate(
+    name: str, record: ComponentRecord, service: Status | None, updates_hz: float | None
+) -> float | None:
+    if record.role == "service":
         return updates_hz if service is not None and service.component == name else None
-    if seen.role != "source":
+    if record.role != "source":
         return None
     received = None if service is None else service.rates.get(name)
-    own = None if seen.status is None else seen.status.rates.get("obs")
+    own = None if record.status is None else record.status.rates.get("obs")
     return own if received is None else received
 
 

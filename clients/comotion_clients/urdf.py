@@ -134,7 +134,7 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", place)
     ET.SubElement(inertial, "mass", value=_number(_MASS))
-    moments = [_MASS / 12 * (sum(s**2 for s in size) - own**2) for own in size]
+    moments = [_MASS / 12 * (sum(s**2 for s in size) - side**2) for side in size]
     ET.SubElement(
         inertial,
         "inertia",

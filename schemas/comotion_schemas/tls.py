@@ -69,17 +69,17 @@ class Identity:
         ValueError
             If the certificate is for another role, name or scene; one line that says which.
         """
-        own = f"the certificate of {self.role} {self.name!r}"
+        certificate = f"the certificate of {self.role} {self.name!r}"
         # A robot that publishes joint states has a viewer's token: it publishes no observations.
         if role != self.role and not (self.role == "source" and role == "viewer"):
-            raise KnownError(f"{own} is not for a {role}")
+            raise KnownError(f"{certificate} is not for a {role}")
         names = self.sources if self.role == "source" else (self.name,)
         # An agent numbers the services that it starts.
         derived = self.role == "service" and name.startswith(f"{self.name}-")
         if name not in names and not derived:
-            raise KnownError(f"{own} is for the name {' or '.join(names)}, not {name!r}")
+            raise KnownError(f"{certificate} is for the name {' or '.join(names)}, not {name!r}")
         if self.scene not in (ANY_SCENE, scene):
-            raise KnownError(f"{own} is for the scene {self.scene!r}, not {scene!r}")
+            raise KnownError(f"{certificate} is for the scene {self.scene!r}, not {scene!r}")
 
 
 _IDENTITY = TypeAdapter(Identity)

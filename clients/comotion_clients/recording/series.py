@@ -112,9 +112,9 @@ class Series:
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
             self._keep_truth(arrival, message)
-        t = self.counts
-        t.messages[arrival.kind] = t.messages.get(arrival.kind, 0) + 1
-        t.newest[arrival.kind] = arrival.log_ns
+        counts = self.counts
+        counts.messages[arrival.kind] = counts.messages.get(arrival.kind, 0) + 1
+        counts.newest[arrival.kind] = arrival.log_ns
 
     def flush(self) -> None:
         """Write everything so far to the disk and check the free space."""

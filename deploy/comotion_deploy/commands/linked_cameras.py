@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _WORKCELL = "workcell:"
 
 
-def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConfig":
+def with_cameras(config: "FusionConfig", texts: list[str] | None) -> "FusionConfig":
     """Add calibrated cameras to the fusion parameters.
 
     Raises
@@ -26,7 +26,7 @@ def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConf
     """
     from comotion.config import LinkingConfig
 
-    cameras = dict(_camera(text) for text in given or ())
+    cameras = dict(_camera(text) for text in texts or ())
     if not cameras:
         return config
     return config.model_copy(update={"linking": LinkingConfig(cameras=config.linking.cameras | cameras)})

@@ -77,7 +77,7 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
     return LiveCamera(what, device, has_depth=True, rate=float(hertz), intrinsics=camera)
 
 
-def _intrinsics(given: Any) -> Intrinsics:
+def _intrinsics(sensor: Any) -> Intrinsics:
     # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
-    coefficients = np.array(given.coeffs, np.float64)
-    return Intrinsics(given.width, given.height, given.fx, given.fy, given.ppx, given.ppy, coefficients)
+    coefficients = np.array(sensor.coeffs, np.float64)
+    return Intrinsics(sensor.width, sensor.height, sensor.fx, sensor.fy, sensor.ppx, sensor.ppy, coefficients)

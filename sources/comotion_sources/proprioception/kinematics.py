@@ -132,11 +132,11 @@ class Kinematics:
         return JointSample(sample.stamp_ns, sample.names, rounded)
 
     def _place(self, sample: JointSample) -> None:
-        given: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
+        positions: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
         for index, joint in zip(self._needed, self.joints, strict=True):
-            if joint not in given:
+            if joint not in positions:
                 raise InputError(f"no position of joint {joint!r}")
-            self._data.qpos[self._model.jnt_qposadr[index]] = given[joint]
+            self._data.qpos[self._model.jnt_qposadr[index]] = positions[joint]
         for target, driver, polynomial in self._couplings:
             value = polynomial(self._data.qpos[self._model.jnt_qposadr[driver]])
             self._data.qpos[self._model.jnt_qposadr[target]] = value

@@ -39,11 +39,11 @@ def recording_streams(
     ValueError
         If the number of rates is neither one nor the number of sources.
     """
-    wanted: Sequence[float | None]
+    rate_of_part: Sequence[float | None]
     if rates is None:
-        wanted = [None, *(recording.rate / k for k in range(2, split + 1))]
+        rate_of_part = [None, *(recording.rate / k for k in range(2, split + 1))]
     else:
-        wanted = [rate_of(Part(part, split), rates) for part in range(split)]
+        rate_of_part = [rate_of(Part(part, split), rates) for part in range(split)]
     return [
         Stream(
             name=numbered(source, part, split),
@@ -51,10 +51,10 @@ def recording_streams(
             unit=recording.unit,
             dim=recording.dim,
             objects=recording.label_names,
-            rate=wanted[part] or recording.rate,
+            rate=rate_of_part[part] or recording.rate,
             length=recording.length,
             frames=RecordedFrames(
-                recording, markers=markers, instants=decimate(recording.times, wanted[part])
+                recording, markers=markers, instants=decimate(recording.times, rate_of_part[part])
             ),
         )
         for part, markers in enumerate(split_markers(recording.positions.shape[1], split))

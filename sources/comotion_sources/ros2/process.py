@@ -36,7 +36,7 @@ class Ros2Source:
 
 
 def run(
-    what: Ros2Source,
+    followed: Ros2Source,
     *,
     name: str = "ros2",
     space: str = "world",
@@ -55,13 +55,13 @@ def run(
         unit="m",
         dim=3,
         drop_invalid=True,
-        message=f"ROS topic {what.topic}",
+        message=f"ROS topic {followed.topic}",
         **where,
     )
-    key = f"{what.domain}/{what.topic.strip('/')}/*/*"
-    with source, subscribed(source, key, what.ros) as received:
+    key = f"{followed.domain}/{followed.topic.strip('/')}/*/*"
+    with source, subscribed(source, key, followed.ros) as received:
         source.ready()
-        relay = _Relay(source, what)
+        relay = _Relay(source, followed)
         for arrival in received:
             if arrival is not None:
                 relay.take(*arrival)
@@ -70,9 +70,9 @@ def run(
 class _Relay:
     """Converts and publishes; what cannot be used is counted, and said once."""
 
-    def __init__(self, source: SourcePublisher, what: Ros2Source) -> None:
-        self._source, self._frame = source, what.frame
-        self._converter = Converter(what.pattern)
+    def __init__(self, source: SourcePublisher, followed: Ros2Source) -> None:
+        self._source, self._frame = source, followed.frame
+        self._converter = Converter(followed.pattern)
 
     def take(self, key: str, raw: bytes, received_ns: int) -> None:
         kind = kind_of(key)
