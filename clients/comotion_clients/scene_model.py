@@ -72,14 +72,9 @@ class SceneModel(ComponentsModel):
 
     def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
         """Add a message of any kind; returns the events that no earlier update had."""
-        match message:
-            case ObservationBatch():
-                self.on_batch(message, arrived, wall_ns)
-            case HypothesisUpdate():
-                return self.on_update(message, arrived)
-            case Status():
-                self.on_status(message)
-        return []
+        if isinstance(message, ObservationBatch):
+            self.on_batch(message, arrived, wall_ns)
+        return super().on_message(message, arrived, wall_ns)
 
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""
@@ -91,7 +86,7 @@ class SceneModel(ComponentsModel):
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
         """Add an update; returns the events that no earlier update had."""
-        self.add_update(update, arrived)
+        super().on_update(update, arrived)
         self._service_gone = False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
@@ -102,9 +97,9 @@ class SceneModel(ComponentsModel):
             del self._events[key]
         return new
 
-    def on_status(self, status: Status, arrived: float = 0.0) -> None:
+    def on_status(self, status: Status, arrived: float = 0.0, wall_s: float = math.nan) -> None:
         """Add a Status, which may name the features of a source."""
-        super().on_status(status, arrived)
+        super().on_status(status, arrived, wall_s)
         self.names.on_status(status)
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:

@@ -18,7 +18,8 @@ from comotion_schemas import (
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import SceneFeed
-from .scene_status import SceneStatus, StatusModel
+from .scene_components import ComponentsModel
+from .scene_problems import SceneStatus
 
 ROUTERS = "@/*/router"
 LOOK_S = 2.3
@@ -65,7 +66,7 @@ def status(
     ):
         while True:
             feed.run(LOOK_S)
-            state = missing(feed.model.snapshot(time.time()), expect)
+            state = missing(feed.model.status(time.monotonic()), expect)
             if wait is None or state.overall == wait or time.monotonic() > deadline:
                 return state
 
@@ -85,7 +86,7 @@ class _StatusFeed(SceneFeed):
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         super().__init__(session, scene, {Status: None, HypothesisUpdate: None})
-        self.model = StatusModel(scene)
+        self.model = ComponentsModel(scene)
         self._session = session
         self._keys = Keys(scene)
 
@@ -104,11 +105,8 @@ class _StatusFeed(SceneFeed):
         self._listen()
 
     def _listen(self) -> None:
-        for message, _, wall_ns in self.messages():
-            if isinstance(message, Status):
-                self.model.on_status(message, wall_ns / 1e9)
-            elif isinstance(message, HypothesisUpdate):
-                self.model.add_update(message, wall_ns / 1e9)
+        for received in self.messages():
+            self.model.on_message(*received)
         for role, token, alive in self.presence():
             self.model.on_presence(role, token, alive=alive)
 
@@ -121,7 +119,7 @@ class _StatusFeed(SceneFeed):
             self.model.on_answer(answer, sent_s, received_s)
 
     def _query_caches(self) -> None:
-        for name in self.model.names:
+        for name in self.model.publishers:
             key = f"{self._keys.stream('status', name)}/@adv/**"
             for _, sent_s, received_s in self._replies(key):
                 self.model.on_cache_answer(name, received_s - sent_s)
