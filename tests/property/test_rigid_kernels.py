@@ -102,9 +102,9 @@ def test_spatial_rotation_is_the_best_one_wherever_it_starts(seed, n, started):
     rng = np.random.default_rng(seed)
     b, y = rng.normal(size=(2, n, 3))
     H = (y - y.mean(0)).T @ (b - b.mean(0))
-    found, room = np.zeros((3, 3)), np.zeros((2, 4, 4))
+    found = np.zeros((3, 3))
     near = Rotation.random(random_state=seed).as_matrix()
-    spatial_rotation(H, near, started, found, room)
+    spatial_rotation(H, near, started, found)
     expected, _ = Rotation.align_vectors(y - y.mean(0), b - b.mean(0))
     assert np.trace(found.T @ H) == pytest.approx(np.trace(expected.as_matrix().T @ H), rel=1e-9, abs=1e-9)
     assert np.linalg.det(found) == pytest.approx(1.0)
@@ -186,14 +186,10 @@ def test_costs_are_those_of_the_definition(rng, bodies, spectrum, metric):
     moves = [poses_of(rng, 20) for _ in range(bodies)]
     rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(3, 50)
     cost, squared, nothing = np.full((3, bodies), np.nan), np.zeros((3, bodies)), np.zeros((0, 0))
-    cost[1, 0] = 7.0
     terms = wider, unposed, 3, 16.0, 1, cost, squared, nothing
     body_costs(arrays_of(y, w, tolerance, spectrum, metric), rows, stacked(list(map(body_of, moves))), *terms)
-    assert cost[1, 0] == 7.0, "what is known is not computed again"
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):
-            if (n, k) == (1, 0):
-                continue
             v = tolerance[i] + wider[k]
             expected = plain.row_cost(y[i], w[i], v, poses, 16.0, unposed, spectrum, metric)
             assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)

@@ -12,7 +12,6 @@ from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
 from comotion.linking.decision import body_evidence, decide, linked_hypotheses, representatives
-from comotion.rigid.anchored import pose_covariances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 
@@ -239,21 +238,6 @@ def test_the_longest_observed_members_represent_their_hypothesis() -> None:
     labels = np.array([7, 7, -1, 7, 9])
     assert representatives(labels, np.array([3, 9, 50, 5, 1]), 2).tolist() == [1, 3, 4]
     assert representatives(np.full(3, -1), np.ones(3, np.intp), 2).tolist() == []
-
-
-def test_pose_covariances_are_those_of_fitted_poses() -> None:
-    from comotion.rigid.procrustes import align
-
-    rng = np.random.default_rng(2)
-    template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003
-    turn, place = pose_covariances(template, np.full((9, 1), sigma**-2))
-    centre, turns, shifts = template.mean(0), [], []
-    for _ in range(400):
-        R, t = align(template, template + rng.normal(0, sigma, template.shape), 3)
-        turns.append(Rotation.from_matrix(R).as_rotvec())
-        shifts.append(R @ centre + t - centre)
-    assert np.mean(np.square(shifts)) == pytest.approx(place[0], rel=0.15)
-    assert np.mean(np.square(turns)) == pytest.approx(np.trace(turn[0]) / 3, rel=0.15)
 
 
 @pytest.mark.parametrize(

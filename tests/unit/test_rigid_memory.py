@@ -83,15 +83,6 @@ def test_clear_members_pay_for_leaving():
     np.testing.assert_array_equal(paid > 0, [[0, 1]] * 3 + [[1, 0]] * 3)
 
 
-def test_what_is_far_off_is_not_computed_again_where_all_is_explained():
-    belief = learnt((MOVES, 0))
-    known = belief.far_costs(scene_of(belief), [7, 9, 11])
-    np.testing.assert_array_equal(known[:, :2], [[np.nan, 500]] * 3 + [[400, np.nan]] * 3)
-    assert np.isnan(known[:, 2]).all()
-    newborn = belief.far_costs(scene_of(belief, BEFORE[:4], np.array([3, 5, 8, 99])), [7, 9])
-    assert np.isnan(newborn[3]).all()
-
-
 def test_what_is_believed_survives_a_restart_and_what_is_gone_is_forgotten():
     belief = learnt((MOVES, 2))
     again = Belief()

@@ -88,7 +88,7 @@ def test_slow_noise_is_found_in_distances(walk, time, expected):
         y[:, f] += slip
         innovation = walk if time > 1e6 else walk * np.sqrt(1 - np.exp(-2 / time))
         slip = slip * np.exp(-1 / time) + rng.normal(0, innovation, (60, 3)) if walk else slip
-    found = slow_noise(y, np.ones((60, 150)), np.full(60, 1e-6), np.arange(60))
+    found = slow_noise(y, np.ones((60, 150)), np.full(60, 1e-6), np.arange(60), 15.0)
     assert found.factor(150) == pytest.approx(expected, rel=0.35)
     assert (found.slow > 0) == (walk > 0)
 

@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.explanations import Offset, View, explained
-from comotion.rigid.kernels.records import ROUND
-from comotion.rigid.procrustes import fit_body
+from comotion.rigid.kernels.records import ROUND, RowArrays
+from comotion.rigid.kernels.registration import pose_information
+from comotion.rigid.procrustes import align, fit_body
 from comotion.rigid.resampling import Frames
 
 RATE = 15
@@ -82,3 +83,17 @@ def test_an_offset_stays_where_no_group_moves_like_a_body():
     before, groups = inverse(WRONG), {3: np.concatenate([OTHER[1], OTHER[2]])}
     kept = explained(view_of(frames_of(6.0), groups), before)
     np.testing.assert_allclose(kept.vector, before.vector)
+
+
+def test_the_information_of_poses_is_that_of_fitted_ones():
+    rng = np.random.default_rng(2)
+    template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003
+    template -= template.mean(0)
+    metric, spectrum = np.tile(ROUND, (9, 1)), np.tile([1.0, 0.0, 0.0], (9, 1))
+    arrays = RowArrays(np.zeros((9, 1, 3)), np.ones((9, 1)), np.full(9, sigma**2), spectrum, metric)
+    information = np.zeros((1, 6, 6))
+    pose_information(arrays, np.arange(9), template, 3, information)
+    fitted = [align(template, template + rng.normal(0, sigma, template.shape), 3) for _ in range(400)]
+    errors = np.array([[*Rotation.from_matrix(R).as_rotvec(), *t] for R, t in fitted])
+    expected = np.diag(np.linalg.inv(information[0]))
+    np.testing.assert_allclose((errors**2).mean(0), expected, rtol=0.3)
