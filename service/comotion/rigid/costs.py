@@ -92,21 +92,17 @@ def costs(
     return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
-def with_young(frames: Frames, bodies: list[Body], found: Costs, young: Ints, config: RigidConfig) -> Costs:
-    """The costs of the first trajectories of `frames`, with those of `young` intp [n] computed anew."""
-    some, rows = frames.of(young), frames.rows_of(young)
-    body, squared = _body_costs(some, stacked(bodies), found.wider, config)
-    more, more_rows = len(frames.key) - len(found.outlier), len(frames.owner) - len(found.squared)
-    grown = replace(
+def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
+    """The costs, and those of new trajectories: the last ones of `frames`, as are their rows."""
+    new = frames.of(np.arange(len(found.outlier), len(frames.key)))
+    body, squared = _body_costs(new, stacked(bodies), found.wider, config)
+    return replace(
         found,
-        body=np.pad(found.body, ((0, more), (0, 0))),
-        outlier=np.pad(found.outlier, (0, more)),
-        slides=np.pad(found.slides, ((0, more), (0, 0))),
-        squared=np.pad(found.squared, ((0, more_rows), (0, 0))),
+        body=np.concatenate([found.body, body]),
+        outlier=np.append(found.outlier, _outlier_costs(new, config)[1]),
+        slides=np.concatenate([found.slides, np.zeros(body.shape, np.bool_)]),
+        squared=np.concatenate([found.squared, squared]),
     )
-    grown.body[young], grown.outlier[young] = body, _outlier_costs(some, config)[1]
-    grown.slides[young], grown.squared[rows] = False, squared
-    return grown
 
 
 def _body_costs(

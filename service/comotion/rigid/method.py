@@ -53,7 +53,7 @@ from .assignment import (
 )
 from .belief import Belief, carried_costs
 from .candidates import candidate_rows
-from .continuation import Fit, held
+from .continuation import Fit, held, judged
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import NoiseEstimates
@@ -75,7 +75,7 @@ from .subset import (
 from .tracks import Tracks, read_tracks
 
 # Where the known bodies explain everything, others are sought when the evidence has changed by this share.
-_SEARCH_SHARE = 0.04
+_SEARCH_SHARE = 0.05
 # Share of the window in which the same unexplained trajectory is no cause for another search.
 _ODD_SHARE = 0.1
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
@@ -179,7 +179,7 @@ class RigidMethod(Method):
         result, due = self._grouped(scene)  # 5 to 9
         if due:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        return Fit(tracks, frames, result, stamp_ns, len(tracks.key))
+        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config))
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
