@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 from collections import Counter
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
