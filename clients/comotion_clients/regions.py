@@ -58,8 +58,8 @@ def regions(
         seeds = np.asarray(inverse.reshape(seeds.shape), np.int32)
     axis = -1 if small.ndim == 3 else None
     walked = random_walker(small, seeds, mode="cg_j", tol=_TOLERANCE, prob_tol=_ROUNDING, channel_axis=axis)
-    found = names[walked - 1].astype(np.int32)
-    full = cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST)
+    labelled = names[walked - 1].astype(np.int32)
+    full = cv2.resize(labelled, (width, height), interpolation=cv2.INTER_NEAREST)
     return np.asarray(full, np.int64)
 
 
@@ -103,5 +103,6 @@ def intersection_over_union(found: NDArray[np.int64], true: NDArray[np.int32]) -
     ratio = both / (both.sum(1)[:, None] + both.sum(0) - both)
     matched = dict(zip(*(side.tolist() for side in linear_sum_assignment(ratio, maximize=True)), strict=True))
     return {
-        one: float(ratio[k, matched[k]]) if k in matched else 0.0 for k, one in enumerate(objects.tolist())
+        number: float(ratio[k, matched[k]]) if k in matched else 0.0
+        for k, number in enumerate(objects.tolist())
     }

@@ -12,7 +12,7 @@ from comotion_schemas import Message, ObservationBatch, Preview, Status, TruthBa
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.proprioception import JointSample, Kinematics
-from comotion_sources.proprioception.packer import Packer, Packing
+from comotion_sources.proprioception.packer import Packer
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene
 from comotion_sources.workcell.camera import CameraSpec
@@ -51,7 +51,7 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
 def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
     """Poses of the robot's links, with joint positions rounded to encoder counts as a robot's are."""
     kinematics = Kinematics(scene.model, scene.robot)
-    packer = Packer(kinematics, Packing(rate=_ROBOT_RATE))
+    packer = Packer(kinematics, rate=_ROBOT_RATE)
     builder = MessageBuilder(source=_ROBOT, session=OFFLINE_SESSION, space="world", unit="m", dim=3)
     numbers = [scene.object_of(link) for link in kinematics.links]
     ids = np.arange(len(numbers), dtype=np.uint64)

@@ -5,9 +5,9 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from ..checkout import commands_of_checkout
 from ..options import add, shown_epilog
 from .reproduce_figures import Figures
-from .reproduce_scenes import Ablation, Accuracy, Pixels, Stress
 
 EPILOG = """
 Examples:
@@ -31,13 +31,4 @@ app = typer.Typer(
     help="Run the project's experiments again. Without a command: the figures of the thesis.",
     epilog=shown_epilog(EPILOG),
 )
-add(
-    app,
-    {
-        "figures": Figures,
-        "ablation": Ablation,
-        "stress": Stress,
-        "pixels": Pixels,
-        "accuracy": Accuracy,
-    },
-)
+add(app, {"figures": Figures, **commands_of_checkout("STUDIES")})

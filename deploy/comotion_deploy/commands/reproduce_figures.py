@@ -66,12 +66,11 @@ Examples:
         given = Options(simulated, filmed, self.quick, self._cache(), config)
         with progress() as note:
             results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
-        values = json.dumps(results.as_json(), indent=2)
         data, html = self.out / "figures.json", self.out / "index.html"
-        data.write_text(values + "\n", encoding="utf-8")
+        data.write_text(json.dumps(results.as_json(), indent=2) + "\n", encoding="utf-8")
         html.write_text(page(results, self._command()), encoding="utf-8")
         missing = [left_out(results)] if left_out(results) else []
-        self.show(values, _table(results), *missing, f"written: {html}, {data}")
+        self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
 
     def _cache(self) -> Path:
         base = os.environ.get("XDG_CACHE_HOME")

@@ -1,13 +1,12 @@
 """``comotion segment``: draws the objects of a video, offline."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, require_dense
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
@@ -71,17 +70,11 @@ Examples:
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
         options = self._options()
         with _progress(self.what, options.fusion.method) as progress:
-            found = segment(self.what, options, progress)
+            result = segment(self.what, options, progress)
         if self.trajectory is not None:
-            _write_trajectory(self.trajectory, found)
-        if self.json_:
-            print(json.dumps(found.as_json(), indent=2))
-            return
-        _print_summary(found)
-        for path in self._outputs():
-            print(f"wrote {path}")
-        if found.codec == "mpeg4":
-            print(f"the video is {NO_ENCODER}")
+            _write_trajectory(self.trajectory, result)
+        codec = [f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else []
+        self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
         from comotion_experiments.labelled import SegmentOptions
@@ -89,7 +82,7 @@ Examples:
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
         if self.masks is not None:
-            require_dense()
+            import skimage.segmentation  # noqa: F401 - before the work
         if not self._outputs() and not self.json_:
             self.out = Path(f"{_stem(self.what)}-segmented.mp4")
         for path in self._outputs():
@@ -115,10 +108,10 @@ Examples:
         return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
 
 
-def _write_trajectory(path: Path, found: "Segmented") -> None:
+def _write_trajectory(path: Path, result: "Segmented") -> None:
     """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
     lines = ["# stamp tx ty tz qx qy qz qw"]
-    for stamp_ns, pose in found.path:
+    for stamp_ns, pose in result.path:
         if isinstance(pose.rotation, list):
             values = " ".join(f"{value:.6f}" for value in (*pose.translation, *pose.rotation))
             lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d} {values}")
@@ -133,13 +126,14 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _print_summary(found: "Segmented") -> None:
-    speed = found.frames / found.seconds
-    times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
-    print(f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}")
-    print(f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end")
-    for words in found.joints:
-        print(words)
+def _summary(result: "Segmented") -> list[str]:
+    speed = result.frames / result.seconds
+    times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
+    return [
+        f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
+        *result.joints,
+    ]
 
 
 @contextmanager

@@ -122,19 +122,12 @@ class RecordedFrames:
         intp [M], numbers of the markers.
     instants
         intp [K], numbers of the instants.
-    time_scale
-        Factor on the times.
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        *,
-        markers: NDArray[np.intp],
-        instants: NDArray[np.intp],
-        time_scale: float = 1.0,
+        self, recording: Recording, *, markers: NDArray[np.intp], instants: NDArray[np.intp]
     ) -> None:
-        self._times = recording.times[instants] * time_scale
+        self._times = recording.times[instants]
         self._positions = recording.positions[np.ix_(instants, markers)]
         self._seen: NDArray[np.bool_] = np.isfinite(self._positions[..., 0])
         self._ids = markers.astype(np.uint64)

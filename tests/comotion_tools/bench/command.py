@@ -17,7 +17,7 @@ from .live import live_lines, run_live
 from .scene import SceneSpec
 
 if TYPE_CHECKING:
-    from comotion_deploy.commands.bench import Bench
+    from ..commands.bench import Bench
 
 
 def bench(options: "Bench") -> None:

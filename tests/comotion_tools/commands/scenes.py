@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError
-from ..options import option, setting
-from .experiments import Experiment, OnFamilies, check, check_folder, known_parts, progress
+from comotion_deploy.commands.experiments import Experiment, check, check_folder, progress
+from comotion_deploy.errors import UserError
+from comotion_deploy.options import option, setting
+
+from .studies import OnFamilies, known_parts
 
 
 @dataclass(kw_only=True)

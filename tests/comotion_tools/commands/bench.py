@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..checkout import require_checkout
-from ..fusion_options import Assignments
-from ..options import Json, Tool, option
+from comotion_deploy.fusion_options import Assignments
+from comotion_deploy.options import Json, Tool, option
 
 
 @dataclass(kw_only=True)
@@ -44,7 +43,6 @@ Examples:
 
     def run(self) -> None:
         """Measure, and print or write the result."""
-        require_checkout("bench")
         from comotion_tools.bench.command import bench
 
         bench(self)

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import typer
 
-from ..checkout import require_checkout
-from ..options import Json, Logged, option
+from comotion_deploy.options import Json, Logged, option
 
 
 @dataclass(kw_only=True)
@@ -38,7 +37,6 @@ The status is 0 if nothing was violated, and 1 otherwise.
 
     def run(self) -> None:
         """Run it; exit status 1 if something was violated."""
-        require_checkout("soak")
         from comotion_tools.soak.command import soak
 
         if soak(self):
