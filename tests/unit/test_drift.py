@@ -77,7 +77,7 @@ class Scene:
 
     @property
     def drifting(self) -> list[str]:
-        return self.fusion.troubles().drifting
+        return list(self.fusion.troubles().get("drifts", ()))
 
 
 def turned(since: float, until: float = 1e9) -> Change:

@@ -169,7 +169,7 @@ class TestHealth:
     def test_rejections_are_told_with_source_and_reason(self) -> None:
         health, stats = Health(), Stats()
         self.report(health, 0, stats)
-        stats.reject("length", 2)
+        stats.add("length", 2)
         rejection = Rejection(SECOND, "klt", DecodeError("length", "ids has 3 rows"))
         fields = self.report(health, 1, stats, rejection=rejection)
         assert fields.state == "degraded"
@@ -179,7 +179,7 @@ class TestHealth:
     def test_a_report_does_not_change_when_the_counters_go_on(self) -> None:
         stats = Stats()
         fields = self.report(Health(), 0, stats)
-        stats.reject("length")
+        stats.add("length")
         stats.lost += 1
         assert fields.rejected == {}
         assert fields.counters["lost"] == 0

@@ -151,7 +151,7 @@ def test_a_crowd_of_newcomers_does_not_take_the_id_of_a_body() -> None:
 
 def test_a_problem_is_logged_once_when_it_begins_and_once_when_it_ends(caplog) -> None:
     told = Problems()
-    found = problems.data({"odd": {"ids-short-lived": 1.0}})
+    found: problems.Found = {("odd", "ids-short-lived"): "an id lasts 1.0 batches"}
     with caplog.at_level("INFO"):
         for k in range(30):
             lasting = told.update(found if k < 10 else {}, k * S)

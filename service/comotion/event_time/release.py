@@ -4,9 +4,9 @@ These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded 
 """
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,19 +17,14 @@ from ..config import LimitsConfig
 from .budget import Budget
 from .instants import Entry, Indices, Instants, SessionEnded
 from .sources import Sources
-from .stats import Key
+from .stats import Fate, Key
 
 _MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
 _Key = tuple[int, str, int]
-
-
-class Settle(Protocol):
-    """Books what became of a batch."""
-
-    def __call__(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
-        """`fate` is a name of :class:`.stats.Ledger`, or the reason of a rejection."""
+Settle = Callable[[Entry, Fate], None]
+"""Books what became of a batch."""
 
 
 class Load:
@@ -39,7 +34,7 @@ class Load:
         self._batches = limits.waiting_batches
         self._bytes = round(limits.waiting * _MEGABYTE)
         self._all = round(limits.waiting_all * _MEGABYTE)
-        self._held: dict[str, list[int]] = {}
+        self._held: dict[str, tuple[int, int]] = {}
         self._total = 0
 
     def admits(self, entry: Entry) -> bool:
@@ -50,21 +45,14 @@ class Load:
             share = min(share, self._all // max(len(self._held), 1))
         return batches < self._batches and size + entry.size <= share
 
-    def add(self, entry: Entry) -> None:
-        """Take a batch in."""
-        held = self._held.setdefault(entry.batch.source, [0, 0])
-        held[0] += 1
-        held[1] += entry.size
-        self._total += entry.size
-
-    def remove(self, entry: Entry) -> None:
-        """A batch waits no more."""
-        held = self._held[entry.batch.source]
-        held[0] -= 1
-        held[1] -= entry.size
-        self._total -= entry.size
-        if not held[0]:
-            del self._held[entry.batch.source]
+    def add(self, entry: Entry, count: int = 1) -> None:
+        """Take a batch in; with a `count` of -1 it waits no more."""
+        source = entry.batch.source
+        batches, size = self._held.get(source, (0, 0))
+        self._held[source] = batches + count, size + count * entry.size
+        self._total += count * entry.size
+        if not self._held[source][0]:
+            del self._held[source]
 
     def holds(self, source: str) -> bool:
         """Whether anything of a source waits."""
@@ -265,7 +253,7 @@ class Release:
         if entry.kept:
             self._settle(entry, "partly_late" if entry.late else "fused")
         elif entry.refused is not None:
-            self._settle(entry, entry.refused, rejected=True)
+            self._settle(entry, entry.refused)
         else:
             self._settle(entry, "late")
 

@@ -4,6 +4,7 @@ Each batch that reaches the service is in exactly one of these: fused, partly la
 by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -13,7 +14,8 @@ from comotion_schemas.sequence import Order, SequenceCounter
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
 
-Fate = Literal["fused", "partly_late", "late", "duplicates", "overflow"]
+Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
+"""What becomes of a batch that was read."""
 Key = tuple[str, str]
 
 
@@ -49,10 +51,12 @@ class Account:
     lost: int = 0
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
 
-    def reject(self, reason: RejectionReason, count: int = 1) -> None:
-        """Count batches that came in and were refused."""
-        self.batches += count
-        self.rejected[reason] = self.rejected.get(reason, 0) + count
+    def add(self, what: str, count: int = 1) -> None:
+        """Count batches, by the name of a counter or the reason of a rejection."""
+        if hasattr(self, what):
+            setattr(self, what, getattr(self, what) + count)
+        else:
+            self.rejected[what] = self.rejected.get(what, 0) + count  # type: ignore[index, call-overload]
 
     def settled(self) -> int:
         """Sum of all that became of the batches: equals `batches`."""
@@ -120,35 +124,25 @@ class Ledger:
 
     def arrive(self, key: Key) -> None:
         """A batch has come in: it waits."""
-        for account in (self.total, self._of(key)):
-            account.batches += 1
-            account.waiting += 1
+        self._book(key, {"batches": 1, "waiting": 1})
 
-    def settle(self, key: Key, fate: Fate | RejectionReason, *, rejected: bool = False) -> None:
+    def settle(self, key: Key, fate: Fate) -> None:
         """A batch that was waiting has come to its end."""
-        for account in (self.total, self._of(key)):
-            account.waiting -= 1
-            if rejected:
-                account.batches -= 1
-                account.reject(fate)  # type: ignore[arg-type]
-            else:
-                setattr(account, fate, getattr(account, fate) + 1)
+        self._book(key, {"waiting": -1, fate: 1})
 
     def refuse(self, key: Key, reason: RejectionReason) -> None:
         """A payload was refused before its batch was known."""
-        for account in (self.total, self._of(key)):
-            account.reject(reason)
+        self._book(key, {"batches": 1, reason: 1})
 
     def overflow(self, key: Key, count: int) -> None:
         """Batches were displaced before they were read."""
-        for account in (self.total, self._of(key)):
-            account.batches += count
-            account.overflow += count
+        self._book(key, {"batches": count, "overflow": count})
 
-    def lose(self, key: Key, count: int) -> None:
-        """Batches are missing, or fewer than before."""
+    def _book(self, key: Key, counts: Mapping[str, int]) -> None:
+        """Add to the account of a session and to the totals."""
         for account in (self.total, self._of(key)):
-            account.lost += count
+            for what, count in counts.items():
+                account.add(what, count)
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
@@ -160,7 +154,7 @@ class Ledger:
             if unread is None:
                 self.overflow(key, explained)
         if lost:
-            self.lose(key, lost)
+            self._book(key, {"lost": lost})
         return order
 
     def overlooked(self, source: str, count: int | None) -> None:
@@ -176,7 +170,7 @@ class Ledger:
         """Take note that a session says it has sent so many batches: what has not come by now is lost."""
         lost = self.sequences.expect(*key, count)
         if lost:
-            self.lose(key, lost)
+            self._book(key, {"lost": lost})
 
     def state(self) -> list[Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""

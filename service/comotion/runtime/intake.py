@@ -11,7 +11,7 @@ from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_as
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
-from .guard import LogLimit
+from .log_limit import LogLimit
 from .rings import Ring, Rings
 from .statuses import Statuses
 from .tokens import Tokens
@@ -115,7 +115,7 @@ class Intake:
                     del active[name]
 
     def drop_idle(self, monotonic_ns: int) -> None:
-        """Forget sources that have left and sent nothing for a minute."""
+        """Forget sources that have left and sent nothing for some seconds."""
         self.rings.drop_idle(monotonic_ns)
         self._received = self.received
 

@@ -24,10 +24,10 @@ from comotion_schemas.transport import SessionSettings
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, EventClock, make_clock
-from .guard import Guard
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
+from .log_limit import DefectLog
 from .output import Leadership, Output
 from .overload import Overload
 from .presence import Presence
@@ -191,7 +191,7 @@ class _Loop:
         self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
         if isinstance(self._clock, EventClock):
             fusion.timeline.follow_recordings()
-        self._guard = Guard(self._count_fault)
+        self._defects = DefectLog()
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -229,13 +229,13 @@ class _Loop:
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
-        with self._guard("an update"):
+        with self._fusion.guard("an update"):
             update = self._compute()
             self._wait(ticker.remaining_ns(time.monotonic_ns()))
             self._last = self._publish(update)
-        with self._guard("housekeeping"):
+        with self._fusion.guard("housekeeping"):
             for fault in self._fusion.faults():
-                self._guard.log(fault.what, fault.error, fault.trace)
+                self._defects.write(fault)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:
@@ -244,12 +244,9 @@ class _Loop:
         if self._fusion.config.limits.shedding:
             self._fusion.shed(self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns()))
 
-    def _count_fault(self) -> None:
-        self._fusion.stats.faults += 1
-
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
-        with self._guard("taking in batches"):
+        with fusion.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 self._sent.unknown.discard((batch.source, batch.session))
@@ -263,9 +260,9 @@ class _Loop:
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            with self._guard("following another service"):
+            with fusion.guard("following another service"):
                 self._follower.look()
-        with self._guard("answering queries"):
+        with fusion.guard("answering queries"):
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
@@ -282,7 +279,7 @@ class _Loop:
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
         if spare_ns > _SLICE_NS:
-            with self._guard("fusing"):
+            with self._fusion.guard("fusing"):
                 self._fusion.advance(*self._now())
                 self._follow_events()
         self._wait(min(spare_ns, _SLICE_NS))

@@ -20,7 +20,7 @@ from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Key
-from .guard import LogLimit
+from .log_limit import LogLimit
 
 _RING = 1024
 # Between two Statuses of one component that are read.

@@ -14,7 +14,7 @@ from comotion_schemas import Keys
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.types import is_name
 
-from .guard import LogLimit
+from .log_limit import LogLimit
 
 _AGAIN_NS = 1_000_000_000
 # After more tokens than are remembered.
