@@ -171,13 +171,67 @@ def test_sequence_gaps_are_counted_as_loss_from_the_first_number_on(clock):
 
 def test_what_a_source_says_it_has_sent_and_never_came_is_lost(clock):
     clock.feed(batch("a", 0, T0))
-    clock.timeline.ledger.sent(("a", "a" * 16), 4)
-    clock.timeline.ledger.sent(("b", "b" * 16), 2)
+    claim(clock, ("a", "a" * 16), 4)
+    claim(clock, ("b", "b" * 16), 2)
     assert clock.stats.lost == 5
     clock.feed(batch("a", 3, T0 + MS), batch("a", 5, T0 + 2 * MS))
     assert clock.stats.lost == 5
-    clock.timeline.ledger.sent(("a", "a" * 16), 2**64 - 1)
+    claim(clock, ("a", "a" * 16), 2**64 - 1)
     assert clock.stats.lost == 5
+
+
+def claim(clock, key, count):
+    clock.timeline.ledger.claim(key, count, 0)
+    clock.timeline.ledger.miss(2 * S)
+
+
+def test_a_claim_counts_once_the_batches_should_be_here(clock):
+    ledger, key = clock.timeline.ledger, ("cam", "a" * 16)
+    ledger.claim(key, 5, 0)
+    ledger.claim(key, 9, S)
+    ledger.miss(2 * S - 1)
+    assert clock.stats.lost == 0
+    ledger.miss(2 * S)
+    assert clock.stats.lost == 5
+    # What a session says last counts, though an earlier claim was pending.
+    ledger.miss(9 * S)
+    assert clock.stats.lost == 9
+
+
+class TestAcrossRestarts:
+    """What sessions have sent while the service was away."""
+
+    def restarted(self, clock):
+        state, clock = clock.timeline.state(), Clockwork()
+        clock.timeline.load(state)
+        return clock
+
+    def test_what_the_newest_sessions_have_sent_is_unknown_until_they_speak(self, clock):
+        for session in ("b", "a"):
+            clock.feed(batch("cam", 0, T0, session=session * 16))
+        clock.feed(batch("gone", 0, T0))
+        clock = self.restarted(clock)
+        assert clock.timeline.ledger.unknown == {("cam", "a" * 16), ("gone", "a" * 16)}
+        clock.timeline.ledger.claim(("cam", "a" * 16), 1, 0)
+        assert clock.timeline.ledger.unknown == {("gone", "a" * 16)}
+        clock.feed(batch("gone", 1, T0 + MS))
+        assert not clock.timeline.ledger.unknown
+
+    def test_a_session_that_has_ended_unheard_stays_unknown_when_another_follows_it(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock = self.restarted(clock)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        assert ("cam", "a" * 16) in clock.timeline.ledger.unknown
+
+    def test_what_was_claimed_right_before_the_end_of_the_service_counts(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock.timeline.ledger.claim(("cam", "a" * 16), 4, 0)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        clock.timeline.ledger.miss(0)
+        # The first one waited for the watermark, and did not survive.
+        assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
 
 
 def test_a_gap_after_batches_that_nobody_read_is_no_loss(clock):

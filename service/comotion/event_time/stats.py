@@ -4,6 +4,7 @@ Each batch that reaches the service is in exactly one of these: fused, partly la
 by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.
 """
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
@@ -11,6 +12,9 @@ from typing import Any, Literal
 from comotion_schemas import RejectionReason
 from comotion_schemas.sequence import Order, SequenceCounter
 
+# A batch that was sent before a Status may arrive after it; and Statuses of a session within that time that
+# count: two a second are read.
+_GRACE_NS, _CLAIMS = 2_000_000_000, 8
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
 
@@ -109,10 +113,19 @@ class Ledger:
     ----------
     total
         The totals.
+
+    Attributes
+    ----------
+    unknown
+        The newest sessions of an earlier run of the service of which nothing has come since: what they have
+        sent meanwhile nobody knows.
     """
 
     def __init__(self, total: Stats) -> None:
         self.total = total
+        self.unknown: set[Key] = set()
+        # What sessions say they have sent, and when they said so.
+        self._claims: dict[Key, deque[tuple[int, int]]] = {}
         self.sequences = SequenceCounter(from_zero=True)
         self._accounts: dict[Key, Account] = {}
         # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
@@ -146,6 +159,7 @@ class Ledger:
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
+        self.unknown.discard(key)
         lost, order = self.sequences.sight(*key, seq)
         unread = self._unread.pop(key[0], 0)
         if lost > 0 and unread != 0:
@@ -166,16 +180,27 @@ class Ledger:
         before = self._unread.get(source, 0)
         self._unread[source] = None if count is None or before is None else before + count
 
-    def sent(self, key: Key, count: int) -> None:
-        """Take note that a session says it has sent so many batches: what has not come by now is lost."""
-        lost = self.sequences.expect(*key, count)
-        if lost:
-            self._book(key, {"lost": lost})
+    def claim(self, key: Key, count: int, at_ns: int) -> None:
+        """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""
+        self.unknown.discard(key)
+        self._claims.setdefault(key, deque(maxlen=_CLAIMS)).append((at_ns, count))
+        if len(self._claims) > MAX_ACCOUNTS:
+            del self._claims[next(iter(self._claims))]
+
+    def miss(self, at_ns: int) -> None:
+        """Count as lost what sessions have claimed so long ago that it should be here, and has not come."""
+        for key, claims in list(self._claims.items()):
+            while claims and at_ns - claims[0][0] >= _GRACE_NS:
+                if lost := self.sequences.expect(*key, claims.popleft()[1]):
+                    self._book(key, {"lost": lost})
+            if not claims:
+                del self._claims[key]
 
     def state(self) -> list[Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""
         accounts = [[*key, asdict(account)] for key, account in self._accounts.items()]
-        return [asdict(self.total), accounts, self.sequences.state()]
+        claims = [[*key, said[-1][1]] for key, said in self._claims.items()]
+        return [asdict(self.total), accounts, self.sequences.state(), sorted(self.unknown), claims]
 
     def load(self, state: list[Any]) -> None:
         """Take up :meth:`state`.
@@ -185,10 +210,13 @@ class Ledger:
         KeyError, TypeError, ValueError
             If it is none.
         """
-        total, accounts, sequences = state
+        total, accounts, sequences, unknown, claims = state
         vars(self.total).update(vars(Stats(**total)))
         self._accounts = {(source, session): Account(**fields) for source, session, fields in accounts}
         self.sequences.load(sequences)
+        newest = {source: session for source, session in self._accounts if session}
+        self.unknown = {*newest.items(), *((source, session) for source, session in unknown)}
+        self._claims = {(source, session): deque([(-_GRACE_NS, sent)]) for source, session, sent in claims}
         for account in (self.total, *self._accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting

@@ -107,8 +107,8 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "PTP)"
     ),
     "clock-behind": lambda one: (
-        f"its stamps are {abs(one.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP or "
-        "PTP), or send sooner; for a recording with its own stamps, start the service with --clock event"
+        f"its stamps are {abs(one.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP "
+        "or PTP), or send sooner; for a recording with its own stamps, start the service with --clock event"
     ),
     "ids-short-lived": lambda life: (
         f"an id lasts {life:.1f} batches in the mean, too short for motion; track features from frame to "

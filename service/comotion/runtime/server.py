@@ -37,7 +37,6 @@ from .standby import DEFAULT_LEASE_S, Election, Etcd
 from .standby.follower import Follower
 from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
-from .statuses import Sent
 from .ticker import HeadStart, Ticker
 from .warm_up import prepare
 
@@ -198,7 +197,6 @@ class _Loop:
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
-        self._sent = Sent(limits.sources, fusion.timeline.ledger.accounts())
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
@@ -209,7 +207,7 @@ class _Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        answers = handlers(fusion, lambda: self._last, component.status, lambda: self._sent.unknown)
+        answers = handlers(fusion, lambda: self._last, component.status)
         self._output = Output(component, leadership, answers)
 
     def run(self) -> None:
@@ -246,17 +244,17 @@ class _Loop:
 
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
+        ledger = fusion.timeline.ledger
         with fusion.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
-                self._sent.unknown.discard((batch.source, batch.session))
                 self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 self._source_clocks.on_status(status, arrived_s)
-                self._sent.note(status, now)
-            for key, count in self._sent.due(now):
-                fusion.timeline.ledger.sent(key, count)
+                if status.role == "source" and "sent" in status.counters:
+                    ledger.claim((status.component, status.session), status.counters["sent"], now)
+            ledger.miss(now)
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
@@ -273,7 +271,7 @@ class _Loop:
     def _follow_events(self) -> None:
         """Let the event clock reach what the core has accepted."""
         newest_ns = self._fusion.timeline.newest_ns
-        if isinstance(self._clock, EventClock) and newest_ns is not None:
+        if newest_ns is not None:
             self._clock.reach(newest_ns)
 
     def _fuse_ahead(self, spare_ns: int) -> None:
