@@ -137,6 +137,12 @@ class TestQueries:
         queryables.answer()
         assert len(self.replies) == 4
 
+    def test_64_of_a_name_wait(self, monkeypatch):
+        rings = []
+        monkeypatch.setattr(queries, "RingChannel", rings.append)
+        self.declared(None)
+        assert rings == [64, 64]
+
     def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
         monkeypatch.setattr(queries, "MAX_BYTES", 3)
         self.declared(lambda _: (b"done", "text/plain")).answer()

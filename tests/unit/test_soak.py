@@ -233,7 +233,7 @@ class TestVerdict:
         assert [text.partition(": ")[2] for text in found if "grew" not in text] == said
 
     def test_what_each_attack_leaves_adds_up(self) -> None:
-        samples = [(k, 1, usage(300 + 40 * (k >= 20) + 40 * (k >= 60))) for k in range(100)]
+        samples = [(k, 1, usage(300 + 40 * (k > 20) + 40 * (k > 60))) for k in range(100)]
         attacks = [(at_s, Fault(at_s, "hostile", "hostile", 2.0)) for at_s in (20.0, 60.0)]
         found = violations(Soak(faults=attacks, usage={"service": samples}), 1.0)
         assert [text.partition(": ")[2] for text in found] == [
