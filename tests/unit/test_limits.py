@@ -70,12 +70,11 @@ def test_a_message_of_too_many_items_is_refused():
 
 
 class TestSpaces:
-    def run(self, fusion: Fusion, seconds: float, space: str | None, source: str = "cam") -> None:
+    def run(self, fusion: Fusion, seconds: float, space: str, source: str) -> None:
         start = fusion.timeline.at_ns or T0
         for k in range(round(seconds * 5)):
             now = start + (k + 1) * 200 * MS
-            if space is not None:
-                fusion.ingest(batch(source, now // (200 * MS), now, space=space))
+            fusion.ingest(batch(source, now // (200 * MS), now, space=space))
             fusion.update(now)
 
     def test_one_without_data_for_5_s_gives_way_to_another(self):
@@ -91,10 +90,11 @@ class TestSpaces:
     def test_one_that_is_empty_is_forgotten_after_60_s(self):
         fusion = Fusion()
         self.run(fusion, 1, "one", "a")
-        self.run(fusion, 58, None)
-        assert list(fusion.spaces) == ["one"]
-        self.run(fusion, 4, None)
-        assert list(fusion.spaces) == []
+        # Without any source event time stands still, and nothing leaves the window.
+        self.run(fusion, 58, "two", "b")
+        assert sorted(fusion.spaces) == ["one", "two"]
+        self.run(fusion, 4, "two", "b")
+        assert list(fusion.spaces) == ["two"]
 
 
 class TestQueries:
