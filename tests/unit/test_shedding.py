@@ -252,7 +252,7 @@ class TestOverload:
         fusion.update(10**18)
         fields = Health().report(
             0,
-            arrivals=Arrivals({"a": 1}, {"a": 0}, None),
+            arrivals=Arrivals({"a": 1}, {"a": 0}, ""),
             sources=fusion.timeline.sources.health(10**18, 10**18),
             stats=fusion.stats,
             notes=load.notes(),

@@ -12,7 +12,6 @@ from comotion_schemas.messages import RejectionReason
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from . import problems
-from .intake import Rejection
 from .problems import Found, Problems
 
 # Rates are means over this time, so that a source with one batch a second has one.
@@ -37,12 +36,12 @@ class Arrivals(NamedTuple):
     present
         Names of the sources whose process is there, and since when in monotonic ns.
     rejection
-        The newest payload that was refused, if any.
+        On whose key the newest payload came that was refused, and why; empty before any.
     """
 
     received: Mapping[str, int]
     present: Mapping[str, int]
-    rejection: Rejection | None
+    rejection: str
 
 
 @dataclass(frozen=True)
@@ -141,14 +140,14 @@ class Health:
         self,
         counters: Mapping[str, int],
         rejected: Mapping[RejectionReason, int],
-        rejection: Rejection | None,
+        rejection: str,
     ) -> list[str]:
         before = self._samples[0]
         grown = {name: counters[name] - before.counters[name] for name in _TROUBLE}
         refused = sum(rejected.values()) - sum(before.rejected.values())
         trouble = [f"{count} {name.replace('_', ' ')}" for name, count in grown.items() if count > 0]
         if refused:
-            why = f", last on obs/{rejection.source}: {rejection.error}" if rejection else ""
+            why = f", last on {rejection}" if rejection else ""
             trouble.append(f"{refused} rejected{why}")
         return trouble
 

@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 from comotion_schemas.messages import Problem, ProblemKind
@@ -70,15 +71,16 @@ def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
     found: Found = {}
     for kind, evidence in fusion.troubles().items():
-        found |= _each(kind, {name: _TEXTS[kind](one) for name, one in evidence.items()})
+        found |= _each(kind, evidence, _TEXTS[kind])
     return found
 
 
-def _each(kind: ProblemKind, texts: Mapping[str, str]) -> Found:
+def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
     """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
-    found: Found = {(name, kind): f"{name}: {text}" for name, text in list(texts.items())[:_MOST_ALIKE]}
-    if len(texts) > _MOST_ALIKE:
-        found[None, kind] = f"{len(texts) - _MOST_ALIKE} more sources have this problem"
+    some = islice(evidence.items(), _MOST_ALIKE)
+    found: Found = {(name, kind): f"{name}: {text(one)}" for name, one in some}
+    if len(evidence) > _MOST_ALIKE:
+        found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
     return found
 
 
@@ -99,7 +101,7 @@ def _reused(share: float) -> str:
     )
 
 
-# What a person should change, by the kind of problem, from what the core has found.
+# What a person should change, by the kind of problem, from what shows it.
 _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
     "clock-zero": _clock_zero,
     "clock-ahead": lambda one: (
@@ -133,26 +135,27 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, see "
         "what it is mounted on, and synchronise its clock"
     ),
+    "no-data": lambda name: (
+        "its process is there but no batch of it was accepted; see that it publishes on "
+        f"obs/{name} and what is rejected"
+    ),
+    "silent": lambda source: (
+        f"no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see whether its "
+        "sensor or its loop hangs"
+    ),
 }
 
 
 def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int) -> Found:
     """Sources whose process is there but whose data is not."""
     known = {one.name: one for one in sources}
-    mute = [name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS]
-    no_data = {
-        name: "its process is there but no batch of it was accepted; see that it publishes on "
-        f"obs/{name} and what is rejected"
-        for name in mute
-        if name not in known
+    settled = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
+    no_data = {name: name for name in settled if name not in known}
+    silent = {name: known[name] for name in present if name in known and not known[name].sending}
+    return {
+        **_each("no-data", no_data, _TEXTS["no-data"]),
+        **_each("silent", silent, _TEXTS["silent"]),
     }
-    silent = {
-        name: f"no data for {max(known[name].age_ns, 0) / 1e9:.0f} s though its process is there; see "
-        "whether its sensor or its loop hangs"
-        for name in present
-        if name in known and not known[name].sending
-    }
-    return {**_each("no-data", no_data), **_each("silent", silent)}
 
 
 def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:

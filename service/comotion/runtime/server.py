@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -122,26 +123,21 @@ def serve(options: ServeOptions) -> None:
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     scene = Keys(options.scene).scene
-    if options.state is not None and not options.resume:
+    if options.state is not None and options.resume:
+        now_ns = time.time_ns() if options.clock == "wall" else None
+        return load_fusion(options.state, options.config, scene, session_id, now_ns)
+    if options.state is not None:
         begin_afresh(options.state)
-    if options.state is None or not options.resume:
-        return Fusion(options.config, scene=scene, session=session_id)
-    now_ns = time.time_ns() if options.clock == "wall" else None
-    return load_fusion(options.state, options.config, scene, session_id, now_ns)
+    return Fusion(options.config, scene=scene, session=session_id)
 
 
 def _election(options: ServeOptions, session_id: str) -> Election | None:
     """The election in which the service takes part, if any."""
     if not options.etcd:
         return None
-    Etcd(options.etcd, options.etcd_tls)  # a wrong url is an error now, not in a thread later
-    return Election(
-        lambda: Etcd(options.etcd, options.etcd_tls),
-        options.scene,
-        options.name,
-        session_id,
-        lease=options.lease,
-    )
+    connect = partial(Etcd, options.etcd, options.etcd_tls)
+    connect()  # a wrong url is an error now, not in a thread later
+    return Election(connect, options.scene, options.name, session_id, lease=options.lease)
 
 
 def _with_replica(fields: StatusFields, election: Election | None) -> StatusFields:
