@@ -105,7 +105,13 @@ class Fusion:
         self._ids = IdAllocator(first_id)
         self._grouping = Budget(_GROUPING, to_ns(self.config.period))
         self._spaces = Spaces(
-            self.config, self._ids, self.stats, self._faults, self.make_method, self._grouping
+            self.config,
+            self._ids,
+            self.stats,
+            self._faults,
+            self.make_method,
+            self._grouping,
+            self.timeline.troubles,
         )
         self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
@@ -279,14 +285,10 @@ class Fusion:
         """
         timeline, at_ns = self.timeline, self.timeline.at_ns
         sessions = timeline.sessions
-        costly = {*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}
+        found = timeline.troubles.lately(at_ns)
         drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
-        found: dict[ProblemKind, dict[str, Any]] = {
-            "duplicate-name": dict.fromkeys(timeline.sources.rivalled(at_ns)),
-            "over-budget": dict.fromkeys(sorted(costly)),
-            "contradicts-space": dict(self._spaces.contradictions()),
-            "drifts": dict.fromkeys(sorted(drifting)),
-        }
+        found["drifts"] = dict.fromkeys(sorted(drifting))
+        found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})
         for name, one in timeline.steps.troubles(at_ns).items():
             found.setdefault(one.kind, {})[name] = one
         for number, kinds in self._spaces.checks.troubles(at_ns).items():

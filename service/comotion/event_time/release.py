@@ -18,6 +18,7 @@ from .budget import Budget
 from .instants import Entry, Indices, Instants, SessionEnded
 from .sources import Sources
 from .stats import Fate, Key
+from .troubles import Troubles
 
 _MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
@@ -112,6 +113,8 @@ class Release:
         Learns what became of a batch once all its instants have come out.
     budget
         Who may have instants released.
+    troubles
+        Whose instants were dropped because of what they cost is noted there.
 
     Attributes
     ----------
@@ -119,10 +122,11 @@ class Release:
         (source, session) by number, of every session that is current or has trajectories.
     """
 
-    def __init__(self, sources: Sources, settle: Settle, budget: Budget) -> None:
+    def __init__(self, sources: Sources, settle: Settle, budget: Budget, troubles: Troubles) -> None:
         self._sources = sources
         self._settle = settle
         self._budget = budget
+        self._troubles = troubles
         # By source, a heap of what waits.
         self._waiting: dict[str, list[_Waiting]] = {}
         self._behind_ns: dict[str, int] = {}
@@ -227,7 +231,7 @@ class Release:
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
-            self._budget.refused(name, at_ns)
+            self._troubles.note("over-budget", name, at_ns)
 
     def done(self, instants: Instants, refused: RejectionReason | None) -> None:
         """Book instants that came out: they were fused, or refused for a reason."""

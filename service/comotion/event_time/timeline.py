@@ -57,6 +57,7 @@ from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
 from .steps import FUTURE_NS, RecordedClock, Steps, WallClock
+from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
 
@@ -93,6 +94,8 @@ class Timeline:
         The time scale of the scene.
     budget
         What instants may cost, by source.
+    troubles
+        What sources do wrong.
     """
 
     def __init__(self, config: FusionConfig, stats: Stats, faults: Faults | None = None) -> None:
@@ -108,7 +111,8 @@ class Timeline:
         self._inbox: list[Entry] = []
         self._load = Load(config.limits)
         self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
-        self._release = Release(self.sources, self._settle, self.budget)
+        self.troubles = Troubles()
+        self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.at_ns = 0
         self.watermark_ns: int | None = None
         self.ledger = Ledger(stats)
@@ -308,6 +312,8 @@ class Timeline:
         """Give the name to the rival that came first once the session of a source is silent."""
         waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
+            if not follows:
+                self.troubles.note("duplicate-name", entry.batch.source, self.at_ns)
             self._take(entry, "watermark" if follows else "duplicate-name", now_ns)
         return len(source.rivals) < waiting
 
