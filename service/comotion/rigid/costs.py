@@ -1,6 +1,6 @@
 """In rows and bodies, out what each trajectory costs under each body, in nats (step 7)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -83,24 +83,60 @@ def costs(
     given
         float64 [N, K]; costs that need not be computed, NaN elsewhere.
     """
-    rows = np.arange(len(frames.owner))
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    known = np.full((len(rows), len(bodies)), np.nan) if given is None else given[frames.owner]
+    body, squared = _body_costs(frames, poses, wider, config, stride, given)
+    body = body * stretch
+    if given is not None:
+        body = np.where(np.isnan(given), body, given)
+    seen, outlier = _outlier_costs(frames, config)
+    outlier *= stretch
+    opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
+    restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
+    body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
+    return Costs(body, outlier, opening, restless, wider, slides, squared)
+
+
+def with_young(frames: Frames, bodies: list[Body], found: Costs, young: Ints, config: RigidConfig) -> Costs:
+    """The costs of the first trajectories of `frames`, with those of `young` intp [n] computed anew."""
+    some, rows = frames.of(young), frames.rows_of(young)
+    body, squared = _body_costs(some, stacked(bodies), found.wider, config)
+    more, more_rows = len(frames.key) - len(found.outlier), len(frames.owner) - len(found.squared)
+    grown = replace(
+        found,
+        body=np.pad(found.body, ((0, more), (0, 0))),
+        outlier=np.pad(found.outlier, (0, more)),
+        slides=np.pad(found.slides, ((0, more), (0, 0))),
+        squared=np.pad(found.squared, ((0, more_rows), (0, 0))),
+    )
+    grown.body[young], grown.outlier[young] = body, _outlier_costs(some, config)[1]
+    grown.slides[young], grown.squared[rows] = False, squared
+    return grown
+
+
+def _body_costs(
+    frames: Frames,
+    poses: Floats,
+    wider: Floats,
+    config: RigidConfig,
+    stride: int = 1,
+    given: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
+    rows = np.arange(len(frames.owner))
+    known = np.full((len(rows), len(poses)), np.nan) if given is None else given[frames.owner]
     at_rest = np.zeros(known.shape)
     row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, known, at_rest)
     price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
     # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
     row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
-    body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
-    if given is not None:
-        body = np.where(np.isnan(given), body, given)
+    return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
+
+
+def _outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
+    """Frames in which each trajectory is observed, and its cost as an outlier, float64 [N] each."""
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
-    outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
-    opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
-    restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
-    body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
-    return Costs(body, outlier, opening, restless, wider, slides, squared)
+    return seen, 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:

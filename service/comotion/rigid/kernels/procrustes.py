@@ -134,6 +134,53 @@ def _bridge(
 
 
 @compiled()
+def continue_poses(
+    y: Floats,
+    w: Floats,
+    inverse: Floats,
+    metric: Floats,
+    dim: int,
+    first: int,
+    b: Floats,
+    poses: PoseArrays,
+) -> None:
+    """Poses x = R b + t of a known template at frames from `first` on, each from the one before, in place.
+
+    Parameters
+    ----------
+    y, w, inverse, metric
+        As of :func:`fit_poses`, of the frames from `first` on only.
+    first
+        Frames before it have their poses.
+    b, poses
+        float64 [3, m], the template; the poses of all frames.
+    """
+    R, t, posed = poses
+    m = w.shape[1]
+    known, weights = np.ones(m), np.zeros(m)
+    need = 2 if (dim == 2 or m <= 2) else 3
+    H, work, centres = np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    soft, all_round = 1.0 / (SOFT * dim), True
+    for i in range(m):
+        all_round &= is_round_metric(metric[i])
+    for f in range(len(w)):
+        now, before = first + f, first + f - 1
+        R[now], t[now] = R[before], t[before]
+        for robust in (0.0, soft, soft):
+            posed[now] = _weigh(y[f], w[f], inverse, b, known, R[now], t[now], robust, weights) >= need
+            if posed[now]:
+                _moments(y[f], b, weights, centres, H)
+                if dim == 2:
+                    planar_rotation(H, R[now])
+                else:
+                    _pull(H, R[before], _PULL)
+                    spatial_rotation(H, R[before], True, R[now], work)
+                _translation(R[now], centres, t[now])
+        if posed[now] and not all_round:
+            _step(y[f], weights, metric, b, dim, R[now], t[now])
+
+
+@compiled()
 def weighted_pose(
     y: Floats, b: Floats, weights: Floats, dim: int, near: Floats, R: Floats, t: Floats
 ) -> None:
