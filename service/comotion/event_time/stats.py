@@ -216,6 +216,7 @@ class Ledger:
         self.sequences.load(sequences)
         newest = {source: session for source, session in self._accounts if session}
         self.unknown = {*newest.items(), *((source, session) for source, session in unknown)}
+        self.unknown &= self._accounts.keys()
         self._claims = {(source, session): deque([(-_GRACE_NS, sent)]) for source, session, sent in claims}
         for account in (self.total, *self._accounts.values()):
             account.batches -= account.waiting
