@@ -9,6 +9,8 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion_schemas import ObservationBatch
 
+from .. import builders
+
 SECOND = 10**9
 RATE = 15
 BODIES = 3
@@ -28,17 +30,8 @@ def batch(source: int, k: int, features: int, change: Change) -> ObservationBatc
     own[0] *= 4
     rows = (own + swings(t)[:, None]).reshape(-1, 3)
     rows += np.random.default_rng([source, k]).normal(0, 0.002, rows.shape)
-    return ObservationBatch(
-        source="abc"[source],
-        session=f"{source + 1:016x}",
-        seq=k,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=START + round(t * SECOND),
-        ids=np.arange(len(rows), dtype=np.uint64),
-        positions=change(rows, t).astype(np.float32),
-    )
+    stamp, session = START + round(t * SECOND), f"{source + 1:016x}"
+    return builders.batch("abc"[source], k, stamp, change(rows, t), session=session)
 
 
 class Scene:
