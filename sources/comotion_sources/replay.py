@@ -120,6 +120,7 @@ def run(
         publish(
             streams,
             when,
+            publish_sigma=True,
             message=f"replays {recording.name}",
             progress=progress,
             keys=replay_keys(),

@@ -256,7 +256,7 @@ def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
     for path, words in (
         (text, "not an .npz archive"),
         (array, "not an .npz archive"),
-        (video, "its ending is not one of .c3d, .npz, .mcap"),
+        (video, "its ending is not one of .c3d, .npz, .npy, .csv, .mcap"),
         (tmp_path / "none.c3d", "No such file"),
         (tmp_path, "its ending is not one of"),
     ):
