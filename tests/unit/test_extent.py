@@ -103,6 +103,17 @@ def test_without_a_pose_it_is_the_box_of_the_current_members():
     assert sorted(body.box(S, square[:2], keys=[0, 1]).half) == pytest.approx([0, 2])
 
 
+@pytest.mark.parametrize("count", [5, 12, 60])
+def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
+    body = Body(dim=2)
+    body.posed = False
+    points = np.random.default_rng(0).uniform([100, 100], [160, 130], (count, 2))
+    alone = body.box(0, points)
+    assert np.linalg.norm(alone.half) < 40
+    wrong = body.box(10**9, np.vstack([points, [600.0, 20.0]]))
+    np.testing.assert_allclose(wrong.half, alone.half, rtol=0.1)
+
+
 def test_what_is_kept_of_lost_members_is_bounded_and_as_large():
     body, rng = Body(), np.random.default_rng(0)
     for k in range(30):

@@ -2,7 +2,8 @@
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
 feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
-no pose is known there is nothing to keep points in: the box is that of the current members.
+no pose is known there is nothing to keep points in: the box is that of the current members without those far
+from all others, of which one alone would stretch it across an image.
 """
 
 from collections.abc import Mapping
@@ -29,6 +30,11 @@ _SMALLER = 0.9
 _SEEK_NS = 500_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
+# Without a pose: share of the members that may lie far from the others on each side, and how far beyond the
+# others a member counts, in their extent.
+_FAR_SHARE, _BEYOND = 0.1, 2.0
+# Fewer members have no far ones.
+_LEAST_TOGETHER = 5
 
 
 @dataclass
@@ -103,12 +109,12 @@ class Extents:
             Whether the axes of the box may be sought, which takes most of the time.
         """
         dim = members.positions.shape[1]
-        R, t = np.eye(dim), np.zeros(dim)
         if reference is not None:
-            R, t = reference.R[:dim, :dim], reference.t[:dim]
-        elif one in self._known:
+            pose = reference.R[:dim, :dim], reference.t[:dim]
+            return _box(self._seen(stamp_ns, one, members, pose, seek), *pose)
+        if one in self._known:
             self._known[one] = self._known[one].without_points()
-        return _box(self._seen(stamp_ns, one, members, (R, t), seek), R, t)
+        return _box(self._seen(stamp_ns, one, members, None, seek), np.eye(dim), np.zeros(dim))
 
     def keep(self, kept: Mapping[int, object]) -> None:
         """Forget all hypotheses but some."""
@@ -127,13 +133,16 @@ class Extents:
         self._known = {int(one): _Extent(*values) for one, *values in state}
 
     def _seen(
-        self, stamp_ns: int, one: int, members: Members, pose: tuple[Floats, Floats], seek: bool
+        self, stamp_ns: int, one: int, members: Members, pose: tuple[Floats, Floats] | None, seek: bool
     ) -> _Extent:
-        """Take in the current members of a body with a pose (R, t)."""
+        """Take in the current members of a body with a pose (R, t), if it is known."""
         mine = np.flatnonzero(members.labels == one)
         if members.sure[mine].any():
             mine = mine[members.sure[mine]]
-        R, t = pose
+        if pose is None:
+            mine = mine[_together(members.positions[mine])]
+        dim = members.positions.shape[1]
+        R, t = (np.eye(dim), np.zeros(dim)) if pose is None else pose
         keys, now, since = members.keys[mine], (members.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
         axes, sought_ns = np.eye(len(t)), stamp_ns - _SEEK_NS
         before = self._known.get(one)
@@ -151,6 +160,17 @@ class Extents:
             axes, sought_ns = best_axes(now, axes), stamp_ns
         found = self._known[one] = _Extent(keys, now, since, axes, sought_ns)
         return found
+
+
+def _together(points: Floats) -> Bools:
+    """Which points [m, dim] are not far from the others along any axis, bool [m]."""
+    if len(points) < _LEAST_TOGETHER:
+        return np.ones(len(points), np.bool_)
+    far = max(round(_FAR_SHARE * len(points)), 1)
+    ranked = np.sort(points, axis=0)
+    low, high = ranked[far], ranked[-1 - far]
+    slack = _BEYOND * (high - low).max()
+    return np.asarray(((points >= low - slack) & (points <= high + slack)).all(axis=1))
 
 
 def _lost(stamp_ns: int, extent: _Extent, current: Stamps) -> Stamps:
