@@ -17,17 +17,3 @@ def missing_extra(extra: str, error: ImportError) -> UserError:
     """Build the error for an optional dependency that is not installed."""
     package = (error.name or str(error)).partition(".")[0]
     return UserError(f"{package} is not installed: pip install 'comotion[{extra}]'")
-
-
-def require_dense() -> None:
-    """Check that scikit-image is installed.
-
-    Raises
-    ------
-    UserError
-        If it is not.
-    """
-    try:
-        import skimage.segmentation  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("dense", error) from None

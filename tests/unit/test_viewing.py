@@ -185,14 +185,13 @@ def test_an_image_waits_for_the_update_that_knows_its_features() -> None:
 
 
 def test_regions_of_hypotheses_are_drawn_over_the_image_on_request() -> None:
-    pytest.importorskip("skimage")
     image = np.full((40, 60, 3), 30, np.uint8)
     image[:, 30:] = 200
-    seen = preview(S, [10, 11])
-    ends = np.array([[5, 20], [55, 20]], np.float32)
+    seen = preview(S, list(range(10, 40)))
+    places = np.array([[x, y] for x in range(3, 60, 6) for y in (8, 20, 32)], np.float32)
     cameras = Cameras(dense=True)
-    cameras.add(replace(seen, image=cv2.imencode(".jpg", image)[1].tobytes(), pixels=ends), 0.0)
-    (moment,) = cameras.due(update([1, 2]), 0.1)
+    cameras.add(replace(seen, image=cv2.imencode(".jpg", image)[1].tobytes(), pixels=places), 0.0)
+    (moment,) = cameras.due(update([1] * 15 + [2] * 15), 0.1)
     shape = one(moment.shapes, Regions, "cameras/a/regions")
     left, right = shape.classes[20, 5], shape.classes[20, 55]
     assert (shape.classes[:, :28] == left).all()

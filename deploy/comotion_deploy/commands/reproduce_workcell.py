@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import require_dense
 from ..fusion_options import Fusion
 from ..options import option, setting
 from .experiments import Cached, Experiment, OnWorkcell, check, check_folder, known_parts, progress
@@ -104,7 +103,6 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        require_dense()
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.regions import experiment as study
         from comotion_experiments.regions import report

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, require_dense
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
@@ -71,7 +71,7 @@ Examples:
     )
     masks: Path | None = setting(
         None,
-        "Write the hypothesis of every pixel, as PNG of 16 bits (0: none). Needs scikit-image.",
+        "Write the hypothesis of every pixel, as PNG of 16 bits (0: none).",
         metavar="DIR",
     )
     masks_every: float = setting(0.5, "s between them.", min=0, max=3600)
@@ -103,8 +103,6 @@ Examples:
 
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
-        if self.masks is not None:
-            require_dense()
         if self.what is None and self.tracks is None:
             raise UserError("name a video, or tracks with --tracks FILE")
         if not self._outputs() and not self.json_:

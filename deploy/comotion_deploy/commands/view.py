@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra, require_dense
+from ..errors import UserError, missing_extra
 from ..options import Client, Json, Ready, argument, setting
 from .watch import BodyNames
 
@@ -56,7 +56,7 @@ Examples:
         max=1000,
         metavar="HZ",
     )
-    regions: bool = setting(False, "Colour the region of each hypothesis in images. Needs scikit-image.")
+    regions: bool = setting(False, "Colour the region of each hypothesis in images.")
     duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
 
     def run(self) -> None:
@@ -65,8 +65,6 @@ Examples:
             self._serve_foxglove()
             return
         _require_rerun()
-        if self.regions:
-            require_dense()
         where = self._destination()
         if self.recording is not None:
             self._show_recording(self.recording, where)

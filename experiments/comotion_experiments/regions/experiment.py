@@ -1,7 +1,7 @@
 """Scores how well dense regions cover the true objects of workcell scenes.
 
-The regions of each hypothesis are scored once a second against the truth of every pixel. Beside the random
-walker: the nearest labelled feature, and both with the true object of every feature as its label.
+The regions of each hypothesis are scored once a second against the truth of every pixel. Beside the
+watershed: the nearest labelled feature, and both with the true object of every feature as its label.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ from ..labelled import Labelled, SegmentOptions, labelled_frames
 from ..processes import Progress, quiet
 
 SCENES = ("shelf", "truck", "arm")
-METHODS = ("random walker", "nearest feature", "random walker, true labels", "nearest feature, true labels")
+METHODS = ("watershed", "nearest feature", "watershed, true labels", "nearest feature, true labels")
 SIZE, RATE_HZ = (640, 480), 15.0
 # s between scored frames; m and rad: a body that has moved less is no object yet.
 _EVERY_S = 1.0
@@ -102,7 +102,7 @@ def _labels(one: Labelled, objects: Objects) -> Iterator[tuple[str, NDArray[np.i
     pixels, image = one.tracks.pixels, one.frame.image
     true = _objects_of(one.tracks, objects)
     for suffix, labels in (("", one.hypotheses), (", true labels", true)):
-        yield f"random walker{suffix}", regions(image, pixels, labels)
+        yield f"watershed{suffix}", regions(image, pixels, labels)
         yield f"nearest feature{suffix}", nearest(objects.shape, pixels, labels)
 
 
