@@ -3,7 +3,6 @@
 import io
 import logging
 import re
-from dataclasses import replace
 
 import msgpack
 import pytest
@@ -17,7 +16,7 @@ from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
-from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, decode, encode
+from comotion_schemas import DecodeError, ObservationBatch, Status, decode, encode
 from comotion_schemas.text import LogFormatter, shown
 from comotion_tools.soak.attacks import MARKUP
 
@@ -140,8 +139,3 @@ def test_a_log_line_is_one_line_and_a_trace_is_indented(text) -> None:
     first, *trace = formatter.format(record).split("\n")
     assert first.startswith("WARNING: rejected")
     assert all(line.startswith("  ") and line.isprintable() for line in trace)
-
-
-def test_a_problem_that_the_service_builds_can_be_shown() -> None:
-    assert Problem(kind="limit", since_ns=0, text="a\x1b[2Jb\nc").text == "a [2Jb c"
-    assert replace(status("x"), message="a\nb").message == "a b"

@@ -88,11 +88,3 @@ def test_state_round_trip_keeps_every_view():
             assert np.array_equal(left, right, equal_nan=True)
     assert other.key[twin].tolist() == window.key[window.slots()].tolist()
     assert not set(other.open(1, 0).tolist()) & set(twin.tolist())
-
-
-def test_rows_and_slots_grow_without_losing_anything():
-    window = Window(2, 10_000, 10)
-    slots = window.open(200, 0)
-    for stamp in range(300):
-        window.insert(slots, stamp, np.full((200, 2), float(stamp)), np.full(200, np.nan), None)
-    assert window.series(int(slots[123])).positions[:, 0].tolist() == list(map(float, range(300)))

@@ -96,7 +96,7 @@ def test_a_space_that_nobody_publishes_any_more_takes_another_unit():
     assert fusion.stats.rejected == {"space-mismatch": 1}
 
 
-@pytest.mark.parametrize("step_s", [-3600, -1, 1, 3600])
+@pytest.mark.parametrize("step_s", [-3600, 1])
 def test_a_step_of_all_clocks_of_sources_loses_nothing_and_keeps_ids(step_s):
     """The clock of the service goes on: it is not set with them."""
     fusion, wire = Fusion(), 0

@@ -7,9 +7,8 @@ import pytest
 
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.frames import Frame, MessageBuilder
-from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
 from comotion_sources.playback import StreamTape
-from comotion_sources.player import Player, Schedule, parse_start
+from comotion_sources.player import Player, Schedule
 from comotion_sources.streams import Stream
 
 from ..simulated_clock import NOW, SimulatedClock
@@ -105,13 +104,6 @@ def test_each_frame_goes_out_when_it_is_due_with_that_stamp():
     assert sink.sessions == 1
 
 
-def test_the_truth_goes_out_once_and_first():
-    sink = play()
-    truths = [message for _, message in sink.puts if isinstance(message, TruthBatch)]
-    assert [(t.ids.tolist(), t.objects.tolist(), t.names) for t in truths] == [([1], [4], {"4": "G"})]
-    assert sink.puts[0][1] is truths[0]
-
-
 def test_a_loop_is_a_new_session_with_stamps_that_go_on():
     sink = play(loop=True, stop_at=(2, 0.5))
     # The last instant of a pass is the first one of the next.
@@ -129,26 +121,12 @@ def test_original_stamps_go_on_over_passes_at_any_pace():
     assert sink.clock.passed == pytest.approx(1.3 / 4)
 
 
-def test_the_duration_ends_it():
-    sink = play(loop=True, duration=1.55)
-    assert sink.seconds() == tenths(0, 15)
-
-
-def test_a_start_in_the_future_is_waited_for():
-    assert play(start_at=NOW + 30).seconds() == [30 + t for t in tenths(0, 10)]
-
-
 def test_a_process_that_comes_later_joins_in_the_middle():
     sink = play(start_at=NOW - 0.55)
     assert sink.seconds()[0] == pytest.approx(-0.15)
     assert sink.seconds()[-1] == pytest.approx(0.45)
     assert [batch.seq for batch in sink.batches] == list(range(7))
     assert sink.overruns == 0
-
-
-def test_a_looping_process_that_comes_later_joins_the_pass_that_is_going_on():
-    sink = play(start_at=NOW - 7.45, loop=True, stop_at=(8, 0.0))
-    assert sink.seconds() == [round(t - 0.45, 6) for t in tenths(3, 10)]
 
 
 def test_sources_that_start_aligned_are_in_phase():
@@ -169,25 +147,6 @@ def test_a_source_that_was_held_up_goes_on_with_fresh_instants():
     assert [batch.seq for batch in sink.batches] == list(range(9))
     # An end that fell into a left-out instant is still told.
     assert {k: b.ended.tolist() for k, b in enumerate(sink.batches) if b.ended is not None} == {3: [9]}
-
-
-def test_original_stamps_leave_nothing_out():
-    sink = play(live_stamps=False, hold_up={4: 0.45})
-    assert sink.seconds(0.0) == tenths(0, 10)
-    assert sink.overruns == 0
-
-
-def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
-    class Stepped(SimulatedClock):
-        def wait(self, stop, seconds):
-            if self.passed > 0.45:
-                self.offset = NOW - 3600
-            return super().wait(stop, seconds)
-
-    clock = Stepped()
-    sink = play(clock=clock)
-    assert sink.seconds() == tenths(0, 10)
-    assert clock.passed == pytest.approx(1.0)
 
 
 def test_a_pause_puts_frames_and_their_stamps_off():
@@ -212,39 +171,3 @@ def test_several_streams_go_out_in_time_order():
     merged = sorted([*slow.puts, *fast.puts], key=lambda put: put[0])
     stamps = [m.stamp_ns for _, m in merged if isinstance(m, ObservationBatch)]
     assert stamps == sorted(stamps)
-
-
-def test_a_loop_over_a_stream_without_frames_takes_its_time():
-    sink = play([stream(0)], loop=True, duration=5.5)
-    assert sink.batches == []
-    assert sink.sessions == 6
-
-
-@pytest.mark.parametrize(("text", "value"), [("now", "now"), ("aligned", "aligned"), ("12.5", 12.5)])
-def test_starts_are_read(text, value):
-    assert parse_start(text) == value
-
-
-@pytest.mark.parametrize("text", ["", "soon", "-1", "nan", "inf", "1e10"])
-def test_other_starts_are_refused(text):
-    with pytest.raises(ValueError, match="neither 'now', 'aligned' nor"):
-        parse_start(text)
-
-
-def test_parts_and_rates_are_read():
-    assert parse_part("2/3") == Part(1, 3)
-    assert parse_rates("15, 30,100") == [15.0, 30.0, 100.0]
-    assert rate_of(Part(1, 3), [10.0]) == 10.0
-    assert rate_of(Part(1, 3), [10.0, 20.0, 30.0]) == 20.0
-
-
-@pytest.mark.parametrize("text", ["", "2", "0/3", "4/3", "a/b", "1/0", "-1/3", "1/65", "1/2/3", "¹/²"])
-def test_other_parts_are_refused(text):
-    with pytest.raises(ValueError, match="is not K/N"):
-        parse_part(text)
-
-
-@pytest.mark.parametrize("text", ["", "0", "-5", "nan", "15,", "fast", "1e9"])
-def test_other_rates_are_refused(text):
-    with pytest.raises(ValueError, match="is not one or several numbers"):
-        parse_rates(text)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from comotion_clients.regions import NOBODY, intersection_over_union, nearest, regions
+from comotion_clients.regions import intersection_over_union, nearest, regions
 from comotion_experiments.labelled import Labelled
 from comotion_experiments.masks import MaskFolder
 from comotion_sources.cameras.types import Frame
@@ -31,19 +31,6 @@ def test_regions_end_at_the_edges_of_the_image():
     scores = intersection_over_union(found, true)
     assert scores[0] > 0.95
     assert scores[1] > 0.9
-
-
-def test_one_label_or_none_needs_no_image():
-    image, _ = picture()
-    nowhere = np.zeros((0, 2), np.float32)
-    assert (regions(image, nowhere, np.zeros(0, np.int64)) == NOBODY).all()
-    assert (regions(image, np.array([[5, 5]], np.float32), np.array([4])) == 4).all()
-
-
-def test_features_outside_the_image_do_no_harm():
-    image, _ = picture()
-    pixels = np.array([[5, 5], [90, 50], [500, 500]], np.float32)
-    assert set(np.unique(regions(image, pixels, np.array([1, 2, 9])))) == {1, 2}
 
 
 def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
@@ -73,11 +60,6 @@ def test_the_overlap_ignores_ambiguous_pixels():
     true = np.array([[0, 0, 1, -1]], np.int32)
     assert intersection_over_union(np.array([[5, 5, 6, 5]]), true) == {0: 1.0, 1: 1.0}
     assert intersection_over_union(np.array([[5, 6, 6, 6]]), true) == pytest.approx({0: 0.5, 1: 0.5})
-
-
-def test_an_object_without_a_region_of_its_own_has_no_overlap():
-    true = np.array([[0, 0, 0, 1]], np.int32)
-    assert intersection_over_union(np.array([[5, 5, 5, 5]]), true) == {0: 0.75, 1: 0.0}
 
 
 def test_the_baseline_is_the_nearest_labelled_feature():

@@ -49,10 +49,6 @@ def test_what_rosbags_itself_serialises_big_endian_too_is_read() -> None:
         assert from_message(decode_message(bytes(raw)), 0).positions.tolist() == sample().positions.tolist()
 
 
-def test_a_message_without_a_stamp_has_the_time_of_arrival() -> None:
-    assert from_message(decode_message(encode_sample(sample(0))), received_ns=77).stamp_ns == 77
-
-
 @given(st.binary(max_size=200))
 @settings(max_examples=200)
 def test_any_other_bytes_are_refused_or_read_whole(raw: bytes) -> None:

@@ -82,11 +82,3 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
         *(f"{k:06d}.png" for k in range(FRAMES)),
         "mine.png",
     ]
-
-
-def test_what_cannot_be_segmented_is_one_line(tmp_path, capsys):
-    (tmp_path / "text.mp4").write_text("no video")
-    assert run(["segment", str(tmp_path / "text.mp4")]) == 2
-    assert "not a readable video" in capsys.readouterr().err
-    assert run(["segment", str(tmp_path / "none.mp4")]) == 2
-    assert "no such file" in capsys.readouterr().err

@@ -6,7 +6,6 @@ import msgpack
 import numpy as np
 import pytest
 
-from comotion import snapshot
 from comotion.snapshot import HEADER_BYTES, Header, load, pieces
 
 
@@ -30,14 +29,6 @@ def test_values_and_arrays_come_back_with_shape_and_dtype_and_can_be_written_to(
         assert np.array_equal(found["nested"][name], array)
         assert found["nested"][name].dtype == array.dtype
     found["nested"]["matrix"][0, 0] = 9
-
-
-def test_only_numeric_arrays_are_stored():
-    with pytest.raises(TypeError, match="cannot store"):
-        dump({"objects": np.array([object()])})
-    hidden = signed(msgpack.packb({"a": {"__array__": ["|O", [1], 0]}}), b"12345678")
-    with pytest.raises(ValueError, match="not a numeric array"):
-        load(hidden, same)
 
 
 def signed(values: bytes, arrays: bytes = b"") -> bytes:
@@ -74,18 +65,3 @@ def test_every_changed_byte_is_found_and_the_next_id_outlives_all_damage_behind_
             load(damaged, same)
         if k >= HEADER_BYTES:
             assert Header.read(damaged).following == 7
-
-
-def test_another_version_is_said(monkeypatch):
-    monkeypatch.setattr(snapshot, "FORMAT", 3)
-    older = dump({})
-    monkeypatch.undo()
-    with pytest.raises(ValueError, match="format 3, expected 7"):
-        load(older, same)
-
-
-@pytest.mark.parametrize("build", [lambda s: s["missing"], lambda s: s["a"][5], lambda s: s["a"].b, int])
-def test_a_state_that_does_not_fit_is_damaged(build):
-    data = dump({"a": [1]})
-    with pytest.raises(ValueError, match="damaged snapshot"):
-        load(data, build)

@@ -5,22 +5,16 @@ import numpy as np
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig, SpaceConfig
 from comotion.runtime.problems import of_fusion
-from comotion_schemas import ObservationBatch
 
-MS = 1_000_000
-S = 1_000 * MS
-T0 = 1_700_000_000 * S
+from .. import builders
+from ..builders import MS, T0
+
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 FAR = np.random.default_rng(1).uniform(-1, 1, (40, 3))
 
 
 def batch(source, seq, stamp_ns, positions=POINTS, **fields):
-    positions = np.asarray(positions, np.float32)
-    ids = np.arange(len(positions), dtype=np.uint64)
-    fields = {"space": "world", "unit": "m", "dim": positions.shape[1], "ids": ids} | fields
-    return ObservationBatch(
-        source=source, session="a" * 16, seq=seq, stamp_ns=stamp_ns, positions=positions, **fields
-    )
+    return builders.batch(source, seq, stamp_ns, positions, **fields)
 
 
 def pixels(source, seq, stamp_ns, count):

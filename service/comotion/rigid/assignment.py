@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Floats, Ints, thinned
 from ..config import RigidConfig
-from .costs import Costs
+from .costs import Costs, with_new
 from .kernels.assignment import carry
 from .kernels.distances import gaussian_sums
 from .procrustes import Body
@@ -113,6 +113,25 @@ def assign(
             break
         labels, heeded = found, weight
     return Assignment(labels, cost)
+
+
+def joined(frames: Frames, newest: Floats, found: SearchResult, config: RigidConfig) -> SearchResult:
+    """The result with trajectories that are new, the last ones of `frames`: the others keep their bodies.
+
+    `newest` float64 [N, 3] are positions of all of them.
+    """
+    assignment, bodies = found.assignment, found.bodies
+    evidence = with_new(frames, bodies, found.evidence, config)
+    new = np.arange(len(assignment.labels), len(frames.key))
+    labels = np.append(assignment.labels, np.full(len(new), OUTLIER))
+    x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
+    weight = _weight(frames)
+    prior = _log_prior(x, new, labels, weight, len(bodies), _spacing(x[weight > 0]))
+    cost = np.column_stack([evidence.outlier, evidence.body])[new]
+    cost[:, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
+    labels[new] = np.argmin(cost, 1) - 1
+    both = Assignment(labels, np.concatenate([assignment.cost, cost]))
+    return SearchResult(bodies, both, evidence, np.append(found.excess, np.zeros(len(new))))
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:

@@ -1,6 +1,6 @@
 """In rows and bodies, out what each trajectory costs under each body, in nats (step 7)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,7 +66,6 @@ def costs(
     config: RigidConfig,
     stretch: float = 1.0,
     stride: int = 1,
-    given: Floats | None = None,
 ) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
@@ -80,27 +79,49 @@ def costs(
         Factor from the costs of thinned frames to those of all frames.
     stride
         Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
-    given
-        float64 [N, K]; costs that need not be computed, NaN elsewhere.
     """
-    rows = np.arange(len(frames.owner))
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    known = np.full((len(rows), len(bodies)), np.nan) if given is None else given[frames.owner]
-    at_rest = np.zeros(known.shape)
-    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, known, at_rest)
-    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
-    # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
-    row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
-    body = np.stack([frames.per_track(one) for one in row_costs.T], 1) * stretch
-    if given is not None:
-        body = np.where(np.isnan(given), body, given)
-    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
-    outlier = 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen * stretch
+    body, squared = _body_costs(frames, poses, wider, config, stride)
+    body *= stretch
+    seen, outlier = _outlier_costs(frames, config)
+    outlier *= stretch
     opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
     restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
     body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
     return Costs(body, outlier, opening, restless, wider, slides, squared)
+
+
+def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
+    """The costs, and those of new trajectories: the last ones of `frames`, as are their rows."""
+    new = frames.of(np.arange(len(found.outlier), len(frames.key)))
+    body, squared = _body_costs(new, stacked(bodies), found.wider, config)
+    return replace(
+        found,
+        body=np.concatenate([found.body, body]),
+        outlier=np.append(found.outlier, _outlier_costs(new, config)[1]),
+        slides=np.concatenate([found.slides, np.zeros(body.shape, np.bool_)]),
+        squared=np.concatenate([found.squared, squared]),
+    )
+
+
+def _body_costs(
+    frames: Frames, poses: Floats, wider: Floats, config: RigidConfig, stride: int = 1
+) -> tuple[Floats, Floats]:
+    """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
+    rows = np.arange(len(frames.owner))
+    at_rest = np.zeros((len(rows), len(poses)))
+    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, at_rest)
+    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
+    # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
+    row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
+    return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
+
+
+def _outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
+    """Frames in which each trajectory is observed, and its cost as an outlier, float64 [N] each."""
+    seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
+    return seen, 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
@@ -167,16 +188,14 @@ def _residuals(
     wider: Floats,
     config: RigidConfig,
     stride: int = 1,
-    known: Floats | None = None,
     at_rest: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
 
-    What of `known` [n, K] is not NaN is not computed. `at_rest` [n, K]: out, as of
-    :func:`~.kernels.residuals.body_costs`.
+    `at_rest` [n, K]: out, as of :func:`~.kernels.residuals.body_costs`.
     """
     shape = len(rows), len(poses)
-    cost, squared = np.full(shape, np.nan) if known is None else known.copy(), np.full(shape, np.nan)
+    cost, squared = np.zeros(shape), np.full(shape, np.nan)
     gain = np.zeros((0, 0)) if at_rest is None else at_rest
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap

@@ -3,7 +3,8 @@
 Trajectories in, groups of them out. The steps of an update; all lengths are relative to the noise or to the
 extent of the scene, so that no parameter has a scale:
 
-1.  Read the trajectories of the window (:mod:`.tracks`).
+1.  Read the trajectories of the window (:mod:`.tracks`). Where the last fit explains what is new, it is held
+    (:mod:`.continuation`), and step 10 follows.
 2.  Register the sources: correct their extrinsics and clocks by bodies that two of them see
     (:mod:`.registration`).
 3.  Resample the trajectories on common frames (:mod:`.resampling`).
@@ -52,6 +53,7 @@ from .assignment import (
 )
 from .belief import Belief, carried_costs
 from .candidates import candidate_rows
+from .continuation import Fit, held, judged
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import NoiseEstimates
@@ -105,7 +107,7 @@ class RigidMethod(Method):
         self._noise = NoiseEstimates(spec.dim)
         self._belief = Belief()
         self._chances: Floats = np.zeros((0, 1))
-        self._last: tuple[Tracks, Frames, SearchResult] | None = None
+        self._last: Fit | None = None
         # When bodies were sought last, and when what could not be explained, by key.
         self._searched_ns = 0
         self._odd: dict[int, int] = {}
@@ -119,21 +121,17 @@ class RigidMethod(Method):
         tracks = read_tracks(window, current, stamp_ns)  # 1
         if not len(tracks.key):
             return self._nothing()
-        tracks = self._registration.correct(tracks)  # 2
-        spans = window.span_ns, window.gap_ns
-        frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
-        scene = self._scene(tracks, frames, previous)
-        result, due = self._grouped(scene)  # 5 to 9
-        described = describe_bodies(tracks, frames, result)  # 10
-        groups = result.assignment.labels
-        if due:
-            self._registration.learn(tracks, frames, groups)  # 2, for the next update
-        self._last = (tracks, frames, result)
+        self._learn(previous)
+        fit = self._held(window, tracks, stamp_ns) or self._fitted(window, tracks, stamp_ns, previous)
+        self._last, tracks, labels = fit, fit.tracks, fit.result.assignment.labels
+        described = describe_bodies(tracks, fit.frames, fit.result)  # 10
         chosen = np.searchsorted(tracks.key, window.key[current])
-        self._chances = chances = posterior(result.assignment)[chosen]
-        confidence = chances[np.arange(len(chosen)), groups[chosen] + 1]
+        self._chances = chances = posterior(fit.result.assignment)[chosen]
+        confidence = chances[np.arange(len(chosen)), labels[chosen] + 1]
         position = tracks.newest[chosen, : self._dim]
-        return Partition(tracks.slot, groups, np.ones(len(groups), np.bool_), confidence, position, described)
+        here = np.flatnonzero(tracks.stop > tracks.start)
+        deciding = np.ones(len(here), np.bool_)
+        return Partition(tracks.slot[here], labels[here], deciding, confidence, position, described)
 
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
@@ -149,7 +147,8 @@ class RigidMethod(Method):
         if self._last is None:
             return {}
         known = {one: (k, references[one]) for k, one in enumerate(ids.tolist()) if one in references}
-        return anchored_motions(*self._last, {one: known[one] for one in wanted if one in known})
+        terms = self._last.tracks, self._last.frames, self._last.result
+        return anchored_motions(*terms, {one: known[one] for one in wanted if one in known})
 
     def state(self) -> dict[str, Any]:
         """The registration of the sources, and what is believed of hypotheses."""
@@ -162,24 +161,54 @@ class RigidMethod(Method):
             self._registration.load(state["offsets"])
             self._belief.load(state["belief"])
 
+    def _held(self, window: Window, now: Tracks, stamp_ns: int) -> Fit | None:
+        """The last result, where it explains what is new."""
+        if self._last is None:
+            return None
+        odd = np.array(sorted(self._odd), np.int64)
+        return held(self._last, window, now, stamp_ns, odd, self._config)
+
+    def _fitted(self, window: Window, tracks: Tracks, stamp_ns: int, previous: Previous) -> Fit:
+        """The result of steps 2 to 9."""
+        tracks = self._registration.correct(tracks)  # 2
+        spans = window.span_ns, window.gap_ns
+        frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
+        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
+        before = previous.labels[tracks.slot]
+        scene = self._belief.scene(frames, tracks.newest, before, static, self._config.min_life)
+        result, due = self._grouped(scene)  # 5 to 9
+        if due:
+            self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
+        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config))
+
+    def _learn(self, previous: Previous) -> None:
+        if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
+            self._belief.learn(self._last.result, self._last.frames, previous.ids)
+
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether others were sought."""
-        followed = None if is_large(scene) else follow(scene, self._belief, self._config)
-        now = None if followed is None else (followed.excess, followed.assignment.labels == OUTLIER)
+        followed, now = None, None
+        if not (self.searching and self._old(scene)) and not is_large(scene):
+            followed = follow(scene, self._config)
+            now = followed.excess, followed.assignment.labels == OUTLIER
         if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
             return search(scene, self._config), True
-        return followed or follow(scene, self._belief, self._config), False
+        return followed or follow(scene, self._config), False
+
+    def _old(self, scene: Scene) -> bool:
+        """Whether bodies were sought long ago."""
+        stamps = scene.frames.stamps
+        return bool(stamps[-1] - self._searched_ns >= _SEARCH_SHARE * (stamps[-1] - stamps[0]))
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
         """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.
 
         `odd` int64 [n] are the keys of what is unexplained.
         """
-        stamps = scene.frames.stamps
+        stamps, before = scene.frames.stamps, self._odd
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
-        self._odd = {key: at for key, at in self._odd.items() if now_ns - at < _ODD_SHARE * span_ns}
-        old = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
-        if old or not self._odd.keys() >= set(odd.tolist()):
+        self._odd = {key: at for key, at in before.items() if now_ns - at < _ODD_SHARE * span_ns}
+        if self._old(scene) or not self._odd.keys() >= set(odd.tolist()):
             self._searched_ns = now_ns
             self._odd |= dict.fromkeys(odd.tolist(), now_ns)
             return True
@@ -191,20 +220,11 @@ class RigidMethod(Method):
         nobody = np.zeros(0, np.intp)
         return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
-    def _scene(self, tracks: Tracks, frames: Frames, previous: Previous) -> Scene:
-        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        if self._last is not None and len(previous.ids) == len(self._last[2].bodies):
-            self._belief.learn(self._last[2], self._last[1], previous.ids)
-        before = previous.labels[tracks.slot]
-        return self._belief.scene(frames, tracks.newest, before, static, self._config.min_life)
 
-
-def follow(scene: Scene, belief: Belief, config: RigidConfig) -> SearchResult:
+def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    frames, rows = scene.frames, known_rows(scene)
-    far = belief.far_costs(scene, [scene.static, *rows])
-    exact = len(frames.owner) <= SUBSET_ROWS
-    return _decided(scene, _compare_all(scene, list(rows.values()), config, exact=exact, far=far))
+    exact = len(scene.frames.owner) <= SUBSET_ROWS
+    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
 
 
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
@@ -247,9 +267,7 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
-def _compare_all(
-    scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool, far: Floats | None = None
-) -> SearchResult:
+def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
     """Fit bodies to rows, select the best, and assign every trajectory to one of them.
 
     Parameters
@@ -259,14 +277,12 @@ def _compare_all(
     exact
         Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
         and a body must be worth its price by its motion alone.
-    far
-        float64 [N, 1 + K]; costs that are known, NaN elsewhere.
     """
     frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
-    found = costs(frames, still, config, stride=stride, given=far)  # 7
+    found = costs(frames, still, config, stride=stride)  # 7
     if not exact:
         worth = moving_bodies(frames, still, found, config)
         bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)

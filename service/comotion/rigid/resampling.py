@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Bools, Floats, Ints, Stamps
+from ..arrays import Bools, Floats, Ints, Stamps, find
 from ..config import RigidConfig
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations, RowArrays
@@ -27,6 +28,9 @@ _ROWS_PER_TRACK = 8
 _LEAST_ENDED = 0.5
 # Slack for the rounding of stamps and periods; far below any period.
 _ROUNDING_NS = 2_000
+
+
+_NOISE = ("noise", "tolerance", "metric", "spectrum")
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class Frames:
         float64 [N], s, for how long a trajectory is observed.
     current
         bool [N], whether a trajectory goes on at the watermark.
+    extent
+        Scale of the scene, in its unit, when the frames were made.
     """
 
     dim: int
@@ -78,15 +84,12 @@ class Frames:
     key: Stamps
     life: Floats
     current: Bools
+    extent: float = 1.0
 
     @cached_property
     def names(self) -> Stamps:
         """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
-        order = np.argsort(self.owner, kind="stable")
-        owner = self.owner[order]
-        place = np.zeros(len(owner), np.int64)
-        place[order] = np.arange(len(owner)) - np.searchsorted(owner, owner)
-        return self.key[self.owner] * _ROWS_PER_TRACK + place
+        return _names(self.key, self.owner)
 
     @property
     def telling(self) -> Bools:
@@ -150,17 +153,11 @@ class Frames:
 
 @dataclass(frozen=True)
 class _Curves:
-    """Observations of one kind of rows: of points, or of the ends of one arm.
-
-    `own` intp [n] are their trajectories; `estimate` and `count` are what
-    :func:`~comotion.rigid.noise.noise_covariances` takes.
-    """
+    """Observations of points, or of the ends of one arm; `own` intp [n] are their trajectories."""
 
     on_arm: bool
     own: Ints
     observations: Observations
-    estimate: Floats
-    count: Floats
 
 
 def make_frames(
@@ -186,20 +183,96 @@ def make_frames(
     """
     stamps = _stamps(tracks, stamp_ns, span_ns, config)
     limits = _limits(tracks, gap_ns, config)
-    curves = _curves(tracks, estimates, limits.gap)
-    owner = np.concatenate([c.own for c in curves])
-    y, w, covariance = _interpolated(tracks, curves, stamps, limits)
+    curves = _curves(tracks, tracks.extent)
+    owner, weight = _owners(curves)
+    y, w = _interpolated(tracks, curves, stamps, limits)
+    covariance = _noise(tracks, estimates, curves, limits.gap)
     seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
     spread(y, w, seen, squared)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
-    weight = np.concatenate([np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves])
     noise = _mean_variance(covariance, tracks.dim)
     covariance += _deformation(squared, tracks.extent, config)[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
-    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
+    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, config)
     terms = noise, tolerance, metric, spectrum
-    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, tracks.key, life, tracks.current)
+    who = tracks.key, life, tracks.current
+    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *who, tracks.extent)
+
+
+def extended(
+    frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig
+) -> Frames | None:
+    """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
+
+    None where nothing is known of the noise of a source.
+
+    Parameters
+    ----------
+    tracks
+        The trajectories of the frames, then those that are new; observations before the newer frames may
+        be left out.
+    stamps
+        int64 [n], ns, the newer frames.
+    """
+    curves = _curves(tracks, frames.extent)
+    owner, weight = _owners(curves)
+    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config))
+    names, count = _names(tracks.key, owner), len(frames.owner)
+    order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
+    at = find(frames.names, names[order])
+    known = np.flatnonzero(at >= 0)
+    like = _usual_rows(frames, tracks.source, owner[new])
+    if like is None:
+        return None
+    total, before = count + len(new), len(frames.stamps)
+    every_y, every_w = np.zeros((total, before + len(stamps), 3)), np.zeros((total, before + len(stamps)))
+    every_y[:count, :before], every_w[:count, :before] = frames.y, frames.w
+    every_y[known, before:], every_w[known, before:] = y[order[at[known]]], w[order[at[known]]]
+    every_y[count:, before:], every_w[count:, before:] = y[new], w[new]
+    life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
+    step = float(stamps[-1] - frames.stamps[-1]) * 1e-9 / len(stamps)
+    np.maximum.at(seen := np.zeros(len(life), np.intp), owner, (w > 0).sum(1))
+    alike: dict[str, Any] = {
+        one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in _NOISE
+    }
+    return replace(
+        frames,
+        stamps=np.append(frames.stamps, stamps),
+        y=every_y,
+        w=every_w,
+        owner=np.append(frames.owner, owner[new]),
+        weight=np.append(frames.weight, weight[new]),
+        key=tracks.key,
+        life=life + step * seen,
+        current=tracks.current,
+        **alike,
+    )
+
+
+def _usual_rows(frames: Frames, source: Ints, wanted: Ints) -> Ints | None:
+    """A row of usual noise of the source of each wanted trajectory, intp [n]; None where there is none."""
+    found = np.zeros(len(wanted), np.intp)
+    for one in np.unique(source[wanted]).tolist():
+        rows = np.flatnonzero(source[frames.owner] == one)
+        if not len(rows):
+            return None
+        found[source[wanted] == one] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
+    return found
+
+
+def _names(key: Stamps, owner: Ints) -> Stamps:
+    order = np.argsort(owner, kind="stable")
+    ordered = owner[order]
+    place = np.zeros(len(owner), np.int64)
+    place[order] = np.arange(len(owner)) - np.searchsorted(ordered, ordered)
+    return key[owner] * _ROWS_PER_TRACK + place
+
+
+def _owners(curves: list[_Curves]) -> tuple[Ints, Floats]:
+    """Trajectory of each row, intp [P], and its weight, float64 [P]."""
+    weight = [np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves]
+    return np.concatenate([c.own for c in curves]), np.concatenate(weight)
 
 
 def _mean_variance(covariance: Floats, dim: int) -> Floats:
@@ -221,14 +294,15 @@ def _metrics(covariance: Floats, dim: int) -> Floats:
 
 
 def _with_slow_noise(
-    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats
+    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats, config: RigidConfig
 ) -> tuple[Floats, Floats]:
     """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3]."""
     wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
     source = tracks.source[owner]
     for one in np.unique(source).tolist():
         mine = source == one
-        found = slow_noise(y, w, tolerance, np.flatnonzero(mine & tracks.current[owner]))
+        rows = np.flatnonzero(mine & tracks.current[owner])
+        found = slow_noise(y, w, tolerance, rows, config.frame_rate)
         factor = found.factor(w.shape[1])
         wider[mine] *= factor
         spectrum[mine] = found.white / factor, found.slow / factor, found.persistence
@@ -254,11 +328,10 @@ def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
 
 def _interpolated(
     tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits
-) -> tuple[Floats, Floats, Floats]:
-    """Positions [P, F, 3] and weights [P, F] of all rows, and the covariance of their noise [P, 3, 3]."""
+) -> tuple[Floats, Floats]:
+    """Positions [P, F, 3] and weights [P, F] of all rows."""
     total = sum(len(c.own) for c in curves)
     y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
-    noise = np.zeros((total, 3, 3))
     first, corrected = 0, tracks.corrected
     for c in curves:
         rows, own = slice(first, first + len(c.own)), c.own
@@ -268,23 +341,35 @@ def _interpolated(
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
             correct(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
-        noise[rows] = noise_covariances(tracks, c.estimate, c.count, own, on_arm=c.on_arm)
-    return y, w, noise
+    return y, w
 
 
-def _curves(tracks: Tracks, estimates: NoiseEstimates, gap: Stamps) -> list[_Curves]:
-    """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
+def _noise(tracks: Tracks, estimates: NoiseEstimates, curves: list[_Curves], gap: Stamps) -> Floats:
+    """Covariance of the noise of all rows, float64 [P, 3, 3]."""
     estimate, count = estimates.read(tracks, gap)
+    found = []
+    for c in curves:
+        terms = estimate[c.own], count[c.own]
+        if c.on_arm:
+            every = np.arange(len(c.own))
+            noise = gap[c.own], every, DIRECTIONS[3], MOST_DIFFERENCES
+            terms = difference_covariances(c.observations, *noise)
+        found.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
+    return np.concatenate(found)
+
+
+def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
+    """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
     six = np.zeros(len(tracks.key), np.bool_)
     if tracks.quaternions is not None and tracks.dim == 3:
         six = all_finite(tracks.quaternions, tracks.start, tracks.stop)
     own = np.flatnonzero(~six)
     observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
-    points = _Curves(False, own, observations, estimate[own], count[own])
-    return [points, *_arms(tracks, np.flatnonzero(six), gap)] if six.any() else [points]
+    points = _Curves(False, own, observations)
+    return [points, *_arms(tracks, np.flatnonzero(six), extent)] if six.any() else [points]
 
 
-def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
+def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
     """Corrected ends of the arms of 6-DoF features `own` intp [n]."""
     assert tracks.quaternions is not None  # noqa: S101 - they have orientations
     observed = ranges(tracks.start[own], tracks.stop[own])
@@ -297,13 +382,8 @@ def _arms(tracks: Tracks, own: Ints, gap: Stamps) -> list[_Curves]:
     if tracks.corrected[own].any():
         orientations = Rotation.from_matrix(tracks.turn[owner]) * orientations
         positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
-    found = []
-    for arm in _ARMS * _ARM_LENGTH * tracks.extent:
-        ends = Observations(times, positions + orientations.apply(arm), start, stop)
-        every = np.arange(len(own))
-        noise = difference_covariances(ends, gap[own], every, DIRECTIONS[3], MOST_DIFFERENCES)
-        found.append(_Curves(True, own, ends, *noise))
-    return found
+    ends = [positions + orientations.apply(arm) for arm in _ARMS * _ARM_LENGTH * extent]
+    return [_Curves(True, own, Observations(times, end, start, stop)) for end in ends]
 
 
 def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:

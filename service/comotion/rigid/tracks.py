@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps, identities
+from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities
 from ..trajectories.window import Window
 from .kernels.records import Observations
 from .kernels.resampling import stop_at
@@ -18,6 +19,12 @@ _MANY_TRACKS, _PERIOD_TRACKS = 128, 16
 # How many times the width of a source another position may be away to count for the scale of the scene:
 # less than millimetres among metres. And the trajectories that tell the width of a source.
 _FAR, _TELLING = 300.0, 4
+
+
+_PER_TRACK = (
+    *("covariance", "start", "stop", "slot", "key", "source", "current"),
+    *("period", "newest", "delay_ns", "turn", "shift"),
+)
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,40 @@ class Tracks:
     def corrected(self) -> Bools:
         """Trajectories with a correction of their positions, bool [N]."""
         return np.asarray((self.shift != 0).any(1) | (self.turn != np.eye(3)).any((1, 2)), np.bool_)
+
+    def since(self, window: Window, stamp_ns: int) -> "Tracks":
+        """The same trajectories with their observations from the newest one at or before a time on."""
+        older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
+        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - 1)
+        return replace(self, start=np.minimum(start, self.stop))
+
+    def joined(self, now: "Tracks") -> "Tracks":
+        """These trajectories as they are now, those that are gone too, and then the new ones.
+
+        What is gone has no observations. Who was here keeps the correction of its source; `now` has none.
+        """
+        at = find(self.key, now.key)
+        new = np.flatnonzero(find(now.key, self.key) < 0)
+        here, count = np.flatnonzero(at >= 0), len(self.key)
+        columns: dict[str, Any] = {
+            one: np.concatenate([getattr(self, one), getattr(now, one)[new]]) for one in _PER_TRACK
+        }
+        for one in ("start", "stop", "slot", "current"):
+            columns[one][:count] = 0
+        for one in ("start", "stop", "slot", "current", "newest", "covariance"):
+            columns[one][here] = getattr(now, one)[at[here]]
+        source, mine = columns["source"], np.arange(count + len(new))
+        _, first, inverse = np.unique(source, return_index=True, return_inverse=True)
+        # A new trajectory has the period and the correction of the oldest one of its source.
+        mine[count:] = first[inverse[count:]]
+        for one in ("period", "delay_ns", "turn", "shift"):
+            columns[one] = columns[one][mine]
+        turned = np.append(here, np.arange(count, count + len(new)))
+        columns["newest"][turned] = (
+            np.einsum("nij,nj->ni", columns["turn"][turned], columns["newest"][turned])
+            + columns["shift"][turned]
+        )
+        return replace(now, **columns)
 
     def moved(self, delay_ns: Stamps, turn: Floats, shift: Floats) -> "Tracks":
         """The same trajectories with corrections; they had none before."""

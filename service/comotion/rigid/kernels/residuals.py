@@ -50,23 +50,22 @@ def body_costs(
         Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
         estimate is near the least. The others keep their estimate.
     cost
-        float64 [n, K]; NaN where it is to be computed, in nats. Other entries are left as they are.
+        Out: float64 [n, K], in nats.
     squared
         Out: float64 [n, K], the mean of w |x - b|^2 over posed frames.
     gain
         Out, where the first body is the static one: float64 [n, K], what a row would gain at rest by the
-        wider tolerance of each body whose cost is computed. Else empty.
+        wider tolerance of each body whose cost is no estimate. Else empty.
     """
     y, w, tolerance, spectrum, metric = arrays
     count, bodies = w.shape[1], len(poses)
     row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
-    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.zeros(bodies, np.bool_)
+    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.ones(bodies, np.bool_)
     for n in range(len(rows)):
         i = rows[n]
         first, stop = observed_span(w[i])
         scale = tolerance[i], wider, dim, cap, unposed
-        for k in range(bodies):
-            asked[k] = np.isnan(cost[n, k])
+        asked[:] = True
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
             _filter_gains(w[i], spectrum[i], stride, gains)
@@ -166,6 +165,62 @@ def own_residuals(
                 row, poses[k], 0, count, inverse, dim, 1.0, 0.0, metric[i], x, gains, spectrum[i, 2]
             )
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
+
+
+@compiled()
+def recent_residuals(
+    arrays: RowArrays,
+    body: Slots,
+    poses: Floats,
+    wider: Floats,
+    span: tuple[int, int],
+    squared: Floats,
+    count: Floats,
+) -> None:
+    """How far each row is at the newest frames from its mean before them, in the frame of its body, in place.
+
+    Parameters
+    ----------
+    body
+        intp [P], body of each row; below 0 for none.
+    poses, wider
+        As of :func:`body_costs`.
+    span
+        First frame of the mean, and one past the last: the frames after it are judged.
+    squared, count
+        Out: float64 [P] each, sum of the squared distances in tolerances, and number of frames.
+    """
+    y, w, tolerance, _, metric = arrays
+    (first, split), x, turned = span, np.zeros(3), np.zeros(6)
+    for i in range(len(body)):
+        k = body[i]
+        if k < 0:
+            continue
+        total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
+        for f in range(first, split):
+            a = w[i, f] * poses[k, f, 12]
+            if a > 0:
+                _in_body(y[i, f], poses[k, f], x)
+                total, m0, m1, m2 = total + a, m0 + a * x[0], m1 + a * x[1], m2 + a * x[2]
+        if total == 0.0:
+            continue
+        variance = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total)
+        for f in range(split, w.shape[1]):
+            a = w[i, f] * poses[k, f, 12]
+            if a > 0:
+                _in_body(y[i, f], poses[k, f], x)
+                turned_metric(metric[i], poses[k, f], turned)
+                d2 = quadratic(turned, x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total)
+                squared[i] += a * d2 / variance
+                count[i] += 1.0
+
+
+@compiled()
+def _in_body(y: Floats, pose: Floats, x: Floats) -> None:
+    """A point [3] in the frame of a body with a pose [13], to x [3]."""
+    z0, z1, z2 = y[0] - pose[9], y[1] - pose[10], y[2] - pose[11]
+    for c in range(3):
+        x[c] = pose[c] * z0 + pose[3 + c] * z1 + pose[6 + c] * z2
 
 
 @compiled()
