@@ -89,11 +89,18 @@ def test_the_ids_of_what_others_see_stay_and_the_source_is_named() -> None:
     before = scene.run(5.0)[-1]
     assert len(set(before.values())) == BODIES
     assert scene.drifting == []
-    during = scene.run(4.0, turned(5.0, 9.0))
+    during = scene.run(8.0, turned(5.0))
     assert scene.drifting == ["c"]
     assert all(one == before for one in during)
-    scene.run(7.0, turned(5.0, 9.0))
-    assert scene.drifting == [], "what has stopped drifting takes part again"
+
+
+def test_what_has_stopped_drifting_takes_part_again() -> None:
+    scene = Scene()
+    scene.run(5.0)
+    scene.run(3.0, turned(5.0, 8.0))
+    assert scene.drifting == ["c"]
+    scene.run(7.0, turned(5.0, 8.0))
+    assert scene.drifting == []
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,10 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    tracks = last.tracks.joined(now)
     kept_ns = _HELD_SHARE * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + kept_ns:
         return None
+    tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
     if fresh and _lost(last.result.assignment.labels, tracks):
         return None
