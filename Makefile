@@ -61,6 +61,7 @@ pictures: setup  ## make the pictures, the samples and the notebook's outputs ag
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 	$(BIN)/python -m comotion_experiments.samples docs/samples
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
+	rm -f docs/examples/bodies.png
 
 wheel: setup  ## wheel and source distribution, in dist
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt build

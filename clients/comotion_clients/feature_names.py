@@ -13,8 +13,8 @@ _MOST_SOURCES = 256
 class HypothesisNames(Names):
     """Name by id of a hypothesis: what a person gives, or else the name of a feature that it holds.
 
-    A name stays with its feature: a hypothesis keeps it as long as it holds that feature, and no two have
-    the same. Of several the last is taken: that of a robot's link which is farthest from its base.
+    A hypothesis keeps its name until another one holds that feature, and no two have the same. Of several
+    the last is taken: that of a robot's link which is farthest from its base.
 
     Parameters
     ----------
@@ -46,10 +46,11 @@ class HypothesisNames(Names):
                 if (name := names.get(int(update.track_id[row]))) is not None:
                     held.setdefault(int(update.track_hypothesis[row]), []).append(name)
         living = {h.id: held.get(h.id, []) for h in update.hypotheses}
+        holders = {name: hypothesis for hypothesis, names_held in held.items() for name in names_held}
         kept = {
             hypothesis: name
             for hypothesis, name in self._of_hypotheses.items()
-            if name in living.get(hypothesis, ())
+            if hypothesis in living and holders.get(name, hypothesis) == hypothesis
         }
         for hypothesis, names_held in living.items():
             taken = set(kept.values())

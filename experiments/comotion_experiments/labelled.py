@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, Pose
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch, Pose
+from comotion_schemas.naming import Names
 from comotion_sources.calibration import Calibration
 from comotion_sources.cameras.types import Camera, CameraError, Frame
 from comotion_sources.frames import MessageBuilder
@@ -46,6 +47,8 @@ class SegmentOptions:
         Group in metres where there is depth; else in pixels.
     given
         Tracks in pixels of the frames of the video, which are grouped in place of those of the tracker.
+    names
+        Names of hypotheses by id, drawn in place of the ids.
     """
 
     out: Path | None = None
@@ -58,6 +61,7 @@ class SegmentOptions:
     calibration: Calibration = field(default_factory=Calibration)
     use_depth: bool = True
     given: Recording | None = None
+    names: Names = field(default_factory=dict)
 
 
 class Labelled(NamedTuple):
@@ -76,7 +80,7 @@ class Labelled(NamedTuple):
 
 
 class LabelledFrames:
-    """Tracks and groups the frames of one camera; `path` is that of a carried one."""
+    """Tracks and groups the frames of one camera; `path` is that of a carried one, `joints` the last ones."""
 
     def __init__(self, camera: Camera, options: SegmentOptions) -> None:
         if camera.live:
@@ -93,6 +97,7 @@ class LabelledFrames:
         )
         self.path: list[tuple[int, Pose]] = []
         self._given = None if options.given is None else GivenTracks(options.given, camera)
+        self.joints: Sequence[Joint] = ()
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
         builder = MessageBuilder(
             source=_SOURCE,
@@ -136,6 +141,7 @@ class LabelledFrames:
         self._held.append((number, frame, tracks))
 
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
+        self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         labels = dict(
             zip(

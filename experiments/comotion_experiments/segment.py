@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from comotion_schemas import UNDETERMINED, Hypothesis, Pose
+from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.types import Camera, CameraError
 from comotion_sources.klt.drawing import Annotator
@@ -56,6 +57,8 @@ class Segmented:
         The hypotheses of the last update.
     path
         Stamp and pose of a carried camera in the world, where it is known: once per update.
+    joints
+        Those of the last update, in words.
     """
 
     frames: int = 0
@@ -67,6 +70,7 @@ class Segmented:
     hypotheses: Counter[int] = field(default_factory=Counter)
     last: Sequence[Hypothesis] = ()
     path: Sequence[tuple[int, Pose]] = ()
+    joints: Sequence[str] = ()
 
     def as_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -119,6 +123,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     if not found.frames:
         raise CameraError(f"{what}: no frame")
     found.digest, found.codec, found.path = digest.hexdigest(), outputs.codec, run.path
+    found.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
     found.seconds = time.perf_counter() - begun
     return found
 
@@ -135,7 +140,7 @@ class _Outputs:
     """The files of one run."""
 
     def __init__(self, options: SegmentOptions, rate: float, space: CameraSpace) -> None:
-        self._annotator = Annotator(space)
+        self._annotator = Annotator(space, options.names)
         self._picture = None if options.out is None else PictureFile(options.out, rate)
         self.codec = None if self._picture is None else self._picture.codec
         self._first_ns: int | None = None

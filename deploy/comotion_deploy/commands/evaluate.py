@@ -5,9 +5,9 @@ from pathlib import Path
 
 from ..errors import UserError
 from ..fusion_options import Fusion
-from ..options import Client, Json, Ready, argument, setting
+from ..options import Client, Json, Ready, argument, option, setting
 
-_OFFLINE_ONLY = ("method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
+_OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
@@ -53,6 +53,7 @@ Examples:
         "Score the affinity of Brox and Malik as well, with spectral clustering (number of objects "
         "given) and with divisive k-means.",
     )
+    all_: bool = option(False, "Show all columns; --json has all values.", "--all")
     plot: Path | None = setting(None, "Draw hypotheses, truth and NMI.", metavar="FILE.png")
     paths: Path | None = setting(
         None, "Write the paths of moving cameras and of bodies in the TUM format, for evo.", metavar="FOLDER"
@@ -95,7 +96,8 @@ Examples:
         plots = (
             [] if self.plot is None else [plot_path(self.plot, scored, several=several) for scored in inputs]
         )
-        self.show(as_json(results, config, self.period), table(results), *(f"plot: {path}" for path in plots))
+        shown = table(results, everything=self.all_)
+        self.show(as_json(results, config, self.period), shown, *(f"plot: {path}" for path in plots))
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import as_json, evaluate, summary_lines

@@ -10,6 +10,7 @@ from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
+from .watch import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions
@@ -21,7 +22,7 @@ _ANY_RATE = 30.0
 
 
 @dataclass(kw_only=True)
-class Segment(Carried, Fusion, Json, Tool):
+class Segment(BodyNames, Carried, Fusion, Json, Tool):
     """Track and group every frame of a video, and draw the result.
 
     No router and no other process is needed. The same video gives the same labels on every run.
@@ -36,6 +37,7 @@ Examples:
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
   comotion segment apple.mp4 --tracks apple.npz   # of CoTracker or TAPIR, in place of our own tracker
   comotion segment --tracks apple.npz --fps 30 --csv labels.csv
+  comotion segment drawer.mp4 --name 3=drawer   # the same video has the same ids on every run
   comotion segment "workcell:truck/a?duration=5" --json
 """
     log_level = "warning"
@@ -117,6 +119,7 @@ Examples:
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
             given=self._given(),
+            names=self.names(),
         )
 
     def _given(self) -> "Recording | None":
@@ -162,6 +165,7 @@ def _summary(result: "Segmented") -> list[str]:
     return [
         f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
         f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
+        *result.joints,
     ]
 
 
