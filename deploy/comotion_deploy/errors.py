@@ -24,7 +24,6 @@ _EXTRAS = {
     "rerun": "view",
     "rerun_cli": "view",
     "rosbags": "ros",
-    "skimage": "dense",
     "zstandard": "record",
 }
 

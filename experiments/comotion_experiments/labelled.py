@@ -17,7 +17,10 @@ from comotion_sources.cameras.types import Camera, CameraError, Frame
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.recordings import Recording
 from comotion_sources.streams import OFFLINE_SESSION
+
+from .given_tracks import GivenTracks
 
 _SOURCE = "video"
 
@@ -42,6 +45,8 @@ class SegmentOptions:
         Intrinsics and extrinsics of a camera with depth, if its recording has none.
     use_depth
         Group in metres where there is depth; else in pixels.
+    given
+        Tracks in pixels of the frames of the video, which are grouped in place of those of the tracker.
     names
         Names of hypotheses by id, drawn in place of the ids.
     """
@@ -55,6 +60,7 @@ class SegmentOptions:
     rate: float | None = None
     calibration: Calibration = field(default_factory=Calibration)
     use_depth: bool = True
+    given: Recording | None = None
     names: Names = field(default_factory=dict)
 
 
@@ -82,7 +88,7 @@ class LabelledFrames:
         self._camera = camera
         given = options.calibration
         intrinsics = given.intrinsics or camera.intrinsics
-        has_depth = camera.has_depth and options.use_depth
+        has_depth = camera.has_depth and options.use_depth and options.given is None
         self.space = choose_space(
             _SOURCE,
             has_depth=has_depth,
@@ -90,6 +96,7 @@ class LabelledFrames:
             extrinsics=None if options.tracker.moving else given.extrinsics or camera.extrinsics,
         )
         self.path: list[tuple[int, Pose]] = []
+        self._given = None if options.given is None else GivenTracks(options.given, camera)
         self.joints: Sequence[Joint] = ()
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
         builder = MessageBuilder(
@@ -110,6 +117,8 @@ class LabelledFrames:
         """Yield every frame once the update after it is there."""
         due_ns, last_ns = 0, None
         for number, frame in enumerate(self._camera):
+            if self._given is not None and number >= len(self._given):
+                break
             if last_ns is not None and frame.stamp_ns <= last_ns:
                 continue  # a repeated frame has no time of its own
             if last_ns is None:
@@ -125,7 +134,7 @@ class LabelledFrames:
     def _take(self, number: int, frame: Frame) -> None:
         depth = frame.depth if self.space.dim == 3 else None
         seen = Frame(frame.stamp_ns, frame.image, depth, None)
-        tracks = self._tracker.step(seen)
+        tracks = self._tracker.step(seen) if self._given is None else self._given.at(number, seen)
         for message in self._observer.messages(tracks, seen):
             if isinstance(message, ObservationBatch):
                 self._fusion.ingest(message)

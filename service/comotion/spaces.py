@@ -20,14 +20,13 @@ from .event_time.budget import Budget
 from .event_time.faults import Faults
 from .event_time.instants import Instants
 from .event_time.stats import Key, Stats
+from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
 from .space import Space, SpaceUpdate
 
-# How long a contradiction is reported, and of how many sources.
-_TOLD_NS, _MOST_TOLD = 3_000_000_000, 256
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
 MakeMethod = Callable[[SpaceSpec], Method]
@@ -45,6 +44,8 @@ class Spaces:
         The clock of arrivals.
     budget
         What spaces may cost, by source.
+    troubles
+        What sources do wrong.
     checks
         What is wrong with the ids and units of sources.
     """
@@ -55,11 +56,10 @@ class Spaces:
     faults: Faults
     make_method: MakeMethod
     budget: Budget
+    troubles: Troubles
     at_ns: int = 0
     checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
-    # By source: how it contradicts, and when.
-    _contradictions: dict[str, tuple[str, int]] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Space]:
         return iter(self._spaces.values())
@@ -85,9 +85,6 @@ class Spaces:
         unit, dim = self._known(name)
         if unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
-        self._contradictions.pop(batch.source, None)
-        if len(self._contradictions) >= _MOST_TOLD:
-            del self._contradictions[next(iter(self._contradictions))]
         declared = self.config.spaces.get(name, SpaceConfig())
         configured = declared.unit is not None or declared.dim is not None
         first = self._spaces[name].owner if name in self._spaces else ""
@@ -96,7 +93,7 @@ class Spaces:
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
             f"{unit or batch.unit} and {dim or batch.dim}"
         )
-        self._contradictions[batch.source] = text, self.at_ns
+        self.troubles.note("contradicts-space", batch.source, self.at_ns, text)
         return "space-mismatch"
 
     def _known(self, name: str) -> tuple[Unit | None, int | None]:
@@ -107,13 +104,12 @@ class Spaces:
         return declared.unit or space.spec.unit, declared.dim or space.spec.dim
 
     def contradictions(self) -> dict[str, str]:
-        """Sources that have lately contradicted what a space is, and how."""
-        oldest_ns = self.at_ns - _TOLD_NS
-        found = {name: text for name, (text, at_ns) in self._contradictions.items() if at_ns >= oldest_ns}
-        for space in self:
-            for source in space.contradicting:
-                found.setdefault(source, f"that {space.spec.name} is carried, which others do not say")
-        return found
+        """Sources that say of a space that it is carried, where others do not."""
+        return {
+            source: f"that {space.spec.name} is carried, which others do not say"
+            for space in self
+            for source in space.contradicting
+        }
 
     def drifting(self) -> set[int]:
         """Numbers of the sessions that drift away from the others of a space."""
@@ -177,7 +173,7 @@ class Spaces:
                 break
         for name in waiting:
             for source in shares[name]:
-                self.budget.refused(source, self.at_ns)
+                self.troubles.note("over-budget", source, self.at_ns)
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}

@@ -144,6 +144,7 @@ def replay_recording(
         play_streams(
             streams,
             schedule,
+            publish_sigma=True,
             message=f"replays {recording.name}",
             progress=progress,
             keys=replay_keys(),

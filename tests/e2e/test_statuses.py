@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from comotion.runtime.statuses import Sent, Statuses
+from comotion.runtime.statuses import Statuses
 from comotion_schemas import Keys, Status, encode
 
 from .. import builders
-from ..builders import SESSION, S
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
@@ -73,23 +72,3 @@ def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(r
         put(f"cam-{k}", status(f"cam-{k}"))
     reader.until(lambda: len(reader.got) + reader.statuses.refused == 302)
     assert len(reader.got) >= 100
-
-
-def test_a_claim_counts_once_the_batches_should_be_here() -> None:
-    sent = Sent(most=2)
-    sent.note(status("cam", 5), 0)
-    sent.note(status("viewer", 5, role="viewer"), 0)
-    sent.note(status("cam", 9), S)
-    assert sent.due(2 * S - 1) == []
-    assert sent.due(2 * S) == [(("cam", SESSION), 5)]
-    # What a session says last counts, though an earlier claim was pending.
-    assert sent.due(9 * S) == [(("cam", SESSION), 9)]
-    assert sent.due(9 * S) == []
-
-
-def test_sessions_of_an_earlier_run_are_unknown_until_they_speak() -> None:
-    other = "b" * 16
-    sent = Sent(2, before=[("cam", other), ("cam", SESSION), ("gone", other), ("gone", "")])
-    assert sent.unknown == {("cam", SESSION), ("gone", other)}
-    sent.note(status("cam", 5), 0)
-    assert sent.unknown == {("gone", other)}

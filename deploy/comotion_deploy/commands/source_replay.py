@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from comotion_sources.recordings import Recording
     from comotion_sources.streams import Stream
 
-_NOT_FOR_MCAP = ("rate", "split", "part", "name")
+_NOT_FOR_MCAP = ("rate", "split", "part", "name", "fps")
 _MCAP_ONLY = ("start", "end")
 
 
@@ -32,10 +32,14 @@ Examples:
   comotion source replay take.npz --rate 50,25,10 --split 3
   comotion source replay take.npz --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
   comotion source replay take.npz --stamps original   # for: comotion serve --clock event
+  comotion source replay apple.npz --fps 30   # tracks of CoTracker, TAPIR and the like
   comotion source replay scene.mcap --start 10 --end 40   # all sources of a recording of comotion record
 """
 
-    file: Path = argument(..., "FILE", "A recording: .c3d or .npz; .mcap of a whole scene.")
+    file: Path = argument(..., "FILE", "A recording: .c3d, .npz, .npy or .csv; .mcap of a whole scene.")
+    fps: float | None = setting(
+        None, "Frames per second of tracks whose file has no times.", min=0.01, max=10_000
+    )
     speed: float = setting(1.0, "Recorded seconds per second.")
     rate: str | None = setting(
         None,
@@ -93,7 +97,7 @@ Examples:
         if part is not None and self.split not in {1, part.count}:
             raise UserError(f"--part {self.part} and --split {self.split} do not agree")
         rates = self.rates()
-        recording = read_recording(self.file)
+        recording = read_recording(self.file, self.fps)
         split = self.split if part is None else part.count
         streams = recording_streams(recording, split=split, rates=rates, source=self.name or "replay")
         if part is not None:

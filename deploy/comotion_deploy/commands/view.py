@@ -55,7 +55,7 @@ Examples:
         max=1000,
         metavar="HZ",
     )
-    regions: bool = setting(False, "Colour the region of each hypothesis in images. Needs scikit-image.")
+    regions: bool = setting(False, "Colour the region of each hypothesis in images.")
     duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
 
     def run(self) -> None:
@@ -65,9 +65,6 @@ Examples:
             return
         import rerun  # noqa: F401 - before a window opens
         import rerun_cli  # noqa: F401
-
-        if self.regions:
-            import skimage.segmentation  # noqa: F401
 
         where = self._destination()
         if self.recording is not None:

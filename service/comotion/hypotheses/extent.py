@@ -2,7 +2,8 @@
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
 feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
-no pose is known there is nothing to keep points in: the box is that of the current members.
+no pose is known there is nothing to keep points in: the box is that of the current members without those far
+from all others, of which one alone would stretch it across an image.
 """
 
 from itertools import product
@@ -12,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Box
 
-from ..arrays import Floats, Stamps, find
+from ..arrays import Bools, Floats, Stamps, find
 from ..partition import PoseReference
 from ..rigid.kernels.rotation import quaternion
 from .records import Current, Extent
@@ -27,6 +28,11 @@ _SMALLER = 0.9
 _SEEK_NS = 500_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
+# Without a pose: share of the members that may lie far from the others on each side, and how far beyond the
+# others a member counts, in their extent.
+_FAR_SHARE, _BEYOND = 0.1, 2.0
+# Fewer members have no far ones.
+_LEAST_TOGETHER = 5
 
 
 def measured(
@@ -64,6 +70,8 @@ def measured(
     mine = np.flatnonzero(current.labels == one)
     if current.sure[mine].any():
         mine = mine[current.sure[mine]]
+    if reference is None:
+        mine = mine[_together(current.positions[mine])]
     keys, points, since = current.keys[mine], (current.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
     axes, sought_ns = np.eye(dim), stamp_ns - _SEEK_NS
     if before is not None:
@@ -80,6 +88,17 @@ def measured(
         axes, sought_ns = best_axes(points, axes), stamp_ns
     extent = Extent(keys, points, since, axes, sought_ns)
     return extent, _box(extent, R, t)
+
+
+def _together(points: Floats) -> Bools:
+    """Which points [m, dim] are not far from the others along any axis, bool [m]."""
+    if len(points) < _LEAST_TOGETHER:
+        return np.ones(len(points), np.bool_)
+    far = max(round(_FAR_SHARE * len(points)), 1)
+    ranked = np.sort(points, axis=0)
+    low, high = ranked[far], ranked[-1 - far]
+    slack = _BEYOND * (high - low).max()
+    return np.asarray(((points >= low - slack) & (points <= high + slack)).all(axis=1))
 
 
 def _lost(stamp_ns: int, extent: Extent, current: Stamps) -> Stamps:

@@ -82,4 +82,4 @@ def recording_batches(
         Stamp of the first instant.
     """
     streams = recording_streams(recording, split=split, rates=rates, source=source)
-    return merged(streams, session=session, epoch_ns=epoch_ns)
+    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=True)

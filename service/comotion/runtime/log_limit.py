@@ -1,10 +1,10 @@
-"""Keeps the service running after an exception; logs defects with their traces, within bounds."""
+"""Writes a bounded number of lines to the log; defects with their traces."""
 
 import logging
 import time
-import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+
+from ..event_time.faults import Fault
 
 # A fault of one kind has its trace in the log once in this time, and so many lines are written at most.
 _AGAIN_S = 60.0
@@ -38,40 +38,21 @@ class LogLimit:
             logger.log(level, text, *values)
 
 
-class Guard:
-    """Keeps defects from ending the loop.
+class DefectLog:
+    """Logs errors of the service itself, each kind with its trace once a minute."""
 
-    Parameters
-    ----------
-    count
-        Called for each exception.
-    """
-
-    def __init__(self, count: Callable[[], None]) -> None:
-        self._count = count
+    def __init__(self) -> None:
         self._limit = LogLimit(_MOST_LINES, _AGAIN_S)
         self._logged_s: dict[str, float] = {}
 
-    @contextmanager
-    def __call__(self, what: str) -> Iterator[None]:
-        """Go on after an exception in a block that does `what`."""
-        try:
-            yield
-        except Exception as error:  # whatever it is, the service goes on
-            self._count()
-            self.log(what, error)
-
-    def log(self, what: str, error: object, trace: str | None = None) -> None:
-        """Log a defect; its trace once a minute for defects of a kind."""
-        kind, now = f"{what.partition('(')[0]}{type(error).__name__}{error}"[:200], time.monotonic()
+    def write(self, fault: Fault) -> None:
+        """Log one."""
+        kind, now = f"{fault.what.partition('(')[0]}{fault.error}"[:200], time.monotonic()
         fresh = now - self._logged_s.get(kind, -_AGAIN_S) >= _AGAIN_S
         if fresh:
             self._logged_s = {one: at for one, at in self._logged_s.items() if now - at < _AGAIN_S}
             self._logged_s[kind] = now
-        text = "a defect in %s: %s; please report this"
-        if not fresh:
-            self._limit.log(_log, logging.DEBUG, text, what, error)
-            return
-        self._limit.log(_log, logging.ERROR, text, what, error)
-        for line in (trace or traceback.format_exc()).splitlines():
+        text, level = "a defect in %s: %s; please report this", logging.ERROR if fresh else logging.DEBUG
+        self._limit.log(_log, level, text, fault.what, fault.error)
+        for line in fault.trace.splitlines() if fresh else ():
             _log.error("  %s", line)

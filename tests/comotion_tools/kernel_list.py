@@ -1,7 +1,7 @@
 """Made-up scenes of every kind in; the list of kernels that each needs out: ``kernel_list.json``.
 
-Run it when kernels have changed: ``python -m comotion.runtime.kernel_list``. It compiles everything, in a
-folder of its own or in a given NUMBA_CACHE_DIR, which must hold nothing else.
+Run it when kernels have changed: ``PYTHONPATH=tests python -m comotion_tools.kernel_list``. It compiles
+everything, in a folder of its own or in a given NUMBA_CACHE_DIR, which must hold nothing else.
 """
 
 import json
@@ -13,10 +13,10 @@ from collections.abc import Iterator
 
 from numba.core.dispatcher import Dispatcher
 
-from ..config import FusionConfig
-from ..precompiling import LIST, Task, callees_of, kinds_of_scene, spelled
-from .known_kernels import kernels
-from .warm_up import SCENES, warm_up_scene
+from comotion.config import FusionConfig
+from comotion.precompiling import LIST, Task, callees_of, kinds_of_scene, spelled
+from comotion.runtime.known_kernels import kernels
+from comotion.runtime.warm_up import SCENES, warm_up_scene
 
 _METHODS = ("comotion", "thesis")
 
@@ -33,7 +33,7 @@ def main() -> None:
         for kind, *arguments in _kinds():
             # Each in a process of its own, which has loaded nothing else.
             command = [sys.executable, "-P", "-m", __spec__.name, *arguments]
-            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment)  # noqa: S603
+            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment)
             for kernel, types in json.loads(done.stdout):
                 needed.setdefault((kernel, types), []).append(kind)
     lines = ",\n".join(json.dumps([*one, kinds]) for one, kinds in sorted(needed.items()))
