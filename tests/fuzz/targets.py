@@ -16,7 +16,7 @@ from comotion import Fusion, FusionConfig
 from comotion.runtime.state_file import load_fusion
 from comotion_deploy.config_file import load_toml
 from comotion_deploy.errors import UserError
-from comotion_schemas import DecodeError, JointStates, ObservationBatch, TruthBatch, decode, encode
+from comotion_schemas import DecodeError, ObservationBatch, decode, encode
 from comotion_schemas.keys import Keys
 from comotion_sources.calibration.files import read_calibration
 from comotion_sources.cameras.tum import TumFolder
@@ -61,21 +61,15 @@ def batch(seq: int = 0, **fields: Any) -> ObservationBatch:
 
 
 def _decode(data: bytes) -> None:
-    encode(decode(data))
+    """What is accepted is a message that can be written and read again."""
+    written = encode(decode(data))
+    assert encode(decode(written)) == written
 
 
 def _messages() -> list[bytes]:
-    update = Fusion().update(NOW_NS)
-    truth = TruthBatch(
-        source="cam",
-        session=SESSION,
-        ids=np.arange(2, dtype=np.uint64),
-        objects=np.array([0, 1], np.int32),
-        names={"0": "a"},
-    )
-    joints = JointStates(source="r", session=SESSION, seq=0, stamp_ns=1, names=["a"], positions=np.zeros(1))
-    turned = batch(quaternions=np.tile(np.float32([0, 0, 0, 1]), (4, 1)), sigma=0.01)
-    return [encode(one) for one in (batch(), turned, update, truth, joints)]
+    """The golden bytes of every message, a plain batch, and an update of the core."""
+    golden = sorted((Path(__file__).parents[1] / "golden").glob("*.msgpack"))
+    return [*(path.read_bytes() for path in golden), encode(batch()), encode(Fusion().update(NOW_NS))]
 
 
 def _core(data: bytes) -> None:
@@ -135,6 +129,9 @@ def _folder() -> Path:
 def _npz(path: Path) -> None:
     for found in recording_batches(read_recording(path), split=2):
         encode(found)
+
+
+_TRACKS = "frame,track,x,y,visibility,confidence\n0,3,1.5,2,1,.9\n1,3,2,2,1,.8\n1,4,9,9,0,\n2,4,9,8,true,1\n"
 
 
 def _npz_seeds() -> list[bytes]:
@@ -249,6 +246,7 @@ TARGETS: dict[str, Target] = {
     "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
     "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
     "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
+    "tracks": _of_file("t.csv", _npz, _text(_TRACKS), _RECORDINGS),
     # Its valid inputs are files of the corpus, one for each processor.
     "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
     "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, "comotion_schemas.message_log", "mcap"),

@@ -59,15 +59,13 @@ def test_figure_4_4_drops_when_features_are_replaced_and_recovers(respawn):
 
 def test_figure_4_3_weights_see_a_late_start_a_little_sooner():
     first = {}
-    for v_move in (0.1, 0.001, None):
+    for v_move in (0.1, None):
         t, nmi = curve("fig4_3", 0.01, v_move, period=0.2)
         assert np.all(nmi[:, t < 10] == 0)
         perfect = nmi.min(axis=0) == 1
         first[v_move] = t[perfect].min()
         assert perfect[t >= first[v_move]].all()
     assert 10 < first[0.1] < first[None] < 11
-    # A velocity far below any noise is no different from equal weights.
-    assert first[0.001] == pytest.approx(first[None])
 
 
 def test_figure_3_6_affinity_depends_on_the_direction_of_motion():

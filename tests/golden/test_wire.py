@@ -246,16 +246,6 @@ def test_the_golden_bytes_decode_to_the_message(name):
     assert plain(message) == plain(GOLDEN[name])
 
 
-@pytest.mark.parametrize("name", sorted(GOLDEN))
-def test_columns_are_typed_and_read_only(name):
-    message = decode((HERE / f"{name}.msgpack").read_bytes())
-    columns = [value for value in vars(message).values() if isinstance(value, np.ndarray)]
-    assert not any(column.flags.writeable for column in columns)
-    if isinstance(message, ObservationBatch):
-        assert message.positions.shape == (len(message.ids), message.dim)
-        assert (message.ids.dtype, message.positions.dtype) == (np.uint64, np.float32)
-
-
 def write() -> None:
     for name, message in GOLDEN.items():
         (HERE / f"{name}.msgpack").write_bytes(msgpack.packb(written(message)))

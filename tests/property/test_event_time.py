@@ -14,7 +14,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0
+from ..builders import MS, T0, S
 
 CONFIG = FusionConfig(window=2.0)
 LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
@@ -81,72 +81,55 @@ class Run:
 
 
 @given(steps(batches()))
-def test_the_watermark_never_decreases_and_is_never_beyond_now(steps):
-    run = Run(steps)
-    for before, _ in run:
+def test_whatever_comes_order_sessions_and_accounts_are_right(steps):
+    run, released, ended = Run(steps), [], set()
+    for before, events in run:
         watermark = run.timeline.watermark_ns
         assert before is None or watermark >= before
         assert watermark is None or watermark <= run.now
-
-
-@given(steps(batches()))
-def test_instants_come_out_in_stamp_order_unless_they_are_marked_as_reordered(steps):
-    run = Run(steps)
-    for before, events in run:
-        order = [(i.stamp_ns, i.batch.source) for i in events if isinstance(i, Instants)]
+        instants = [event for event in events if isinstance(event, Instants)]
+        order = [(i.stamp_ns, i.batch.source) for i in instants]
         assert order == sorted(order)
-        for instant in (i for i in events if isinstance(i, Instants)):
-            behind = 0 if before is None else before - instant.stamp_ns
-            assert instant.in_order == (behind <= 0)
-            assert behind <= LATENESS_NS
-            assert instant.stamp_ns <= run.timeline.watermark_ns
-            assert (np.diff(instant.stamps) >= 0).all()
-            stamps = instant.batch.stamps_ns
-            moved = {0} if stamps is None else set((stamps[instant.rows] - instant.stamps).tolist())
-            # The scene may have followed a clock that was set.
-            assert len(moved) <= 1
-            assert moved <= {0} or run.timeline.steps.followed
+        for instant in instants:
+            check_instant(run, instant, 0 if before is None else before - instant.stamp_ns)
+        for event in events:
+            assert event.session not in ended, "nothing of a session comes out after its end"
+            if not isinstance(event, Instants):
+                ended.add(event.session)
+        released += instants
+    check_accounts(run, released + [event for event in run.flush() if isinstance(event, Instants)])
 
 
-@given(steps(batches()))
-def test_every_batch_is_accounted_once(steps):
-    run = Run(steps)
-    events = [event for _, out in run for event in out] + run.flush()
-    released = {id(e.batch) for e in events if isinstance(e, Instants) and e.entry is not None}
-    stats = run.stats
-    assert stats.batches == sum(len(arrivals) for arrivals, _ in steps) + 3
-    assert len(released) - stats.waiting <= stats.fused + stats.partly_late <= len(released)
+def check_instant(run, instant, behind):
+    """Instants come out in stamp order unless they are marked as reordered, with the rows of their batch."""
+    assert instant.in_order == (behind <= 0)
+    assert behind <= LATENESS_NS
+    assert instant.stamp_ns <= run.timeline.watermark_ns
+    assert (np.diff(instant.stamps) >= 0).all()
+    batch = instant.batch
+    assert run.timeline.sessions[instant.session] == (batch.source, batch.session)
+    moved = {0} if batch.stamps_ns is None else set((batch.stamps_ns[instant.rows] - instant.stamps).tolist())
+    # The scene may have followed a clock that was set.
+    assert len(moved) <= 1
+    assert moved <= {0} or run.timeline.steps.followed
+
+
+def check_accounts(run, released):
+    """Every batch is accounted once, every row comes out at most once, and what is missing is counted."""
+    stats, batches = run.stats, {id(i.batch) for i in released if i.entry is not None}
+    assert stats.batches == sum(len(arrivals) for arrivals, _ in run.steps) + 3
+    assert len(batches) - stats.waiting <= stats.fused + stats.partly_late <= len(batches)
     assert stats.waiting == 0 or run.timeline.steps.followed
     accounts = run.timeline.ledger.accounts().values()
     for name in ("batches", "fused", "partly_late", "late", "duplicates", "lost"):
         assert sum(getattr(account, name) for account in accounts) == getattr(stats, name)
-
-
-@given(steps(batches()))
-def test_every_row_comes_out_at_most_once_and_what_is_missing_is_counted(steps):
-    run = Run(steps)
-    events = [event for _, out in run for event in out] + run.flush()
     rows = {}
-    for instant in (event for event in events if isinstance(event, Instants)):
+    for instant in released:
         rows.setdefault(id(instant.batch), []).extend(instant.rows.tolist())
     assert all(len(found) == len(set(found)) for found in rows.values())
-    arrived = {id(batch): batch for arrivals, _ in steps for batch, _ in arrivals}
+    arrived = {id(batch): batch for arrivals, _ in run.steps for batch, _ in arrivals}
     partly = sum(0 < len(found) < len(arrived[key].ids) for key, found in rows.items() if key in arrived)
-    assert partly <= run.stats.partly_late + run.stats.waiting
-
-
-@given(steps(batches()))
-def test_nothing_of_a_session_comes_out_after_its_end(steps):
-    ended = set()
-    run = Run(steps)
-    for _, events in run:
-        for event in events:
-            assert event.session not in ended
-            if isinstance(event, Instants):
-                batch = event.batch
-                assert run.timeline.sessions[event.session] == (batch.source, batch.session)
-            else:
-                ended.add(event.session)
+    assert partly <= stats.partly_late + stats.waiting
 
 
 def one_row(session, seq, at_ms):
@@ -222,7 +205,8 @@ def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
     assert restarts > 3
     for source, sent in network.sent.items():
         key = source, "0" * 16
-        service.ledger.sent(key, sent)
+        service.ledger.claim(key, sent, 0)
+        service.ledger.miss(2 * S)
         account = service.ledger.accounts()[key]
         assert account.duplicates == came[source] - len(seen[source])
         assert account.settled() - account.duplicates + account.lost == sent

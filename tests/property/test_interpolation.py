@@ -4,11 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion.trajectories.interpolation import recent_steps, states_at
+from comotion.trajectories.interpolation import states_at
 from comotion.trajectories.kernels import newest_at, newest_from, segment_at
 from comotion.trajectories.window import Window
 
-from ..reference.interpolation import recent_step, segment
+from ..reference.interpolation import segment
 
 times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)
 stamps = st.lists(st.integers(-5, 80), min_size=1, max_size=12).map(sorted)
@@ -52,18 +52,3 @@ def test_states_are_those_of_the_segments(series, stamps, gap):
             if left >= 0:
                 x = [(1 - share) * k * k + share * m * m for k, m in [(times[left], times[right])]]
                 np.testing.assert_allclose(states.position[t, n], [*x, -stamp], rtol=1e-12, atol=1e-12)
-
-
-@settings(max_examples=50)
-@given(series=st.lists(times.filter(len), min_size=1, max_size=4), span=st.integers(0, 70))
-def test_recent_steps_look_back_far_enough_or_to_the_first(series, span):
-    window = Window(2, 10**9, 10**9)
-    slots = window.open(len(series), 0)
-    for slot, times in zip(slots, series, strict=True):
-        for t in times:
-            window.insert(slot[None], t, np.array([[t * t, -t]], float), np.array([np.nan]), None)
-    step, elapsed = recent_steps(window, slots, span)
-    for n, times in enumerate(series):
-        first, last = recent_step(times, span)
-        assert elapsed[n] == last - first
-        assert step[n].tolist() == [last * last - first * first, first - last]

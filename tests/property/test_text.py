@@ -3,7 +3,6 @@
 import io
 import logging
 import re
-from dataclasses import replace
 
 import msgpack
 import pytest
@@ -11,13 +10,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from comotion_clients.scene_components import ComponentsModel
 from comotion_clients.scene_model import SceneModel
-from comotion_clients.scene_status import StatusModel
 from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
-from comotion_schemas import DecodeError, ObservationBatch, Problem, Status, decode, encode
+from comotion_schemas import DecodeError, ObservationBatch, Status, decode, encode
 from comotion_schemas.text import LogFormatter, shown
 from comotion_tools.soak.attacks import MARKUP
 
@@ -94,13 +93,13 @@ def test_a_space_whose_name_cannot_be_shown_is_refused(space) -> None:
 @given(texts)
 @example(MARKUP)
 def test_status_prints_texts_as_they_are_each_in_its_line(text) -> None:
-    model = StatusModel("lab")
+    model = ComponentsModel("lab")
     model.on_presence("service", "fusion", alive=True)
     model.on_status(status(text), 0.0)
     model.on_router(
         {"zid": text, "version": text, "metadata": {"name": text, "host": text}, "locators": [text] * 99}
     )
-    found = model.snapshot(0.0)
+    found = model.status(0.0)
     out = io.StringIO()
     show(found, Console(file=out, width=4000, color_system=None))
     lines = out.getvalue().split("\n")
@@ -140,8 +139,3 @@ def test_a_log_line_is_one_line_and_a_trace_is_indented(text) -> None:
     first, *trace = formatter.format(record).split("\n")
     assert first.startswith("WARNING: rejected")
     assert all(line.startswith("  ") and line.isprintable() for line in trace)
-
-
-def test_a_problem_that_the_service_builds_can_be_shown() -> None:
-    assert Problem(kind="limit", since_ns=0, text="a\x1b[2Jb\nc").text == "a [2Jb c"
-    assert replace(status("x"), message="a\nb").message == "a b"

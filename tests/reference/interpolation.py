@@ -21,9 +21,3 @@ def segment(times, stamp, max_gap, max_ahead):
         if times[left + 1] - times[left] > max_gap:
             return nowhere
     return left, left + 1, (stamp - times[left]) / (times[left + 1] - times[left])
-
-
-def recent_step(times, span):
-    """Times of the two observations between which `recent_steps` measures."""
-    old_enough = [t for t in times if t <= times[-1] - span]
-    return max(old_enough, default=times[0]), times[-1]

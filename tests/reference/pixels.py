@@ -3,13 +3,6 @@
 import numpy as np
 
 
-def pair_displacements(positions, visible, first, second):
-    seen = visible[first] & visible[second]
-    start = np.where(seen[..., None], positions[first], 0)
-    displacement = np.where(seen[..., None], positions[second] - positions[first], 0)
-    return start.transpose(0, 2, 1), displacement.transpose(0, 2, 1), seen
-
-
 def fit_affine(x, y, u, v, w, ridge):
     """One field: its weighted means, centred normal matrix with ridge, and (a, b, c, d, e, f)."""
     points, moves = np.stack([x, y], 1), np.stack([u, v], 1)
@@ -76,86 +69,6 @@ def tanimoto(both, own, covered, pattern, floor):
     squares = own[:, pattern]
     upper = np.triu(both / np.maximum(squares + squares.T - both, 1e-12))
     return upper + np.triu(upper, 1).T, covered[np.ix_(pattern, pattern)] + floor
-
-
-def combine_kernels(preference, vectors, ranks, preference_floor, interaction_floor, rank_floor):
-    product = np.ones_like(preference)
-    for rank in ranks:
-        unit = vectors[:rank] / np.maximum(np.linalg.norm(vectors[:rank], axis=0), 1e-8)
-        product = product * ((unit.T @ unit) ** 4 + rank_floor)
-    interaction = product ** (1 / len(ranks)) + interaction_floor
-    return np.sqrt((preference + preference_floor) * interaction)
-
-
-def centred_terms(values, seen):
-    mean = (values * seen[..., None]).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
-    x = (values - mean[:, None]) * seen[..., None]
-    return np.stack([x[..., 0], x[..., 1], seen, (x**2).sum(axis=-1)])
-
-
-def combine_distances(place, both, motion, moving, weight, frames):
-    apart = np.sqrt(np.maximum(place, 0) / np.maximum(both, 1))
-    apart = apart + weight * np.sqrt(np.maximum(motion, 0) / np.maximum(moving, 1))
-    return np.where(both >= 2, apart / np.sqrt(np.maximum(both, 1) / frames), np.inf)
-
-
-def smallest(values, count):
-    return np.argsort(values, kind="stable")[:count]
-
-
-def within_limits(distance, count):
-    """Ascending indices of the `count` smallest of each row."""
-    return np.sort(np.argsort(distance, axis=1, kind="stable")[:, :count], axis=1)
-
-
-def pick_members(distance, near, seeds, lots, members):
-    picks = []
-    for row, candidates, seed, lot in zip(distance, near, seeds, lots, strict=True):
-        among = np.sort(candidates[smallest(row[candidates], len(lot))])
-        picks.append(among[smallest(np.where(among == seed, -1, lot), members)])
-    return np.array(picks)
-
-
-def similarity_to_nearest(positions, seen, similarity, picked, others, nearest):
-    alike, far = np.full(len(picked), np.nan), np.full(len(picked), np.inf)
-    for p, i in enumerate(picked):
-        both = seen[:, [i]] * seen[:, others]
-        square = ((positions[:, :, [i]] - positions[:, :, others]) ** 2).sum(axis=1) * both
-        count = both.sum(axis=0)
-        distance = np.where(count > 0, np.sqrt(square.sum(axis=0) / np.maximum(count, 1)), np.inf)
-        distance[others == i] = np.inf
-        near = [j for j in smallest(distance, nearest) if np.isfinite(distance[j])]
-        if near:
-            alike[p] = np.log(similarity[i, others[near]].mean() + 1e-3)
-            far[p] = distance[near].mean()
-    return alike, far
-
-
-def newborn_distances(positions, valid, own, instant, owner, count, motion_weight):
-    found = np.full((count, valid.shape[1]), np.inf)
-    for n, j in np.ndindex(found.shape):
-        rows = np.flatnonzero(owner == n)
-        off = {k: positions[instant[k], j] - own[k] for k in rows.tolist() if valid[instant[k], j]}
-        steps = [((off[k] - off[k - 1]) ** 2).sum() for k in off if k - 1 in off]
-        if off:
-            moved = np.sqrt(np.mean(steps)) if steps else 0.0
-            found[n, j] = np.mean([np.linalg.norm(x) for x in off.values()]) + motion_weight * moved
-    return found
-
-
-def weighted_votes(distance, labels, previous, voters, previous_votes):
-    found, share = np.full(len(distance), -1), np.zeros(len(distance))
-    for k, row in enumerate(distance):
-        near = [j for j in smallest(row, voters) if np.isfinite(row[j])]
-        if near:
-            weight = 1 / (row[near] + 1)
-            weight *= len(near) / weight.sum()
-            votes = {
-                label: weight[labels[near] == label].sum() for label in sorted(set(labels[near].tolist()))
-            }
-            found[k] = max(votes, key=lambda label: votes[label] + previous_votes * (previous[k] == label))
-            share[k] = votes[found[k]] / len(near)
-    return found, share
 
 
 def sum_over_groups(value, evidence, labels, groups):

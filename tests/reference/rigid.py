@@ -1,7 +1,6 @@
 """The kernels of the rigid method in plain NumPy: what the compiled code must give."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .interpolation import segment
 
@@ -173,12 +172,6 @@ def resample(times, positions, stamps, gap, hold, delay):
     return y, w
 
 
-def spread(y, w):
-    """(count, mean squared distance from the mean) of the observed frames of a row [F, 3]."""
-    seen = y[w > 0]
-    return len(seen), ((seen - seen.mean(0)) ** 2).sum(1).mean() if len(seen) else 0.0
-
-
 def third_differences(times, positions, gap):
     """The normalised third divided differences of one trajectory, without gaps, [k, dim]."""
     found = []
@@ -216,26 +209,3 @@ def gaussian_sums(x, b, points, members, weight):
     """Weighted sum of unit Gaussians about b at each x; none at its own place."""
     squared = ((x[:, None] - b[None]) ** 2).sum(2)
     return (np.exp(-0.5 * squared) * weight * (points[:, None] != members[None])).sum(1)
-
-
-def closing_losses(outlier, body, chosen):
-    """What closing each of the open bodies would add to the least costs."""
-
-    def total(columns):
-        return np.column_stack([outlier, body[:, columns]]).min(1).sum()
-
-    return [total([c for c in chosen if c != one]) - total(chosen) for one in chosen]
-
-
-def carried(y, w, poses):
-    """Where a body has moved a row [F, 3] since it was last seen; None where it was not seen in a pose."""
-    R, t, posed = poses
-    seen, now = np.flatnonzero((w > 0) & posed), np.flatnonzero(posed)[-1]
-    if not len(seen):
-        return None
-    return R[now] @ R[seen[-1]].T @ (y[seen[-1]] - t[seen[-1]]) + t[now]
-
-
-def random_rotations(rng, count):
-    """Random rotations [count, 3, 3]."""
-    return Rotation.random(count, random_state=int(rng.integers(2**31))).as_matrix()

@@ -38,23 +38,6 @@ distortion_coefficients:
   cols: 5
   data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]
 """
-ROS_MESSAGE = """
-header: {seq: 0, frame_id: cam}
-height: 480
-width: 640
-distortion_model: "plumb_bob"
-D: [-0.36, 0.11, 0.001, 0.0005, 0.0]
-K:
-- 438.78
-- 0.0
-- 305.59
-- 0.0
-- 437.3
-- 243.73
-- 0.0
-- 0.0
-- 1.0
-"""
 
 
 def pose(rotation: tuple[float, ...], translation: tuple[float, ...]) -> Extrinsics:
@@ -147,23 +130,6 @@ def test_a_target_seen_by_both_places_the_second_camera(target: str) -> None:
     assert result.extrinsics.frame == "world"
 
 
-def test_one_upside_down_view_of_a_chessboard_does_not_fool_it() -> None:
-    sheet, middle = TARGETS["chessboard:8x5:0.03"]
-    upright = pose((0.2, 0.3, 0.0), (0.0, 0.0, 0.7)).after(pose((0, 0, 0), middle))
-    b_in_a = pose((0.0, 0.0, np.pi - 0.1), (0.1, 0.05, 0.0))  # B hangs upside down
-    frames = [
-        (
-            Frame(0, sheet.seen(CAMERA_A, upright)),
-            Frame(0, sheet.seen(CAMERA_B, b_in_a.inverse().after(upright))),
-        )
-    ]
-
-    result = calibrate_pair(iter(frames), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
-
-    np.testing.assert_allclose(result.extrinsics.translation, b_in_a.translation, atol=5e-3)
-    np.testing.assert_allclose(result.extrinsics.rotation, b_in_a.rotation, atol=1e-2)
-
-
 def test_a_target_that_is_not_seen_is_told() -> None:
     blank = Frame(0, np.full((480, 640), 128, np.uint8)), Frame(0, np.full((600, 800), 128, np.uint8))
     with pytest.raises(CalibrationError, match="never seen by both"):
@@ -204,38 +170,6 @@ def test_markers_are_found_with_their_pose() -> None:
     assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(1.5)
 
 
-def test_a_marker_seen_twice_is_refused() -> None:
-    sheet = marker(7, 0.1, "4x4_50")
-    facing = Rotation.from_euler("x", 180, degrees=True).as_matrix()
-    left, right = (sheet.seen(CAMERA_A, Extrinsics(facing, np.array([x, 0.0, 0.8]))) for x in (-0.15, 0.15))
-    both = np.hstack([left[:, :320], right[:, 320:]])
-    found = MarkerDetector(MarkerOptions(0.1), CAMERA_A).detect(both)
-    assert found.numbers.size == 0
-    assert found.refused == 1
-
-
-def test_an_ambiguous_marker_keeps_its_last_orientation() -> None:
-    sheet = marker(3, 0.1, "4x4_50")
-    facing = Rotation.from_euler("x", 180, degrees=True)
-    detector = MarkerDetector(MarkerOptions(0.1), CAMERA_A)
-    turned = [
-        Extrinsics((Rotation.from_euler("y", 0.5) * facing).as_matrix(), np.array([0.0, 0.0, z]))
-        for z in (0.5, 0.8, 1.2, 1.6, 2.0)
-    ]
-    for true in turned:
-        found = detector.detect(sheet.seen(CAMERA_A, true))
-        assert found.numbers.tolist() == [3]
-        # The mirrored pose is about 57 degrees away.
-        assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(20)
-
-
-def test_projection_inverts_lifting() -> None:
-    rng = np.random.default_rng(1)
-    pixels = rng.uniform((60, 60), (740, 540), (200, 2))
-    depth = rng.uniform(0.3, 4.0, 200)
-    np.testing.assert_allclose(CAMERA_B.project(CAMERA_B.lift(pixels, depth)), pixels, atol=1e-3)
-
-
 def test_extrinsics_compose_and_invert() -> None:
     first, second = pose((0.1, 0.2, 0.3), (1, 2, 3)), pose((-0.5, 0.1, 0.9), (0.1, -1, 0))
     points = np.random.default_rng(0).normal(size=(5, 3))
@@ -250,7 +184,7 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("text", [ROS, ROS_MESSAGE])
+@pytest.mark.parametrize("text", [ROS])
 def test_ros_camera_info(tmp_path: Path, text: str) -> None:
     camera = read_calibration(write(tmp_path / "camera.yaml", text)).intrinsics
     assert camera is not None
@@ -282,36 +216,3 @@ def test_our_toml_round_trips(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.extrinsics.rotation, where.rotation, atol=1e-15)
     np.testing.assert_array_equal(back.extrinsics.translation, where.translation)
     assert back.extrinsics.frame == 'cell "3"'
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "told"),
-    [
-        ("a.yaml", b"", "not a calibration"),
-        ("a.yaml", b"hello: [1, 2\n  x: {", "not valid YAML"),
-        ("a.yaml", bytes(range(256)), "not a text file"),
-        ("a.yaml", ROS.replace("plumb_bob", "equidistant").encode(), "distortion model 'equidistant'"),
-        ("a.yaml", ROS.replace("438.78,", "").encode(), "8 numbers instead of 9"),
-        ("a.yaml", ROS.replace("438.78", "-1").encode(), "not above zero"),
-        ("a.yaml", ROS.replace("438.78", ".nan").encode(), "finite"),
-        ("a.yaml", ROS.replace("image_width: 640", "").encode(), "no image width"),
-        ("a.yaml", ROS.replace("image_width: 640", "image_width: wide").encode(), "not a whole number"),
-        ("a.toml", b"[intrinsics]\nwidth = 3", "missing key 'height'"),
-        ("a.toml", b"x = 1", "neither"),
-        ("a.toml", b"[extrinsics]\ntranslation = [0, 0]\nquaternion = [0, 0, 0, 1]", "translation"),
-        ("a.toml", b"[extrinsics]\ntranslation = [0, 0, 0]\nquaternion = [0, 0, 0, 0]", "quaternion"),
-        ("a.toml", b"[extrinsics]\ntranslation = [0,0,0]\nquaternion = [0,0,0,1]\nscale = 2", "'scale'"),
-    ],
-)
-def test_wrong_files_are_told_in_one_line(tmp_path: Path, name: str, content: bytes, told: str) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(CalibrationError, match=told) as caught:
-        read_calibration(path)
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith(str(path))
-
-
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match="No such file"):
-        read_calibration(tmp_path / "none.yaml")

@@ -1,7 +1,6 @@
 """The command line: precedence of values, errors in one line, the processes of a file."""
 
 import json
-import math
 import subprocess
 import sys
 import tomllib
@@ -12,12 +11,11 @@ import pytest
 import typer
 from rich.text import Text
 
-import comotion_experiments
 from comotion_deploy.cli import app, run
-from comotion_deploy.demo import DemoOptions, demo_processes, nmi_per_second, sparkline, time_scale
+from comotion_deploy.demo import demo_processes
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
-from comotion_deploy.router import zenoh_overrides
+from comotion_sources.simulator import scene_names
 
 SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
 
@@ -26,15 +24,6 @@ def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, 
     assert run(["config", "--json", *arguments]) == 0
     values: dict[str, Any] = json.loads(capsys.readouterr().out)
     return values
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert run(arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("error: ")
-    assert captured.err.count("\n") == 1
-    return captured.err
 
 
 def test_help_does_not_import_what_is_heavy() -> None:
@@ -93,72 +82,6 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
     assert [one.resume for one in seen[-2:]] == [True, True]
 
 
-def test_what_config_prints_can_be_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    arguments = ("--set", "thesis.v_move=null", "--set", "thesis.clustering=eigengap")
-    expected = effective(capsys, *arguments)
-    assert expected["thesis"]["v_move"] is None
-    assert run(["config", *arguments]) == 0
-    (tmp_path / "c.toml").write_text(capsys.readouterr().out)
-    assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["confg"], "No such command 'confg'"),
-        (["config", "--sett", "a=1"], "No such option: --sett"),
-        (["config", "--set", "window"], "expected NAME=VALUE"),
-        (["config", "--set", "windw=3"], "unknown fusion parameter 'windw'; did you mean window?"),
-        (["config", "--set", "looseness=1"], "'looseness'; did you mean rigid.looseness?"),
-        (["config", "--set", "rigid.loosenes=1"], "'rigid.loosenes'; did you mean rigid.looseness?"),
-        (["config", "--set", "rigid.most_tracks=1"], "'rigid.most_tracks'; did you mean pixels.most_tracks?"),
-        (["config", "--set", "qqqq=1"], "unknown fusion parameter 'qqqq'; see 'comotion config'"),
-        (["config", "--set", "thesis.v_move=-1"], "fusion parameter thesis.v_move"),
-        (["config", "--set", "rigid=1"], "fusion parameter rigid"),
-        (["config", "--set", "linking.cameras.a/pixels={}"], "fusion parameter linking.cameras.a/pixels.fx"),
-        (["config", "--set", "window=-3"], "fusion parameter window: Input should be greater than 0"),
-        (["config", "--set", "window=soon"], "fusion parameter window"),
-        (["config", "--method", "magic"], "fusion parameter method"),
-        (["config", "--config", "/no/such/file.toml"], "/no/such/file.toml: No such file"),
-        (["serve", "--clock", "sundial"], "--clock"),
-        (["serve", "--scene", "Two Words"], "scene 'Two Words' is not"),
-        (["serve", "--connect", "nonsense"], "cannot open a session at nonsense"),
-        (["up", "/no/such/file.toml"], "No such file"),
-    ],
-)
-def test_a_known_error_is_one_line_and_status_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
-    assert words in refused(capsys, *arguments)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("windw = 3", "unknown common option 'windw'"),
-        ("[serv]\nname = 'x'", "unknown table 'serv'"),
-        ("[config]\ncolour = 3", "[config] has no option 'colour'"),
-        ("[fusion]\nwindw = 3", "unknown fusion parameter 'windw'"),
-        ("[fusion]\nv_move = 3", "unknown fusion parameter 'v_move'; did you mean thesis.v_move?"),
-        ("config = 3", "unknown common option 'config'"),
-        ("[fusion", "Expected ']'"),
-        ("\x00", "c.toml"),
-    ],
-)
-def test_a_misspelt_file_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: str, words: str
-) -> None:
-    (tmp_path / "c.toml").write_text(content)
-    assert words in refused(capsys, "config", "--config", str(tmp_path / "c.toml"))
-
-
-def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run([]) == 2
-    captured = capsys.readouterr()
-    assert "demo" in captured.out
-    assert "error" not in captured.err
-
-
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError])
 def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, kind: type[Exception]) -> None:
     from comotion_deploy.commands import config
@@ -182,26 +105,6 @@ def test_an_interrupt_is_no_error(
     monkeypatch.setattr(config.Config, "fusion_config", interrupt)
     assert run(["config"]) == 130
     assert capsys.readouterr().err.strip() == ""
-
-
-class TestRouter:
-    def test_limit_and_tables_become_settings_of_zenoh(self) -> None:
-        assert zenoh_overrides({}, None) == {}
-        table = {"access_control": {"enabled": True}}
-        overrides = zenoh_overrides(table, 4096)
-        assert overrides["access_control"] == {"enabled": True}
-        assert overrides["low_pass_filter"][0]["size_limit"] == 4096
-
-    @pytest.mark.parametrize(
-        ("table", "limit", "words"),
-        [
-            ({"plugins": {}}, None, "no table 'plugins'"),
-            ({"low_pass_filter": []}, 4096, "exclude each other"),
-        ],
-    )
-    def test_what_cannot_be_is_refused(self, table: dict[str, object], limit: int | None, words: str) -> None:
-        with pytest.raises(UserError, match=words):
-            zenoh_overrides(table, limit)
 
 
 class TestProcesses:
@@ -236,15 +139,11 @@ class TestProcesses:
         ("content", "words"),
         [
             ("", "no processes"),
-            ("process = 3", "no processes"),
-            ("process.a = 3", "must be a table"),
-            ("[process.a]\nrun = 'router'\nrestart = 'sometimes'", "restart is one of"),
-            ("[process.a]\nrun = 'router'\nforeground = 'yes'", "foreground is true or false"),
-            ("[process.a]\nrun = 'router'\nenv = {A = 1}", "env is a table of strings"),
-            ("[process.a]\nrum = 'router'", "has no key 'rum'"),
-            ("[process.a]", "needs either run"),
+            ("[process.a]\nrun = 'router'\nrestart = 'sometimes'", "restart: Input should be 'always'"),
+            ("[process.a]\nrun = 'router'\nforeground = 'yes'", "foreground: Input should be a valid bool"),
+            ("[process.a]\nrun = 'router'\nenv = {A = 1}", "env.A: Input should be a valid string"),
+            ("[process.a]\nrum = 'router'", "rum: Extra inputs are not permitted"),
             ("[process.a]\nrun = 'router'\ncommand = 'true'", "needs either run"),
-            ("[process.a]\nrun = ''", "the command is empty"),
             ('[process.a]\nrun = "router \'x"', "No closing quotation"),
             ("[process.a]\ncommand = 'no-such-program'", "no program 'no-such-program'"),
             ("[process.'Two Words']\nrun = 'router'", "a name is"),
@@ -261,32 +160,20 @@ class TestProcesses:
 
 
 class TestDemo:
-    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         specs = demo_processes(
-            DemoOptions(fusion=["--set", "thesis.sigma_switch=0.01"]),
+            "3d_async",
             "tcp/127.0.0.1:1",
+            tmp_path,
+            fusion=["--set", "thesis.sigma_switch=0.01"],
             scale=0.5,
+            seed=0,
             on_terminal=True,
         )
         assert [spec.name for spec in specs if spec.foreground] == ["watch"]
         for spec in specs:
             if spec.says_ready and "comotion_deploy" in spec.command:
                 assert run([*spec.command[spec.command.index("comotion_deploy") + 1 :], "--help"]) == 0
-
-    def test_a_pass_outlasts_the_demo_and_is_never_played_fast(self) -> None:
-        # The scene lasts 12 s.
-        assert time_scale(DemoOptions(duration=30.0)) < 12 / 30
-        assert time_scale(DemoOptions(duration=0.0)) == 1.0
-        with pytest.raises(ValueError, match="no scene 'nonsense'"):
-            time_scale(DemoOptions(simulated="nonsense"))
-
-    def test_nmi_per_second(self) -> None:
-        stamps = [0, 10**9 // 2, 10**9, 3 * 10**9]
-        per_second = nmi_per_second(stamps, [0.2, 0.4, math.nan, 1.0])
-        assert per_second[0] == pytest.approx(0.3)
-        assert [math.isnan(v) for v in per_second] == [False, True, True, False]
-        assert sparkline(per_second) == "▃..█"
-        assert nmi_per_second([], []) == []
 
 
 def test_a_parameter_of_a_group_can_be_set_and_read_again(
@@ -326,16 +213,6 @@ def test_cameras_of_the_service_come_from_files_or_the_table(
     ]
     (tmp_path / "c.toml").write_text("\n".join(lines))
     assert effective(capsys, "--config", str(tmp_path / "c.toml"))["linking"]["cameras"] == table
-    assert run(["config", "--config", str(tmp_path / "c.toml")]) == 0
-    (tmp_path / "again.toml").write_text(capsys.readouterr().out)
-    assert effective(capsys, "--config", str(tmp_path / "again.toml"))["linking"]["cameras"] == table
-    for text, words in (
-        ("door", "expected NAME=FILE"),
-        (f"door={tmp_path / 'in.toml'}", "has no extrinsics"),
-        (f"door={tmp_path / 'out.toml'}", "has no intrinsics"),
-        ("door=/no/such/file.yaml", "No such file"),
-    ):
-        assert words in refused(capsys, "serve", "--camera", text)
 
 
 def test_help_shows_all_its_words() -> None:
@@ -371,25 +248,6 @@ def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:
     assert reads == {"router"}
 
 
-def test_evaluate_prints_the_names_of_the_plots_that_it_writes(tmp_path, capsys) -> None:
-    pytest.importorskip("matplotlib")
-    arguments = ["--duration", "0.6", "--period", "0.3", "--plot", str(tmp_path / "x.png")]
-    assert run(["evaluate", "sim:fig4_1", "sim:fig4_3", *arguments]) == 0
-    printed = [line.partition(": ")[2] for line in capsys.readouterr().out.splitlines() if "plot: " in line]
-    assert sorted(printed) == sorted(str(path) for path in tmp_path.iterdir())
-    assert len(printed) == 2
-
-
-def test_a_limited_evaluation_without_a_router_ends(monkeypatch) -> None:
-    from comotion_clients import evaluate
-    from comotion_schemas.transport import SessionSettings
-
-    monkeypatch.setattr(evaluate, "FIRST_UPDATE_TIMEOUT_S", 0.2)
-    how = evaluate.EvaluateOptions(duration=0.1, quiet=True)
-    with pytest.raises(TimeoutError):
-        evaluate.evaluate("typo", SessionSettings(connect=("tcp/127.0.0.1:1",)), how)
-
-
 def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["bench", "--help"]) == 0
     shown = capsys.readouterr()
@@ -399,13 +257,16 @@ def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.Capt
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("study", ["stress", "joints"])
+def test_the_scenes_are_listed(capsys):
+    assert run(["source", "simulator", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == scene_names()
+    assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
+
+
+@pytest.mark.parametrize("study", ["stress", "ablation"])
 def test_what_the_wheel_leaves_out_is_one_line(study, monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr("comotion_deploy.cli.in_checkout", lambda: False)
-    monkeypatch.setattr(comotion_experiments, "__path__", [])
-    monkeypatch.delattr(comotion_experiments, study, raising=False)
-    for name in [name for name in sys.modules if name.startswith(f"comotion_experiments.{study}")]:
-        monkeypatch.delitem(sys.modules, name)
     assert run(["dev", "reproduce", study, "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
         "error: this needs a checkout of the repository: make setup, in a clone\n"

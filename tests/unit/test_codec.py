@@ -14,16 +14,13 @@ from comotion_schemas import (
     Box,
     DecodeError,
     Event,
-    HypothesisUpdate,
     JointStates,
     ObservationBatch,
     Pose,
     Preview,
-    Status,
     TruthBatch,
     Twist,
     decode,
-    decode_as,
     decode_on,
     encode,
 )
@@ -97,14 +94,6 @@ JOINT = {
     "lower": 0.0,
     "upper": 0.5,
 }
-VALID = {
-    ObservationBatch: OBS,
-    TruthBatch: TRUTH,
-    JointStates: JOINTS,
-    Preview: PREVIEW,
-    Status: STATUS,
-    HypothesisUpdate: UPDATE,
-}
 
 
 def changed(content, **changes):
@@ -125,16 +114,6 @@ def event(kind, others):
     return changed(UPDATE, events=[{"stamp_ns": 0, "kind": kind, "hypothesis": 4, "others": others}])
 
 
-def test_a_joint_between_listed_hypotheses_is_accepted():
-    (joint,) = decode(msgpack.packb(joints({}))).joints
-    assert (joint.parent, joint.child, joint.kind) == (4, 5, "revolute")
-
-
-@pytest.mark.parametrize("kind", list(VALID), ids=lambda kind: kind.__name__)
-def test_the_unchanged_message_is_accepted(kind):
-    assert isinstance(decode_as(kind, msgpack.packb(VALID[kind])), kind)
-
-
 REJECTED = {
     # schema
     "no schema": (changed(OBS, schema=ABSENT), "schema"),
@@ -143,73 +122,44 @@ REJECTED = {
     "a missing field": (changed(OBS, unit=ABSENT), "schema"),
     "a nil instead of an absent field": (changed(OBS, sigma=None), "schema"),
     "a name in capitals": (changed(OBS, source="Cam"), "schema"),
-    "a name of two chunks": (changed(OBS, source="a/b"), "schema"),
     "a name with a line feed": (changed(OBS, source="cam\n"), "schema"),
     "a name of 65 characters": (changed(OBS, source="c" * 65), "schema"),
     "a session of 15 digits": (changed(OBS, session=SESSION[1:]), "schema"),
     "another unit": (changed(OBS, unit="mm"), "schema"),
-    "a number as string": (changed(OBS, seq="0"), "schema"),
     "a number as float": (changed(OBS, seq=0.0), "schema"),
     "a boolean as number": (changed(OBS, dim=True), "schema"),
-    "ids as list": (changed(OBS, ids=[1, 2]), "schema"),
     "positions as list": (changed(OBS, positions=[[0, 1, 2], [3, 4, 5]]), "schema"),
-    "sigma as list": (changed(OBS, sigma=[0.1, 0.1]), "schema"),
-    "sigma as boolean": (changed(OBS, sigma=True), "schema"),
     "sigma as string": (changed(OBS, sigma="0.1"), "schema"),
-    "ids as string": (changed(OBS, ids="0123456789abcdef"), "schema"),
     "orientations in two dimensions": (
         changed(OBS, dim=2, positions=f4(1, 2, 3, 4), quaternions=f4(0, 0, 0, 1, 0, 0, 0, 1)),
         "schema",
     ),
     "a truth name for no number": (changed(TRUTH, names={"R": "R"}), "schema"),
-    "another image encoding": (changed(PREVIEW, encoding="png"), "schema"),
-    "another role": (changed(STATUS, role="router"), "schema"),
     "another rejection reason": (changed(STATUS, rejected={"ugly": 1}), "schema"),
     "another event kind": (event("moved", []), "schema"),
     # unknown-field
     "an unknown field": (changed(OBS, colour="red"), "unknown-field"),
     "an unknown field of a hypothesis": (hypothesis(colour="red"), "unknown-field"),
-    "an unknown field of a source": (
-        changed(UPDATE, sources=[{"name": "cam", "session": SESSION, "rate": 1}]),
-        "unknown-field",
-    ),
     # length
     "an id cut short": (changed(OBS, ids=u8(1, 2)[:-1]), "length"),
     "too few positions": (changed(OBS, positions=f4(*range(5))), "length"),
-    "too many positions": (changed(OBS, positions=f4(*range(9))), "length"),
-    "positions of no whole number": (changed(OBS, positions=f4(*range(6))[:-2]), "length"),
     "too few stamps": (changed(OBS, stamps_ns=i8(50)), "length"),
     "too few sigmas": (changed(OBS, sigma=f4(1)), "length"),
     "too few quaternions": (changed(OBS, quaternions=f4(0, 0, 0, 1)), "length"),
-    "quaternions of three": (changed(OBS, quaternions=f4(*range(6))), "length"),
     "an empty space name": (changed(OBS, space=""), "length"),
-    "a long space name": (changed(OBS, space="x" * 257), "length"),
     "too few objects": (changed(TRUTH, objects=b""), "length"),
     "too few joints": (changed(JOINTS, positions=b""), "length"),
-    "too few joint velocities": (changed(JOINTS, velocities=b"\0" * 8), "length"),
     "too few pixels": (changed(PREVIEW, pixels=f4(1, 2)), "length"),
-    "too few track sources": (changed(UPDATE, track_source=b"\0\0"), "length"),
-    "too few track positions": (changed(UPDATE, track_position=f4(1, 2, 3)), "length"),
     "a centroid of one": (hypothesis(centroid=[0.0]), "length"),
     "a pose of another dimension": (
         hypothesis(pose={"translation": [0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]}),
         "length",
     ),
-    "a twist of another dimension": (
-        hypothesis(twist={"linear": [0.0, 0.0, 0.0], "angular": 0.0}),
-        "length",
-    ),
     "a birth with others": (event("born", [1]), "length"),
-    "an end with others": (event("ended", [1]), "length"),
     "a split from two": (event("split", [1, 2]), "length"),
     "a merger of none": (event("merged", []), "length"),
     "an absence with others": (event("absent", [1]), "length"),
-    "a return with others": (event("returned", [1]), "length"),
     "an absent hypothesis with tracks": (hypothesis(absent=True), "range"),
-    "a box of another dimension": (
-        hypothesis(box={"center": [0.0, 0.0], "half": [0.0, 0.0], "rotation": 0.0}),
-        "length",
-    ),
     "an axis of another dimension": (joints({"axis": [1.0, 0.0]}), "length"),
     "a frame in two dimensions at once": (
         changed(UPDATE, frames={"cam": {"translation": [0.0, 0.0, 0.0], "rotation": 0.0}}),
@@ -217,34 +167,20 @@ REJECTED = {
     ),
     # non-finite
     "a position that is NaN": (changed(OBS, positions=f4(0, 1, 2, 3, 4, NAN)), "non-finite"),
-    "a position that is infinite": (changed(OBS, positions=f4(0, 1, 2, 3, 4, INF)), "non-finite"),
     "a sigma that is NaN": (changed(OBS, sigma=NAN), "non-finite"),
-    "a sigma row that is infinite": (changed(OBS, sigma=f4(1, INF)), "non-finite"),
     "a quaternion that is partly NaN": (
         changed(OBS, quaternions=f4(0, 0, 0, 1, 0, 0, NAN, 1)),
         "non-finite",
     ),
-    "a quaternion that is infinite": (
-        changed(OBS, quaternions=f4(0, 0, 0, 1, INF, 0, 0, -INF)),
-        "non-finite",
-    ),
     "an infinite rate": (changed(STATUS, rates={"obs": INF}), "non-finite"),
     "a joint that is NaN": (changed(JOINTS, positions=np.array([0, NAN]).tobytes()), "non-finite"),
-    "a pixel that is NaN": (changed(PREVIEW, pixels=f4(1, 2, 3, NAN)), "non-finite"),
     "a centroid that is NaN": (hypothesis(centroid=[0.0, 0.0, NAN]), "non-finite"),
     "a track position that is NaN": (changed(UPDATE, track_position=f4(1, NAN, 3, 4, 5, 6)), "non-finite"),
-    "a confidence that is NaN": (changed(UPDATE, track_confidence=f4(0, NAN)), "non-finite"),
     # duplicate-id
     "an id twice": (changed(OBS, ids=u8(7, 7)), "duplicate-id"),
-    "an id twice, unordered": (
-        changed(OBS, ids=u8(7, 1, 7), positions=f4(*range(9))),
-        "duplicate-id",
-    ),
     "an id twice in one instant": (changed(OBS, ids=u8(7, 7), stamps_ns=i8(50, 50)), "duplicate-id"),
     "an id that ended twice": (changed(OBS, ended=u8(3, 3)), "duplicate-id"),
-    "a truth twice": (changed(TRUTH, ids=u8(1, 1)), "duplicate-id"),
     "a joint twice": (changed(JOINTS, names=["a", "a"]), "duplicate-id"),
-    "a pixel feature twice": (changed(PREVIEW, ids=u8(1, 1)), "duplicate-id"),
     "a track twice": (changed(UPDATE, track_id=u8(1, 1)), "duplicate-id"),
     "a hypothesis twice": (changed(UPDATE, hypotheses=[HYPOTHESIS, HYPOTHESIS]), "duplicate-id"),
     "a source twice": (changed(UPDATE, sources=UPDATE["sources"] * 2), "duplicate-id"),
@@ -262,10 +198,6 @@ REJECTED = {
     "a sigma row below 0": (changed(OBS, sigma=f4(1, -1)), "range"),
     "a quaternion that is no rotation": (
         changed(OBS, quaternions=f4(0, 0, 0, 1, 0, 0, 0, 1.01)),
-        "range",
-    ),
-    "a quaternion beyond float32's square": (
-        changed(OBS, quaternions=f4(0, 0, 0, 1, 1e30, 0, 0, 0)),
         "range",
     ),
     "stamps of which none is the newest": (changed(OBS, stamps_ns=i8(10, 20)), "range"),
@@ -289,11 +221,8 @@ REJECTED = {
     ),
     # malformed
     "a map key that is no string": ({1: 2}, "malformed"),
-    "a map key that is bytes": ({b"schema": "x"}, "malformed"),
     "a list": ([1, 2], "malformed"),
-    "a number": (5, "malformed"),
     "a time of msgpack's own": (changed(OBS, stamp_ns=msgpack.Timestamp(1, 2)), "malformed"),
-    "an extension": (changed(OBS, ids=msgpack.ExtType(5, b"1234")), "malformed"),
     # limit
     "a list that is too long": (changed(JOINTS, names=["a"] * 100_001), "malformed"),
     "too many containers": (
@@ -301,6 +230,11 @@ REJECTED = {
         "limit",
     ),
 }
+
+
+def test_what_they_change_is_accepted():
+    for content in (OBS, TRUTH, JOINTS, PREVIEW, STATUS, UPDATE, joints({})):
+        decode(msgpack.packb(content))
 
 
 @pytest.mark.parametrize("name", list(REJECTED))
@@ -311,36 +245,24 @@ def test_rejected_with_its_reason(name):
     assert caught.value.reason == reason, caught.value.detail
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [
-        b"",
-        b"\xc1",
-        b"no msgpack at all",
-        msgpack.packb(OBS)[:-1],
-        msgpack.packb(OBS) + b"\0",
-        b"\x82\xa1a\x01\xa1a\x02",
-        b"\x81\xa2\xff\xfe\x01",
-        b"\x91" * 100_000,
-        b"\xdf\xff\xff\xff\xff",
-        b"\xc6\xff\xff\xff\xff",
-    ],
-    ids=[
-        "empty",
-        "unused byte",
-        "text",
-        "truncated",
-        "trailing byte",
-        "repeated key",
-        "no UTF-8",
-        "deep nesting",
-        "map of 4 billion",
-        "bin of 4 GiB",
-    ],
-)
-def test_bytes_that_are_no_map_are_malformed(payload):
+NO_MAP = {
+    "empty": b"",
+    "unused byte": b"\xc1",
+    "text": b"no msgpack at all",
+    "truncated": msgpack.packb(OBS)[:-1],
+    "trailing byte": msgpack.packb(OBS) + b"\0",
+    "repeated key": b"\x82\xa1a\x01\xa1a\x02",
+    "no UTF-8": b"\x81\xa2\xff\xfe\x01",
+    "deep nesting": b"\x91" * 100_000,
+    "map of 4 billion": b"\xdf\xff\xff\xff\xff",
+    "bin of 4 GiB": b"\xc6\xff\xff\xff\xff",
+}
+
+
+@pytest.mark.parametrize("name", NO_MAP)
+def test_bytes_that_are_no_map_are_malformed(name):
     with pytest.raises(DecodeError) as caught:
-        decode(payload)
+        decode(NO_MAP[name])
     assert caught.value.reason == "malformed"
 
 
@@ -353,12 +275,6 @@ def test_a_payload_above_16_mib_is_too_large_in_both_directions():
     )
     with pytest.raises(ValueError, match="exceeds the limit"):
         encode(preview)
-
-
-def test_a_valid_message_of_another_type_is_no_message_for_this_key():
-    with pytest.raises(DecodeError) as caught:
-        decode_as(TruthBatch, msgpack.packb(OBS))
-    assert caught.value.reason == "schema"
 
 
 @pytest.mark.parametrize(
@@ -388,25 +304,12 @@ def test_the_detail_of_a_rejection_cannot_forge_output():
     assert len(caught.value.detail) < 600
 
 
-def test_a_batch_of_several_instants_may_repeat_an_id():
-    batch = decode(msgpack.packb(OBS | {"ids": u8(7, 7), "stamps_ns": i8(40, 50)}))
-    assert batch.stamps_ns.tolist() == [40, 50]
-
-
-def test_an_integer_is_a_fine_sigma():
-    assert decode(msgpack.packb(OBS | {"sigma": 1})).sigma == 1.0
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"ids": ["1", "2"]},
-        {"ids": [1.0, 2.0]},
         {"ids": [-1, 2]},
         {"ids": [True, False]},
-        {"ids": [[1], [2]]},
         {"positions": [["0", "1", "2"], ["3", "4", "5"]]},
-        {"positions": [[0, 1], [2, 3]]},
         {"positions": [[0, 1, 2], [3, 4, 1e39]]},
         {"positions": [[0, 1, 2], [3, 4]]},
     ],
@@ -416,11 +319,6 @@ def test_arrays_that_do_not_fit_are_refused_in_python_too(arguments):
     header = {"source": "a", "session": SESSION, "seq": 0, "space": "w", "unit": "m", "dim": 3}
     with pytest.raises(ValidationError):
         ObservationBatch(**header, stamp_ns=0, **fields)
-
-
-def test_ids_may_fill_uint64():
-    batch = TruthBatch(source="a", session=SESSION, ids=[1, 2**64 - 1], objects=[0, 0], names={})
-    assert batch.ids.tolist() == [1, 2**64 - 1]
 
 
 def test_importing_the_messages_does_not_import_zenoh():

@@ -1,13 +1,12 @@
 """Colours of hypotheses: stable, distinct, and so for the colour-blind too."""
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from comotion_schemas import UNDETERMINED, Box, Hypothesis
-from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, Palette, as_hex, colour, marker
+from comotion_schemas import Hypothesis
+from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, Palette, colour
 
 # Machado, Oliveira and Fernandes (2009), severity 1.0, on linear RGB.
 DEFICIENCIES = {
@@ -85,33 +84,3 @@ def test_the_largest_at_rest_is_the_background_of_its_space() -> None:
     assert palette.colour(4) == colour(4)
     palette.see([body(1, "moving", 20)])
     assert palette.colour(1) == colour(1)
-
-
-def test_a_moving_camera_has_a_background_too() -> None:
-    wide = Box(center=[0.0, 0.0], half=[300.0, 200.0], rotation=0.0)
-    image = [
-        replace(body(1, size=9), centroid=[0.0, 0.0], box=replace(wide, half=[30.0, 20.0])),
-        replace(body(2, size=5), centroid=[0.0, 0.0], box=wide),
-    ]
-    palette = Palette()
-    palette.see(image)
-    assert palette.colour(2) == BACKGROUND
-    assert palette.colour(1) == colour(1)
-
-
-def test_undetermined_is_grey_and_nothing_else_is() -> None:
-    assert colour(UNDETERMINED) == Palette().colour(UNDETERMINED) == GREY
-    assert all(len(set(rgb)) > 1 for rgb in COLOURS)
-    assert marker(UNDETERMINED) not in {marker(i) for i in range(105)}
-    assert len({(colour(i), marker(i)) for i in range(5 * len(COLOURS))}) == 5 * len(COLOURS)
-
-
-def test_arrays_and_hex_agree_with_the_scalar() -> None:
-    palette = Palette()
-    palette.see([body(0), body(5)])
-    ids = np.array([0, 5, UNDETERMINED, 4_000_000_000, 5], np.uint32)
-    table = palette.colours(ids)
-    assert table.dtype == np.uint8
-    assert [tuple(row) for row in table.tolist()] == [palette.colour(int(i)) for i in ids]
-    assert palette.hex(0) == as_hex((0, 114, 178)) == "#0072b2"
-    assert palette.colours(np.zeros(0, np.uint32)).shape == (0, 3)

@@ -15,14 +15,3 @@ def test_compilation_is_told_once_and_reading_from_memory_is_not(capsys, monkeyp
     )
     assert kernel(3) == 4
     assert capsys.readouterr().err == ""
-
-
-def test_a_long_compilation_says_how_far_it_is(capsys) -> None:
-    progress = compiling._Progress()
-    for second in range(10):
-        progress.on_start(float(second + 1))
-        progress.on_end(second + 1.9)
-    assert capsys.readouterr().err.splitlines()[1:] == [
-        "comotion: compiling: 4 kernels in 4 s",
-        "comotion: compiling: 8 kernels in 8 s",
-    ]

@@ -9,6 +9,8 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion_schemas import ObservationBatch
 
+from .. import builders
+
 SECOND = 10**9
 RATE = 15
 BODIES = 3
@@ -28,17 +30,8 @@ def batch(source: int, k: int, features: int, change: Change) -> ObservationBatc
     own[0] *= 4
     rows = (own + swings(t)[:, None]).reshape(-1, 3)
     rows += np.random.default_rng([source, k]).normal(0, 0.002, rows.shape)
-    return ObservationBatch(
-        source="abc"[source],
-        session=f"{source + 1:016x}",
-        seq=k,
-        space="world",
-        unit="m",
-        dim=3,
-        stamp_ns=START + round(t * SECOND),
-        ids=np.arange(len(rows), dtype=np.uint64),
-        positions=change(rows, t).astype(np.float32),
-    )
+    stamp, session = START + round(t * SECOND), f"{source + 1:016x}"
+    return builders.batch("abc"[source], k, stamp, change(rows, t), session=session)
 
 
 class Scene:
@@ -77,7 +70,7 @@ class Scene:
 
     @property
     def drifting(self) -> list[str]:
-        return self.fusion.troubles().drifting
+        return list(self.fusion.troubles().get("drifts", ()))
 
 
 def turned(since: float, until: float = 1e9) -> Change:
@@ -124,6 +117,22 @@ def test_a_lasting_offset_or_one_body_is_no_drift(change) -> None:
     for _ in range(16):
         scene.run(0.5, change)
         assert scene.drifting == []
+
+
+def delayed(rows: np.ndarray, t: float) -> np.ndarray:
+    """Late by .03 s more each second from the fifth on."""
+    shifts = swings(t - 0.03 * max(t - 5, 0)) - swings(t)
+    return rows + np.repeat(shifts, len(rows) // BODIES, 0)
+
+
+def test_of_a_delay_that_grows_no_other_is_blamed() -> None:
+    scene = Scene()
+    scene.run(5.0, delayed)
+    named = set()
+    for _ in range(16):
+        scene.run(0.5, delayed)
+        named |= set(scene.drifting)
+    assert named <= {"c"}
 
 
 def test_of_two_sources_that_which_sees_the_background_rest_is_believed() -> None:

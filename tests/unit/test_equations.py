@@ -20,18 +20,6 @@ def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
     assert equations.weight(np.array([0.0, 3.0]), None).tolist() == [1.0, 1.0]
 
 
-def test_variance_is_weighted_and_keeps_its_digits_far_from_zero():
-    distance, weights = np.array([1.0, 2.0, 4.0]), np.array([1.0, 1.0, 2.0])
-    expected = (1.75**2 + 0.75**2 + 2 * 1.25**2) / 4
-    assert equations.variance(distance, weights) == pytest.approx(expected)
-    assert equations.variance(distance + 1e9, weights) == pytest.approx(expected)
-
-
-def test_affinity_is_one_half_at_the_switch():
-    found = equations.affinity(np.array([0.0, 0.02**2, 1.0]), 0.02)
-    assert found == pytest.approx([1.0, 0.5, 0.0])
-
-
 def test_the_reference_interpolates_and_weighs_as_the_thesis_says():
     """The reference itself, against numbers worked out by hand."""
     i = literal.Trajectory({0: (0.0, 0.0), 1000 * MS: (1.0, 0.0)})

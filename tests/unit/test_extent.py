@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
-from comotion.hypotheses.extent import _MOST_POINTS, _SMALLER, Extents, Members
+from comotion.hypotheses.extent import _SMALLER, measured
+from comotion.hypotheses.records import Current
 from comotion.partition import PoseReference
 
 from ..builders import S, batch
@@ -22,7 +23,7 @@ class Body:
     """Measures one hypothesis whose pose the test sets."""
 
     def __init__(self, dim=3):
-        self.dim, self.extents, self.reference = dim, Extents(), PoseReference.new(0)
+        self.dim, self.extent, self.reference = dim, None, PoseReference.new(0)
         self.posed = True
 
     def move(self, R, t):
@@ -35,8 +36,10 @@ class Body:
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
         sure = np.ones(count, bool) if sure is None else np.array(sure)
-        members = Members(keys, labels, points @ R.T + t, sure)
-        return self.extents.box(stamp_ns, 1, members, self.reference if self.posed else None)
+        current = Current(keys, np.arange(count), labels, points @ R.T + t, sure)
+        reference = self.reference if self.posed else None
+        self.extent, box = measured(self.extent, stamp_ns, 1, current, reference)
+        return box
 
 
 def matrix(box):
@@ -66,17 +69,6 @@ def test_a_cuboid_has_its_own_box_however_it_is_turned(turn, shift):
     assert holds(box, CORNERS @ R.T + shift)
 
 
-def test_the_box_moves_and_turns_with_the_body():
-    body = Body()
-    before = body.box(0, CORNERS)
-    R = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
-    body.move(R, [1.0, 2.0, 3.0])
-    after = body.box(S, CORNERS)
-    np.testing.assert_allclose(after.center, R @ before.center + [1, 2, 3], atol=1e-9)
-    np.testing.assert_allclose(matrix(after), R @ matrix(before), atol=1e-9)
-    np.testing.assert_allclose(after.half, before.half, atol=1e-9)
-
-
 def test_lost_members_stay_and_those_of_others_leave():
     body = Body()
     whole = body.box(0, CORNERS)
@@ -86,40 +78,15 @@ def test_lost_members_stay_and_those_of_others_leave():
     assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_members_for_a_moment_and_unsure_ones_do_not_count():
-    body, far = Body(), np.array([[9.0, 0, 0]])
-    whole = body.box(0, CORNERS)
-    body.box(S, np.vstack([CORNERS, far]))
-    assert max(body.box(S + S // 10, CORNERS).half) == pytest.approx(max(whole.half))
-    unsure = body.box(2 * S, np.vstack([CORNERS, far]), sure=[True] * 8 + [False])
-    assert max(unsure.half) == pytest.approx(max(whole.half))
-
-
-def test_without_a_pose_it_is_the_box_of_the_current_members():
+@pytest.mark.parametrize("count", [5, 12, 60])
+def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
     body = Body(dim=2)
     body.posed = False
-    square = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]])
-    assert sorted(body.box(0, square).half) == pytest.approx([1, 2])
-    assert sorted(body.box(S, square[:2], keys=[0, 1]).half) == pytest.approx([0, 2])
-
-
-def test_what_is_kept_of_lost_members_is_bounded_and_as_large():
-    body, rng = Body(), np.random.default_rng(0)
-    for k in range(30):
-        points = rng.uniform(-HALF, HALF, (40, 3))
-        body.box(2 * k * S, points, keys=range(40 * k, 40 * k + 40))
-        box = body.box(2 * k * S + S, points, keys=range(40 * k, 40 * k + 40))
-    assert len(body.extents.state()[0][1]) <= _MOST_POINTS + 40
-    np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.05)
-
-
-def test_the_state_continues_after_a_restart():
-    body = Body()
-    whole = body.box(0, CORNERS)
-    restored = Extents()
-    restored.load(body.extents.state())
-    body.extents = restored
-    assert body.box(S, CORNERS[:2], keys=[0, 1]) == replace(whole)
+    points = np.random.default_rng(0).uniform([100, 100], [160, 130], (count, 2))
+    alone = body.box(0, points)
+    assert np.linalg.norm(alone.half) < 40
+    wrong = body.box(10**9, np.vstack([points, [600.0, 20.0]]))
+    np.testing.assert_allclose(wrong.half, alone.half, rtol=0.1)
 
 
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():

@@ -56,10 +56,6 @@ def test_the_plan_comes_to_rest_within_all_capacities_and_with_replicas_apart(st
     assert len(served) == min(len(end.scenes), room)
 
 
-def test_every_scene_gets_one_replica_before_any_gets_a_standby():
-    assert set(claims(fleet([2, 2], {"a": 1, "b": 1}))) == {Place("s0", 0), Place("s1", 0)}
-
-
 def test_a_lost_agent_leaves_its_places_to_the_others():
     lost = fleet([2, 2], {"a": 4, "b": 4}, {("s0", 0): "gone", ("s0", 1): "a", ("s1", 0): "a"})
     assert claims(lost) == {Place("s0", 0): "b", Place("s1", 1): "b"}
@@ -70,23 +66,6 @@ def test_a_draining_agent_waits_until_the_standby_is_ready():
     agents = {"a": 1, "b": 1, "c": 1}
     assert releases(fleet([2], agents, held, draining={"a"})) == [Place("s0", 0)]
     assert releases(fleet([2], agents, held, draining={"a"}, ready=False)) == []
-
-
-def test_a_draining_agent_keeps_what_nobody_else_can_take():
-    assert releases(fleet([1], {"a": 1}, {("s0", 0): "a"}, draining={"a"})) == []
-    assert releases(fleet([1], {"a": 1, "b": 1}, {("s0", 0): "a"}, draining={"a"})) == [Place("s0", 0)]
-
-
-def test_a_new_agent_is_given_its_share_one_by_one():
-    held = {(f"s{k}", n): "ab"[n] for k in range(4) for n in (0, 1)}
-    crowded = fleet([2] * 4, {"a": 8, "b": 8, "c": 8}, held)
-    assert len(releases(crowded)) == 1
-    assert max(settled(crowded).loads().values()) - min(settled(crowded).loads().values()) <= 1
-
-
-def test_a_scene_of_one_replica_is_never_moved_for_balance():
-    held = {(f"s{k}", 0): "a" for k in range(4)}
-    assert releases(fleet([1] * 4, {"a": 8, "b": 8}, held)) == []
 
 
 def changed(zero, one, agents=("a", "b")):
@@ -110,18 +89,6 @@ def test_replicas_change_one_after_the_other():
     under_way = changed(READY, NOT_READY)
     assert (may_change(under_way, first), may_change(under_way, second)) == (True, False)
     assert may_change(changed(READY, READY_WITH_IT), second)
-
-
-def test_what_does_not_run_may_change_at_once():
-    assert may_change(changed(NOT_READY, READY), Place("s", 0))
-    assert not may_change(changed(NOT_READY, READY), Place("s", 1))
-
-
-def test_a_replica_whose_standby_is_about_to_be_claimed_waits_for_it():
-    alone = changed(READY, READY, agents=("a", ""))
-    assert may_change(alone, Place("s", 0))
-    room = Fleet(alone.scenes, {**alone.agents, "b": Agent(1)}, alone.holders)
-    assert not may_change(room, Place("s", 0))
 
 
 def test_entries_that_somebody_else_wrote_are_left_out():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import IdAllocator, LabelMemory, Votes, follow, name_groups
+from comotion.hypotheses.identity import Votes, name_groups
 from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS
 
@@ -71,36 +71,3 @@ def test_ids_are_one_to_one_with_clusters_and_matches_are_shared(rows):
             # A new hypothesis: all its members' old ones have found another cluster.
             old = set(before[now == label].tolist()) - {NO_HYPOTHESIS}
             assert old <= set(now.tolist())
-
-
-@given(rows=labels)
-def test_propagation_is_stable(rows):
-    """The same partition again changes no label."""
-    before = np.array([b for b, _ in rows], np.int64)
-    clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
-    once = propagate(before, clusters, count(100).__next__)
-    np.testing.assert_array_equal(propagate(once, clusters, count(200).__next__), once)
-
-
-HIDDEN = {
-    "they wait for their return": ([5, 5], [5, 5], [7, 7, 5], [7, 7, 5]),
-    # One member of 7 is still seen and falls to 5; three wait.
-    "the few in sight carry nobody away": ([5, 7], [5, 5], [7, 7, 7], [7, 7, 7]),
-    # 9 was known before, has nobody in sight and nobody who left it: it waits.
-    "the few follow the many in sight": ([5, 7, 7, 7], [5, 5, 5, 5], [7, 7, 9], [5, 5, 9]),
-    "nobody": ([5], [5], [], []),
-}
-
-
-@pytest.mark.parametrize(("before", "now", "hidden", "expected"), HIDDEN.values(), ids=HIDDEN)
-def test_what_is_hidden_waits_or_follows(before, now, hidden, expected):
-    assert follow(np.array(before), np.array(now), np.array(hidden, np.int64)).tolist() == expected
-
-
-def test_renaming_is_simultaneous_and_one_id_stands_for_one_group():
-    memory = LabelMemory(IdAllocator())
-    memory.labels = np.array([1, 2, 2, 3, -1])
-    memory.ids = np.array([2, 3])
-    memory.rename({2: 3, 3: 1})
-    assert memory.labels.tolist() == [-1, 3, 3, 1, -1]
-    assert memory.ids.tolist() == [3, 1]

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from comotion_clients.joint_lines import joint_lines
-from comotion_clients.joint_rows import as_json, joint_row
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
@@ -81,32 +79,6 @@ def test_mujoco_reads_the_urdf_and_moves_the_joints():
     assert data.body("hypothesis-3").xpos == pytest.approx([0.9, 0.7, 0.3])
 
 
-def test_a_circle_of_joints_becomes_a_tree():
-    mujoco = pytest.importorskip("mujoco")
-    circle = Joint(parent=3, child=2, space="world", kind="fixed", confidence=0.5)
-    back = Joint(parent=3, child=1, space="world", kind="fixed", confidence=0.5)
-    model = mujoco.MjModel.from_xml_string(to_urdf(update([DOOR, back])))
-    assert model.nbody > 1
-    assert "floating" in to_urdf(update([circle]))
-
-
-def test_no_urdf_without_a_pose():
-    with pytest.raises(ValueError, match="no hypothesis"):
-        to_urdf(update([]), "elsewhere")
-
-
-def test_the_lines_of_a_hinge_keep_their_distance_from_it():
-    lines = joint_lines(DOOR, body(2, [1.2, 0.5, 0.3]), 0.1)
-    arc = lines[:15].reshape(-1, 3)
-    assert np.linalg.norm(arc[:, :2] - [1.0, 0.5], axis=1) == pytest.approx(np.full(30, 0.2), abs=1e-6)
-    # From -0.5 to 0.7 rad against where it is now.
-    angles = np.arctan2(arc[:, 1] - 0.5, arc[:, 0] - 1.0)
-    assert (angles.min(), angles.max()) == pytest.approx((-0.5, 0.7), abs=1e-5)
-    rail = joint_lines(DRAWER, body(3, [1.3, 0.6, 0.3]), 0.1)
-    assert rail[0, :, 1] == pytest.approx([0.4, 0.7])
-    assert len(joint_lines(FREE, body(4, [0.0, 0.0, 0.0]), 0.1)) == 0
-
-
 def test_viewers_draw_joints():
     shown = update([DOOR, DRAWER, FREE])
     names = {2: "door"}
@@ -134,11 +106,3 @@ def test_joints_are_words_with_the_names_that_people_give():
     for wrong in ("truck", "2=", "=truck", "two=truck", "2=\x1b[31m", "2=" + 41 * "x"):
         with pytest.raises(ValueError, match="like 2=truck"):
             read_names([wrong])
-
-
-def test_rows_and_json_leave_out_what_is_unknown():
-    assert joint_row(DOOR).position == "28.6 ± 0.6"
-    assert joint_row(FREE).position == "-"
-    door, _, free = as_json(update([DOOR, DRAWER, FREE]))["joints"]
-    assert door["upper"] == 1.2
-    assert "axis" not in free

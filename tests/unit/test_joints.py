@@ -2,15 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import JointsConfig
-from comotion.joints.evidence import judge
-from comotion.joints.memory import KeyStates
 from comotion.joints.pair import Pair
-from comotion.joints.states import relative_states
 from comotion.partition import BodyMotion
 from comotion_schemas import decode, encode
 
@@ -56,42 +51,11 @@ def child(kind, q, seed=0, start=0):
     return motion(R, p + rng.normal(0, SHIFT_NOISE, p.shape), start=start)
 
 
-def pair(**changes):
-    return Pair(1, 2, np.zeros(3), JointsConfig(**changes))
-
-
 def judged(body, *, times=2):
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(times):
         found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
     return found
-
-
-def residuals(x, kind, states):
-    """Whitened residuals of R0 (3), p0 (3), axis (3), point (3) and the positions."""
-    u = x[6:9] / np.linalg.norm(x[6:9])
-    q = x[12:]
-    E = Rotation.from_rotvec(q[:, None] * u * (kind == "revolute")).as_matrix()
-    p = x[9:12] + E @ (x[3:6] - x[9:12]) + q[:, None] * u * (kind == "prismatic")
-    R = E @ Rotation.from_rotvec(x[:3]).as_matrix()
-    turns = Rotation.from_matrix(states.R @ R.transpose(0, 2, 1)).as_rotvec()
-    W = np.linalg.cholesky(states.information).transpose(0, 2, 1)
-    return (W @ np.hstack([turns, states.p - p])[..., None]).ravel()
-
-
-@pytest.mark.parametrize(("kind", "reach"), [("revolute", 0.8), ("prismatic", 0.15)])
-def test_a_fit_is_the_one_of_scipy(kind, reach):
-    body = child(kind, np.linspace(0, reach, 10))
-    states = relative_states(world(10), body, np.zeros(3))
-    fit = judge(states, {}, 10.0).fits[kind]
-    model = fit.model
-    start = np.concatenate([Rotation.from_matrix(model.R0).as_rotvec(), model.p0, model.u, model.c, fit.q])
-    start += np.random.default_rng(1).normal(0, 0.01, len(start))
-    # As in the fit, what is far off counts less.
-    slow = least_squares(residuals, start, args=(kind, states), method="trf", x_scale="jac")
-    u = slow.x[6:9] / np.linalg.norm(slow.x[6:9])
-    assert np.degrees(np.arccos(abs(u @ model.u))) < 0.1
-    assert fit.squared.sum() < 2 * slow.cost * 1.02
 
 
 @pytest.mark.parametrize(
@@ -127,14 +91,15 @@ def test_bodies_that_move_as_one_are_fixed():
     rng = np.random.default_rng(0)
     held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(2):
         found.judge(carrier, held)
     assert found.known.kind == "fixed"
 
 
-def test_a_joint_is_remembered_when_its_motion_has_left_the_window():
-    found = pair(key_states=10)
+def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
+    found = Pair(1, 2, np.zeros(3))
+    monkeypatch.setattr("comotion.joints.memory._MOST_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
         found.judge(world(150, first), child("revolute", q, seed=first, start=first))
@@ -153,42 +118,6 @@ def test_a_joint_that_breaks_is_released():
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
     found.judge(world(150, 30), body)
     assert found.known.kind in {"undetermined", "free"}
-
-
-def test_key_states_are_bounded_and_those_alike_are_averaged():
-    keys = KeyStates(5)
-    for seed in range(3):
-        keys.absorb(
-            relative_states(world(40), child("revolute", np.linspace(0, 2, 40), seed), np.zeros(3)), 0.1
-        )
-    assert len(keys.weight) == 5
-    same = KeyStates(5)
-    states = relative_states(world(10), child("revolute", np.zeros(10)), np.zeros(3))
-    same.absorb(states, 1.0)
-    assert same.weight.tolist() == [10]
-    assert same.states.information[0] == pytest.approx(states.information.sum(0))
-
-
-def test_states_err_as_their_information_says(monkeypatch):
-    # These states have no lasting errors.
-    for name in ("_LASTING", "_SLOW_TURN", "_SLOW_SHARE"):
-        monkeypatch.setattr(f"comotion.joints.states.{name}", 0.0)
-    rng = np.random.default_rng(0)
-    Rp, tp = Rotation.from_rotvec([0.4, 0.1, -0.3]).as_matrix(), np.array([0.5, -0.2, 0.1])
-    Rc, tc = Rotation.from_rotvec([-0.2, 0.6, 0.2]).as_matrix(), np.array([0.9, 0.3, 0.4])
-    count = 4000
-    turns = rng.normal(0, 0.01, (2, count, 3))
-    parent = motion(Rotation.from_rotvec(turns[0]).as_matrix() @ Rp, tp + rng.normal(0, 0.002, (count, 3)))
-    body = motion(Rotation.from_rotvec(turns[1]).as_matrix() @ Rc, tc + rng.normal(0, 0.002, (count, 3)))
-    for one in (parent, body):
-        one.turn_covariance[:] = np.eye(3) * 0.01**2
-        one.place_variance[:] = 0.002**2
-    found = relative_states(parent, body, np.array([0.05, 0.0, 0.1]))
-    R = Rp.T @ Rc
-    p = Rp.T @ (Rc @ [0.05, 0.0, 0.1] + tc - tp)
-    errors = np.hstack([Rotation.from_matrix(found.R @ R.T).as_rotvec(), found.p - p])
-    squared = np.einsum("ni,nij,nj->n", errors, found.information, errors).mean()
-    assert squared == pytest.approx(6.0, rel=0.05)
 
 
 def door_batches(seconds):
@@ -231,10 +160,3 @@ def test_a_restart_keeps_the_joint(door):
     (joint,) = again.update(updates[-1].published_ns).joints
     assert joint.kind == "revolute"
     assert joint.position == pytest.approx(updates[-1].joints[0].position, abs=0.05)
-
-
-def test_no_pairs_no_joints():
-    fusion = Fusion(FusionConfig(joints=JointsConfig(pairs=0)))
-    for seen in door_batches(1):
-        fusion.ingest(seen)
-    assert fusion.update(seen.stamp_ns).joints == []

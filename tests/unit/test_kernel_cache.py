@@ -93,15 +93,6 @@ def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(packag
     assert not package.files() & before
 
 
-def test_a_kernel_can_be_compiled_with_a_callee_that_was_loaded(package: Package) -> None:
-    package.run()
-    for file in package.files():
-        if file.name.startswith("kernels.outer"):
-            file.unlink()
-    assert package.run() == (7, 0, 1)
-    assert package.run() == (7, 1, 0)
-
-
 def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_process_compiles(
     package: Package,
 ) -> None:

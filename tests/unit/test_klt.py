@@ -9,10 +9,7 @@ import pytest
 from comotion_sources.calibration import Intrinsics
 from comotion_sources.cameras import Frame
 from comotion_sources.klt import Tracker, TrackerConfig
-from comotion_sources.klt.corners import crowded, new_corners
 from comotion_sources.klt.depth import look_up
-from comotion_sources.klt.flow import forward_backward
-from comotion_sources.klt.publisher import reduced
 
 SHAPE = (240, 320)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)
@@ -86,25 +83,6 @@ def test_features_follow_a_known_motion(name: str) -> None:
     assert kept[inside].mean() > 0.9
     assert np.median(errors) < (0.5 if name == "turning" else 0.25)  # the window turns with the image
     assert np.quantile(errors, 0.95) < 1.0
-
-
-def test_the_stated_noise_is_the_noise_there_is() -> None:
-    """Pixel sigma against the true error of one step, over quiet and noisy images."""
-    for noise, factor in ((1.0, 3.0), (6.0, 3.0)):
-        rng, image = np.random.default_rng(5), texture(2)
-        tracker = Tracker(TrackerConfig(max_features=150, respawn_every=1000))
-        poses = [motion(k, (1.3, 0.7)) for k in range(12)]
-        ratios = []
-        before: dict[int, np.ndarray] = {}
-        for k, matrix in enumerate(poses):
-            tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix), rng, noise)))
-            places = dict(zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True))
-            if k > 3:
-                for feature, sigma in zip(tracks.ids.tolist(), tracks.pixel_sigma, strict=True):
-                    true = moved(before[feature], poses[k - 1], matrix)
-                    ratios.append(np.linalg.norm(places[feature] - true) / np.sqrt(2) / sigma)
-            before = places
-        assert 1 / factor < np.sqrt(np.mean(np.square(ratios))) < factor
 
 
 def crossing(k: int) -> np.ndarray:
@@ -189,82 +167,11 @@ def test_ended_features_are_told_once_and_ids_are_never_used_again() -> None:
     assert not set(after.ids.tolist()) & (alive | ended)
 
 
-def test_new_features_come_every_n_frames_in_empty_cells() -> None:
-    config = TrackerConfig(max_features=60, respawn_every=5, cell=16)
-    rng, image = np.random.default_rng(0), texture(4)
-    tracker = Tracker(config)
-    for k in range(16):
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, motion(k, (5.0, 0.0))), rng)))
-        assert len(tracks.ids) <= 60
-        if tracks.born.any():
-            assert k % 5 == 0
-    assert tracker.count > 60
-
-
-def test_a_textured_floor_does_not_take_the_whole_budget() -> None:
-    image = np.full(SHAPE, 128, np.float32)
-    image[160:] = texture(2)[:80, :320]  # strong texture in the lowest third
-    image[:160] += 0.3 * (texture(3)[:160, :320] - 128)  # faint elsewhere
-    corners = new_corners(
-        image.clip(0, 255).astype(np.uint8), np.empty((0, 2), np.float32), TrackerConfig(max_features=80)
-    )
-    assert 70 < len(corners) <= 80
-    assert (corners[:, 1] < 160).sum() > 40
-
-
-def test_a_blank_image_has_no_features() -> None:
-    rng = np.random.default_rng(0)
-    blank = np.clip(rng.normal(128, 1.0, SHAPE), 0, 255).astype(np.uint8)
-    assert len(new_corners(blank, np.empty((0, 2), np.float32), TrackerConfig())) == 0
-    assert len(new_corners(np.zeros(SHAPE, np.uint8), np.empty((0, 2), np.float32), TrackerConfig())) == 0
-
-
-def test_corners_are_found_between_pixels() -> None:
-    big = np.full((SHAPE[0] * 8, SHAPE[1] * 8), 60, np.uint8)
-    true = np.array([[101.25, 80.625], [200.75, 150.125]])
-    for x, y in ((true + 0.5) * 8).astype(int):
-        big[y : y + 200, x : x + 200] = 200
-        big[y - 200 : y, x - 200 : x] = 200
-    small = cv2.GaussianBlur(cv2.resize(big, SHAPE[::-1], interpolation=cv2.INTER_AREA), (3, 3), 0.7)
-    corners = new_corners(small, np.empty((0, 2), np.float32), TrackerConfig())
-    for corner in true:
-        assert np.linalg.norm(corners - corner, axis=1).min() < 0.1
-
-
-def test_of_two_features_that_meet_the_younger_goes() -> None:
-    pixels = np.array([[10, 10], [50, 50], [11, 10], [12, 10], [52, 50]], np.float32)
-    # The fourth is near the third alone, which goes itself.
-    assert crowded(pixels, 1.5).tolist() == [False, False, True, False, False]
-    assert crowded(pixels, 2.5).tolist() == [False, False, True, True, True]
-
-
-def test_the_check_keeps_what_comes_back_and_stops_what_does_not() -> None:
-    """Kept while ‖w + ŵ‖² < a(‖w‖² + ‖ŵ‖²) + b; the thesis prints the inequality for 'stop'."""
-    start = np.zeros((4, 2), np.float32)
-    there = np.array([[10, 0], [10, 0], [10, 0], [0, 0]], np.float32)
-    back = np.array([[0, 0], [0.9, 0], [3, 0], [1.2, 0]], np.float32)
-    kept, miss = forward_backward(start, there, back, 0.0, 0.5)
-    assert kept.tolist() == [True, False, False, False]
-    np.testing.assert_allclose(miss, [0, 0.9, 3, 1.2], rtol=1e-5)
-    kept, _ = forward_backward(start, there, back, 0.01, 0.5)
-    assert kept.tolist() == [True, True, False, False]
-    kept, _ = forward_backward(start, there, back, 0.5, 0.5)
-    assert kept.tolist() == [True, True, True, False]
-
-
 def plane(tilt: float, near: float = 1.0) -> np.ndarray:
     """Depth of a plane: 1/z is linear in the pixel."""
     x = np.arange(SHAPE[1], dtype=np.float64)
     row = 1.0 / (1.0 / near + tilt * (x - 160) / 300.0)
     return np.tile(row, (SHAPE[0], 1)).astype(np.float32)
-
-
-def test_depth_is_read_between_pixels_off_a_tilted_plane() -> None:
-    pixels = np.random.default_rng(1).uniform((20, 20), (300, 220), (100, 2)).astype(np.float32)
-    found = look_up(plane(0.8), pixels, TrackerConfig(), 2)
-    true = 1.0 / (1.0 + 0.8 * (pixels[:, 0].astype(float) - 160) / 300.0)
-    assert not found.edge.any()
-    np.testing.assert_allclose(found.z, true, rtol=1e-5)
 
 
 def test_depth_edges_and_holes_are_told_apart() -> None:
@@ -337,39 +244,3 @@ def test_features_outlive_frames_without_depth_but_not_holes_in_it() -> None:
     left = set(seen[1].ids[seen[1].pixels[:, 0] < 140].tolist())
     assert left <= set(seen[3].ids.tolist())
     assert not left & set(seen[-1].ids.tolist())
-
-
-def test_no_feature_starts_at_a_depth_edge() -> None:
-    depth = plane(0.0)
-    depth[:, 160:] = 1.4
-    tracks = Tracker(TrackerConfig(), CAMERA).step(next(depth_frames(lambda k: depth, 1)))
-    assert len(tracks.ids) > 50
-    assert (np.abs(tracks.pixels[:, 0] - 159.5) > 5).all()
-
-
-def test_frames_must_come_in_order_and_of_one_size() -> None:
-    tracker = Tracker()
-    image = texture(1)[:240, :320].astype(np.uint8)
-    tracker.step(Frame(5, image))
-    for stamp in (5, 4):
-        with pytest.raises(ValueError, match="order"):
-            tracker.step(Frame(stamp, image))
-    with pytest.raises(ValueError, match="size"):
-        tracker.step(Frame(6, image[:200]))
-
-
-def test_colour_and_grey_images_give_the_same_features() -> None:
-    grey = texture(1)[:240, :320].clip(0, 255).astype(np.uint8)
-    a = Tracker().step(Frame(0, grey))
-    b = Tracker().step(Frame(0, cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)))
-    np.testing.assert_array_equal(a.pixels, b.pixels)
-
-
-def test_a_large_image_is_shared_smaller_with_its_features_in_place() -> None:
-    image = np.zeros((1080, 1920, 3), np.uint8)
-    image[400:420, 1000:1020] = 255
-    small, pixels = reduced(image, np.array([[1009.5, 409.5]], np.float32))
-    assert small.shape == (540, 960, 3)
-    rows, columns = np.nonzero(small[:, :, 0])
-    assert pixels[0] == pytest.approx([columns.mean(), rows.mean()])
-    assert reduced(small, pixels)[0] is small

@@ -1,7 +1,6 @@
 """The library gives what the processes give."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,10 +14,8 @@ from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, ObservationBatch, decode
 from comotion_schemas.transport import SessionSettings
 from comotion_sources import simulator
-from comotion_sources.recordings import read_recording, recording_batches
 from comotion_sources.runtime import SourcePublisher
 
-DATA = Path(os.environ.get("COMOTION_DATA", "/nowhere"))
 CONFIG = FusionConfig(period=0.2)
 
 
@@ -50,20 +47,6 @@ def same(update, other):
     ]
 
 
-@pytest.mark.data
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs the recordings named by COMOTION_DATA")
-@pytest.mark.parametrize("name", ["video/ikeasmall01.npz", "mocap/tennis_serve.npz"])
-def test_a_recording_gives_the_last_update_of_evaluate(tmp_path, name):
-    whole = np.load(DATA / name, allow_pickle=False)
-    frames = np.flatnonzero(whole["times"] <= whole["times"][0] + 2)
-    positions, times = whole["positions"][frames, :60], whole["times"][frames]
-    np.savez(tmp_path / "part.npz", positions=positions, times=times)
-    found = comotion.group(positions, times, config=CONFIG)
-    same(found.updates[-1], last_update(recording_batches(read_recording(str(tmp_path / "part.npz")))))
-    assert found.labels.shape == positions.shape[:2]
-    assert (found.labels[np.isnan(positions).any(axis=2)] == -1).all()
-
-
 @pytest.fixture(scope="module")
 def scene():
     """Positions [T, N, 3], times [T] and true objects [N] of a simulated scene, and its messages."""
@@ -92,13 +75,6 @@ def test_a_simulated_scene_gives_the_last_update_of_evaluate(scene, tmp_path):
     pytest.importorskip("matplotlib")
     found.plot(tmp_path / "bodies.png")
     assert (tmp_path / "bodies.png").stat().st_size > 10_000
-
-
-def test_an_instant_is_labelled_with_what_was_known_then(scene):
-    positions, times, _ = scene
-    whole = comotion.group(positions, times, config=CONFIG).labels
-    part = comotion.group(positions[:31], times[:31], config=CONFIG).labels
-    np.testing.assert_array_equal(part[:30], whole[:30])
 
 
 def test_online_groups_the_same_bodies(scene):
@@ -171,9 +147,9 @@ def test_a_source_takes_ordinary_data():
     source = SourcePublisher(
         "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
     )
-    source._obs = Sent()
+    source._publishers["obs"] = Sent()
     source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.inf, 0, 0]], sigma=[0.1, 0.2, 0.3])
-    (batch,) = map(decode, source._obs)
+    (batch,) = map(decode, source._publishers["obs"])
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
     strict = SourcePublisher("mine", space="world", unit="m", dim=3)
@@ -185,10 +161,10 @@ def test_a_source_takes_ordinary_data():
 
 def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
     source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
-    source._obs = Sent()
+    source._publishers["obs"] = Sent()
     points = [[0, 0, 0], [0, 0, 1], [0, np.nan, 2]]
     source.observe(ids=[5, 5, 5], positions=points, stamp_ns=30, stamps_ns=[10, 20, 30])
-    (batch,) = map(decode, source._obs)
+    (batch,) = map(decode, source._publishers["obs"])
     assert (batch.stamp_ns, batch.ids.tolist(), batch.stamps_ns.tolist()) == (20, [5, 5], [10, 20])
     with pytest.raises(ValueError, match="id is used twice"):
         source.observe(ids=[5, 5], positions=points[:2], stamp_ns=30)

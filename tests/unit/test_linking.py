@@ -5,21 +5,17 @@ from collections.abc import Callable, Iterator
 import cv2
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
-from comotion.linking.decision import body_evidence, decide, linked_hypotheses, representatives
-from comotion.rigid.anchored import pose_covariances
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
 
 from ..builders import batch
 
 RATE = 15
-LINKING = FusionConfig().linking
 BODIES = ("room", "lid", "cart")
 Motion = Callable[[float], tuple[Rotation, np.ndarray]]
 
@@ -182,12 +178,6 @@ def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none() -> None
     assert linked_bodies(update) == {"room": {"room"}, "cart": {"cart"}}
 
 
-def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
-    for cameras in ({"plain/pixels": camera(frame="elsewhere")}, {"other/pixels": camera()}, {}):
-        fusion = Fusion.restore(FusionConfig(linking={"cameras": cameras}), moved.snapshot())
-        assert all(h.linked is None for h in fusion.update(1004_000_000_000).hypotheses)
-
-
 def test_distortion_is_undone() -> None:
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
     update = run(fused(view), messages(view))
@@ -203,70 +193,3 @@ def test_without_calibration_or_poses_there_are_no_links() -> None:
     config = FusionConfig(linking={"cameras": {"plain/pixels": camera(frame="elsewhere"), "world": camera()}})
     update = run(Fusion(config), messages(camera(), seconds=2.0))
     assert all(h.linked is None for h in update.hypotheses)
-
-
-def decided(evidence: np.ndarray, previous: int | None) -> int | None:
-    return decide(evidence, previous, LINKING.margin)
-
-
-def decided_by(log_likelihood: np.ndarray) -> int | None:
-    return decided(body_evidence(log_likelihood, LINKING.outlier_share), None)
-
-
-def test_one_outlier_prevents_no_link_and_a_few_members_make_none() -> None:
-    on, off = [0.0, -50.0, -30.0], [-50.0, -40.0, 0.0]
-    assert decided_by(np.array([on] * 6 + [off] * 1)) == 0
-    assert decided_by(np.array([on] * 2)) is None
-    assert decided_by(np.array([on] * 4 + [off] * 4)) is None
-    assert decided_by(np.array([off] * 8)) is None
-
-
-def test_a_link_holds_until_something_beats_it() -> None:
-    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), 1) == 1
-    assert decided(np.array([0.0, -1.1 * LINKING.margin, -20.0]), 1) == 0
-    assert decided(np.array([-20.0, -20.0, 0.0]), 1) is None
-    assert decided(np.array([0.0, -0.9 * LINKING.margin, -20.0]), None) is None
-    # One body alone: that something is at rest says nothing where nothing moves.
-    assert decided(np.array([0.0, -50.0]), None) is None
-
-
-def test_hypotheses_of_one_body_are_linked_across_spaces_alone() -> None:
-    space = {1: "world", 2: "a/pixels", 3: "a/pixels", 4: "b/pixels", 5: "b/pixels"}
-    assert linked_hypotheses({2: 1, 3: 1, 4: 1}, space) == {1: [2, 3, 4], 2: [1, 4], 3: [1, 4], 4: [1, 2, 3]}
-
-
-def test_the_longest_observed_members_represent_their_hypothesis() -> None:
-    labels = np.array([7, 7, -1, 7, 9])
-    assert representatives(labels, np.array([3, 9, 50, 5, 1]), 2).tolist() == [1, 3, 4]
-    assert representatives(np.full(3, -1), np.ones(3, np.intp), 2).tolist() == []
-
-
-def test_pose_covariances_are_those_of_fitted_poses() -> None:
-    from comotion.rigid.procrustes import align
-
-    rng = np.random.default_rng(2)
-    template, sigma = rng.uniform(-0.1, 0.1, (9, 3)), 0.003
-    turn, place = pose_covariances(template, np.full((9, 1), sigma**-2))
-    centre, turns, shifts = template.mean(0), [], []
-    for _ in range(400):
-        R, t = align(template, template + rng.normal(0, sigma, template.shape), 3)
-        turns.append(Rotation.from_matrix(R).as_rotvec())
-        shifts.append(R @ centre + t - centre)
-    assert np.mean(np.square(shifts)) == pytest.approx(place[0], rel=0.15)
-    assert np.mean(np.square(turns)) == pytest.approx(np.trace(turn[0]) / 3, rel=0.15)
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"fx": 0.0},
-        {"cx": float("nan")},
-        {"distortion": (0.1, 0.2)},
-        {"quaternion": (0.0, 0.0, 0.0, 0.0)},
-        {"translation": (0.0, 0.0)},
-        {"shutter": "rolling"},
-    ],
-)
-def test_a_calibration_that_is_none_is_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(ValidationError):
-        camera(**bad)

@@ -5,8 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import SpaceConfig
-from comotion_sources.klt.common_motion import common_motion
 
 from ..builders import batch
 
@@ -99,13 +97,6 @@ def test_joints_do_not_see_the_motion_of_the_camera(carried):
     assert joint.upper - joint.lower > 0.2
 
 
-def test_a_space_can_be_configured_to_move():
-    config = FusionConfig(spaces={"hand/optical": SpaceConfig(moving=True)})
-    _, updates = run(config)
-    assert "hand/optical" in updates[-1].frames
-    assert parts(updates[-1])[0].state == "static"
-
-
 def test_a_restart_does_not_move_the_frame(carried):
     fusion, updates = carried
     again = Fusion.restore(fusion.config, fusion.snapshot(clean=True))
@@ -116,23 +107,3 @@ def test_a_restart_does_not_move_the_frame(carried):
 def test_a_camera_that_does_not_say_so_is_fixed():
     _, updates = run(still=True)
     assert updates[-1].frames == {}
-
-
-def test_in_pixels_the_largest_body_rests():
-    _, updates = run(moving=True, pixels=True)
-    world = parts(updates[-1])[0]
-    assert world.state == "static"
-    assert updates[-1].frames == {}
-
-
-def test_the_common_motion_is_that_of_most_points():
-    rng = np.random.default_rng(0)
-    before = rng.uniform(-1, 1, (40, 3)) + np.array([0, 0, 3])
-    turn = Rotation.from_rotvec([0, 0.1, 0.02])
-    after = turn.apply(before) + np.array([0.1, 0, 0.05]) + rng.normal(0, 0.002, before.shape)
-    after[:12] += [0.2, 0.1, 0]
-    after[-1] = np.nan
-    moved = common_motion(before, after, np.ones(40, bool))
-    assert np.abs(moved[12:-1] - after[12:-1]).max() < 0.02
-    assert np.abs(moved[:12] + np.array([0.2, 0.1, 0]) - after[:12]).max() < 0.02
-    assert common_motion(before, after, np.zeros(40, bool)) is before

@@ -13,7 +13,7 @@ from comotion_schemas import HypothesisUpdate, ObservationBatch
 
 from ..builders import T0, S, batch
 
-SECONDS = float(os.environ.get("COMOTION_NUMERICS_S", "120"))
+SECONDS = float(os.environ.get("COMOTION_NUMERICS_S", "60"))
 RATE = 30
 
 

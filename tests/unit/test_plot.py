@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Truth
 from comotion_experiments.offline import Run, run_offline
-from comotion_experiments.plot import Trace, object_colours, save_plot
-from comotion_experiments.trace import moment_of
+from comotion_experiments.plot import Trace, save_plot
 from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
@@ -53,28 +51,3 @@ def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
     palette = palette_of(trace)
     for wanted in (palette.colour(i) for i in ids):
         assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20
-
-
-def test_an_object_has_the_colour_of_its_hypothesis() -> None:
-    done, trace = run("fig4_1", 4.0)
-    (space,) = done.spaces.values()
-    last = moment_of(trace.updates[-1], done.truth, done.spaces, space)
-    palette = palette_of(trace)
-    shown = {h.id: palette.colour(h.id) for h in trace.updates[-1].hypotheses}
-    colours = object_colours(last, shown)
-    for number in (0, 1):
-        (hypothesis,) = np.unique(last.hypotheses[last.objects == number]).tolist()
-        assert colours[number] == pytest.approx([value / 255 for value in shown[hypothesis]])
-
-
-def test_a_long_trace_is_thinned_evenly() -> None:
-    _, short = run("fig4_1", 0.5)
-    trace = Trace()
-    for k in range(5000):
-        trace.add(short.updates[k % 5])
-    assert 300 <= len(trace.updates) <= 601
-
-
-def test_nothing_to_draw_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="nothing to plot"):
-        save_plot(tmp_path / "x.png", title="", updates=[], scores=[], truth=Truth(), spaces={})

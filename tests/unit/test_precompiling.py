@@ -4,13 +4,11 @@ import subprocess
 import sys
 
 import pytest
-from numba.core import types
 from numba.core.dispatcher import Dispatcher
 
 from comotion import precompiling
 from comotion.precompiling import (
     Task,
-    callees_of,
     compile_ahead,
     entries,
     kinds_of_scene,
@@ -52,60 +50,6 @@ def test_a_first_group_needs_little_that_is_not_listed():
     done = subprocess.run([sys.executable, "-c", LEFT], capture_output=True, text=True, check=True)
     # `make schemas` lists anew what kernels that have changed need.
     assert len(done.stdout.splitlines()) < 6, done.stdout
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (types.float64, types.boolean, types.Array(types.bool_, 2, "F")),
-        (types.UniTuple(types.int64, 2), types.Tuple((types.int64, types.float32[:, ::1]))),
-    ],
-)
-def test_types_are_read_back_as_they_were(arguments):
-    assert read_types(spelled(arguments)) == arguments
-
-
-def test_literals_are_left_to_their_callers():
-    assert spelled((types.literal(3),)) is None
-
-
-def test_several_sources_need_what_one_needs():
-    assert kinds_of_scene("thesis", "m", 3, 2) == ["thesis m3", "thesis m3 several"]
-
-
-def test_a_kernel_is_given_out_after_those_that_it_calls():
-    tasks = [Task(kernel, text) for kernel, text, kinds in entries() if "comotion m3" in kinds]
-    queue, given = precompiling._Queue(tasks), []
-    while not queue.is_done:
-        queue.ask(_Worker(given))
-    assert sorted(given) == sorted(tasks)
-    names = [task.kernel for task in given]
-    for number, name in enumerate(names):
-        assert not (callees_of(name) - {name}) & set(names[number + 1 :])
-
-
-def test_what_a_process_leaves_when_it_dies_does_not_hold_up_the_others():
-    tasks = [Task(kernel, text) for kernel, text, kinds in entries() if "comotion px2" in kinds]
-    queue, lost, given = precompiling._Queue(tasks), [], []
-    queue.ask(_Worker(lost, pid=2))
-    queue.ask(_Worker(lost, pid=2), lives=False)
-    while not queue.is_done:
-        queue.ask(_Worker(given))
-    assert len(lost) == 1
-    assert sorted(lost + given) == sorted(tasks)
-
-
-class _Worker:
-    """A process that is done at once."""
-
-    def __init__(self, given, pid=1):
-        self.pid, self.stdin = pid, self
-        self._given = given
-
-    def write(self, line):
-        import json
-
-        self._given.append(Task(*json.loads(line)))
 
 
 @pytest.mark.parametrize("python", ["/bin/false", "/missing"])

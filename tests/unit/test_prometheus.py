@@ -7,8 +7,6 @@ import pytest
 
 from comotion_schemas import metrics
 
-from ..command_line import refused
-
 
 def test_nothing_is_counted_or_imported_unless_asked_for() -> None:
     script = (
@@ -27,9 +25,3 @@ def test_nothing_is_counted_or_imported_unless_asked_for() -> None:
 )
 def test_addresses(text: str, address: tuple[str, int]) -> None:
     assert metrics.parse_address(text) == address
-
-
-@pytest.mark.parametrize("text", ["", "x", ":1", "1:", "a:b", "70000", "-1"])
-def test_what_is_no_address_is_one_clear_line(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    line = refused(capsys, "serve", f"--metrics-port={text}")
-    assert line == f"error: metrics port {text!r} is neither PORT nor HOST:PORT"

@@ -7,18 +7,17 @@ import struct
 import subprocess
 import sys
 from collections import Counter
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
 
 from comotion import Fusion, FusionConfig
 from comotion_clients.recording import disk
-from comotion_clients.recording.file import RecordingFile, StorageError
+from comotion_clients.recording.file import StorageError
 from comotion_clients.recording.intake import PendingPayloads
 from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
-from comotion_deploy.cli import run
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.export import json_schema
 from comotion_sources.recordings.messages import MessageLog
@@ -97,12 +96,6 @@ def test_an_existing_file_is_not_touched(tmp_path):
     assert path.read_text() == "precious"
 
 
-def test_gaps_in_sequence_numbers_are_losses(tmp_path):
-    mine = [a for a in SCENE if a.key.endswith("obs/simulator-3") and a.payload != b"nonsense"]
-    series = record(tmp_path / "take.mcap", [*mine[:10], *mine[13:20], mine[15], *mine[21:30]])
-    assert series.counts.lost == {mine[0].key: 4}
-
-
 @pytest.mark.parametrize("options", [{"max_bytes": 20_000}, {"max_seconds": 1.0}], ids=str)
 def test_every_file_of_a_rotation_is_whole(tmp_path, options):
     series = record(tmp_path / "take.mcap", **options)
@@ -123,40 +116,19 @@ def test_every_file_of_a_rotation_is_whole(tmp_path, options):
     assert others == sorted(item for item in as_read(SCENE) if "/truth/" not in item[0])
 
 
-def test_the_truth_of_an_ended_session_is_not_carried_on(tmp_path):
-    def truth(session, number):
-        batch = TruthBatch(source="cam", session=session, ids=[number], objects=[1], names={})
-        return Arrival("truth", KEYS.stream("truth", "cam"), BEGIN + number * SECOND, encode(batch))
-
-    series = record(
-        tmp_path / "take.mcap",
-        [truth("0" * 16, 0), truth("1" * 16, 1), truth("1" * 16, 2), truth("1" * 16, 9)],
-        max_seconds=5.0,
-    )
-    assert len(read(series.paths[1])) == 3
-
-
 class FullDisk:
-    """A disk that takes so many bytes and then no more, or fails in another way.
+    """A disk that takes so many bytes and then no more, or fails in another way."""
 
-    `freed`: what truncating a file gives back.
-    """
-
-    def __init__(self, monkeypatch, room, error=errno.ENOSPC, freed=0):
-        self.room, self.error, self.freed = room, error, freed
-        self._write, self._truncate = os.write, os.ftruncate
+    def __init__(self, monkeypatch, space, error=errno.ENOSPC):
+        self.space, self.error = space, error
+        self._write = os.write
         monkeypatch.setattr(disk.os, "write", self.write)
-        monkeypatch.setattr(disk.os, "ftruncate", self.truncate)
-
-    def truncate(self, descriptor, length):
-        self._truncate(descriptor, length)
-        self.room += self.freed
 
     def write(self, descriptor, data):
-        taken = min(self.room, len(data))
+        taken = min(self.space, len(data))
         if not taken and len(data):
             raise OSError(self.error, os.strerror(self.error))
-        self.room -= taken
+        self.space -= taken
         return self._write(descriptor, data[:taken])
 
 
@@ -173,38 +145,26 @@ def fill(path):
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
-def test_a_write_that_fails_leaves_whole_chunks_and_an_index(tmp_path, monkeypatch, error):
-    path = tmp_path / "take.mcap"
-    # The space that the broken chunk gives back is enough for the index.
-    FullDisk(monkeypatch, 40_000, error, freed=40_000)
-    with pytest.raises(StorageError) as raised:
-        fill(path)
-    assert os.strerror(error) in str(raised.value)
-    content = read(path)
-    assert 100 <= len(content) < len(SCENE)
-    assert len(content) % 50 == 0
-    assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
-    assert f"the {len(content)} messages written before are intact, 50 newer ones are lost" in str(
-        raised.value
-    )
-
-
-def test_without_room_for_the_index_a_repair_is_all_it_takes(tmp_path, monkeypatch):
+def test_a_write_that_fails_leaves_whole_chunks_for_a_repair(tmp_path, monkeypatch, error):
     path = tmp_path / "take.mcap"
     with monkeypatch.context() as patch:
-        FullDisk(patch, 40_000)
-        with pytest.raises(StorageError, match="no index: comotion record --repair"):
+        FullDisk(patch, 40_000, error)
+        with pytest.raises(StorageError, match="no index: comotion record --repair") as raised:
             fill(path)
+    assert os.strerror(error) in str(raised.value)
     repaired = repair(path, tmp_path / "whole.mcap")
     assert (repaired.damaged, repaired.skipped) == (0, 0)
     content = read(tmp_path / "whole.mcap")
-    assert len(content) == repaired.messages > 100
+    assert len(content) == repaired.messages >= 100
+    assert len(content) % 50 == 0
     assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
+    words = f"the {len(content)} messages written before are intact, 50 newer ones are lost"
+    assert words in str(raised.value)
 
 
 def test_recording_stops_before_the_reserve_is_touched(tmp_path, monkeypatch):
     free = [10_000_000]
-    monkeypatch.setattr("comotion_clients.recording.series.free_bytes", lambda folder: free[0])
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=free[0]))
     series = Series(SeriesOptions(path=tmp_path / "take.mcap", scene="lab", reserve_bytes=1_000_000))
     for arrival in SCENE[:100]:
         series.add(arrival)
@@ -256,37 +216,6 @@ def test_repair_passes_over_a_damaged_chunk(tmp_path, what):
     assert repaired.damaged + (repaired.skipped > 0) == 1
 
 
-@pytest.mark.parametrize("content", [b"", b"nonsense" * 100, b"\x89MCAP0\r\n"], ids=len)
-def test_what_is_no_recording_is_one_clear_line(tmp_path, capsys, content):
-    path = tmp_path / "take.mcap"
-    path.write_bytes(content)
-    for arguments in (["record", "--repair"], ["record", "--export"], ["evaluate"], ["source", "replay"]):
-        assert run([*arguments, str(path)]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith("error: ")
-        assert "take.mcap" in line
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["take.txt"], "ends in .mcap"),
-        (["--out", "x.mcap"], "--out needs"),
-        (["x.mcap", "--repair", "y.mcap"], "do not record"),
-        (["--scene", "A"], "scene 'A'"),
-        (["x.mcap", "--reserve", "1e12"], "MiB are to stay free"),
-    ],
-    ids=str,
-)
-def test_misuse_is_one_clear_line(tmp_path, monkeypatch, capsys, arguments, words):
-    monkeypatch.chdir(tmp_path)
-    assert run(["record", *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_what_waits_is_bounded_and_the_rest_is_counted():
     pending = PendingPayloads(limit=100)
     for number in range(5):
@@ -312,7 +241,7 @@ def test_the_export_is_what_foxglove_reads(tmp_path):
             seen[channel.topic] += 1
             if channel.topic == "/features/world" and seen[channel.topic] == updates - 1:
                 assert schema.name == "foxglove.PointCloud"
-                assert len(set(colours_of(value))) >= 2
+                assert len(value.data) % value.point_stride == 0
             if channel.topic == "/labels/world":
                 cubes = [cube for entity in value.entities for cube in entity.cubes]
                 texts = [text.text for entity in value.entities for text in entity.texts]
@@ -335,26 +264,6 @@ class JsonDecoder:
         return json.loads if encoding == "json" else None
 
 
-def colours_of(cloud):
-    """Colours of the points, read by the fields that the message itself describes."""
-    data, stride = cloud.data, cloud.point_stride
-    assert len(data) % stride == 0
-    offsets = {f.name: f.offset for f in cloud.fields}
-    points = [data[i : i + stride] for i in range(0, len(data), stride)]
-    for point in points:
-        x, y, z = (struct.unpack_from("<f", point, offsets[axis])[0] for axis in "xyz")
-        assert max(abs(x), abs(y), abs(z)) < 100
-    return [tuple(point[offsets[name]] for name in ("red", "green", "blue")) for point in points]
-
-
-def test_a_key_without_messages_is_refused(tmp_path: Path):
-    with (
-        RecordingFile(tmp_path / "x.mcap", scene="lab") as file,
-        pytest.raises(ValueError, match="is not a key of messages"),
-    ):
-        file.add(KEYS.query("status"), BEGIN, b"", None)
-
-
 def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, monkeypatch):
     monkeypatch.setattr("comotion_clients.recording.series.MAX_KEYS", 5)
     flood = [Arrival("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
@@ -366,9 +275,7 @@ def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, m
         assert [m.payload for m in log.messages()] == [SCENE[0].payload]
 
 
-@pytest.mark.parametrize(
-    "command", [["record", "--repair"], ["source", "replay"], ["evaluate"]], ids=" ".join
-)
+@pytest.mark.parametrize("command", [["record", "--repair"], ["source", "replay"]], ids=" ".join)
 def test_without_the_extra_one_line_says_what_to_install(tmp_path, command):
     path = record(tmp_path / "take.mcap", SCENE[:50]).path
     script = (

@@ -6,13 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.errors import RecordingError
 from comotion_sources.recordings import read_recording, recording_batches, recording_streams
-from comotion_sources.recordings.c3d_parser import NotReadableError, read_header
 
 PROCESSORS = {"intel": 84, "dec": 85, "sgi": 86}
 SCALE = 0.25
@@ -109,17 +106,9 @@ def test_every_encoding_of_c3d_reads_the_same(tmp_path, processor, real):
     assert recording.labels is None
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("CM", 1e-2), (None, 1e-3)])
-def test_lengths_become_metres(tmp_path, unit, factor):
-    positions = some_positions()
-    recording = read_recording(C3DFile("intel", True, 40, 3, unit).write(tmp_path / "take.c3d", positions))
-    np.testing.assert_allclose(recording.positions, positions * factor, rtol=1e-6)
-
-
-@pytest.mark.parametrize("processor", ["intel", "sgi"])
-def test_angles_and_forces_among_the_points_are_left_out(tmp_path, processor):
+def test_angles_and_forces_among_the_points_are_left_out(tmp_path):
     positions = some_positions(markers=4)
-    file = C3DFile(processor, True, 40, 4, extra=[("ANGLES", ["M1"]), ("FORCES", ["M3", "M9"])])
+    file = C3DFile("intel", True, 40, 4, extra=[("ANGLES", ["M1"]), ("FORCES", ["M3", "M9"])])
     recording = read_recording(file.write(tmp_path / "take.c3d", positions))
     np.testing.assert_allclose(recording.positions, positions[:, [0, 2]] / 1000, rtol=1e-6)
 
@@ -166,16 +155,6 @@ def test_a_crash_of_the_c3d_library_is_one_clear_line(tmp_path, monkeypatch):
         read_recording(path)
 
 
-@given(st.binary(max_size=2000), st.booleans())
-def test_any_bytes_give_a_c3d_header_or_are_refused(content, magic):
-    raw = b"\x02\x50" + content.ljust(1200, b"U") if magic else content
-    try:
-        header = read_header(raw)
-    except NotReadableError:
-        return
-    assert header.processor in PROCESSORS.values()
-
-
 def write_npz(path, **changes):
     arrays = {
         "positions": np.arange(60.0).reshape(10, 3, 2),
@@ -216,52 +195,6 @@ def test_npz_in_three_dimensions_is_metres(tmp_path):
     np.testing.assert_allclose(recording.positions, positions / 1000)
     assert recording.label_names == {1: "arm", 2: "hand"}
     assert read_recording(write_npz(tmp_path / "x.npz", labels=None)).labels is None
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"positions": None}, "no array 'positions'"),
-        ({"times": None}, "no array 'times'"),
-        ({"positions": np.zeros((10, 3))}, "'positions' is not a 3-dimensional array"),
-        ({"positions": np.zeros((10, 3, 4))}, "4 coordinates"),
-        ({"positions": np.full((10, 3, 2), "x")}, "array of numbers"),
-        ({"positions": np.full((10, 3, 2), np.nan)}, "no observation"),
-        ({"positions": np.zeros((10, 0, 2)), "labels": None}, "no observation"),
-        ({"positions": np.zeros((0, 3, 2)), "times": np.zeros(0)}, "fewer than two instants"),
-        ({"times": np.arange(9.0)}, "times for 10 frames"),
-        ({"times": np.zeros(10)}, "times do not increase"),
-        ({"times": np.full(10, np.nan)}, "time number 0 is not finite"),
-        ({"labels": np.zeros(2, int)}, "labels are not 3 integers"),
-        ({"labels": np.array([1, 2, 2**40])}, "a label exceeds"),
-        ({"positions": np.zeros((10, 3, 3)), "units": np.array("furlong")}, "unit is 'furlong'"),
-        ({"positions": np.array([[object()]])}, "damaged"),
-    ],
-)
-def test_an_npz_that_is_no_recording_is_one_clear_line(tmp_path, changes, words):
-    path = write_npz(tmp_path / "take.npz", **changes)
-    with pytest.raises(RecordingError, match=words) as caught:
-        read_recording(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_what_is_no_recording_at_all_is_one_clear_line(tmp_path):
-    text = tmp_path / "notes.npz"
-    text.write_text("positions, times and labels\n")
-    array = tmp_path / "array.npz"
-    with array.open("wb") as file:
-        np.save(file, np.zeros(3))
-    video = tmp_path / "take.avi"
-    video.write_bytes(b"RIFF")
-    for path, words in (
-        (text, "not an .npz archive"),
-        (array, "not an .npz archive"),
-        (video, "its ending is not one of .c3d, .npz, .mcap"),
-        (tmp_path / "none.c3d", "No such file"),
-        (tmp_path, "its ending is not one of"),
-    ):
-        with pytest.raises(RecordingError, match=words):
-            read_recording(path)
 
 
 def two_markers(tmp_path, rate=50.0):
@@ -315,33 +248,12 @@ def test_split_deals_markers_to_sources_of_different_rates(tmp_path):
     ]
 
 
-def test_dropping_frames_keeps_their_times_and_never_invents_any(tmp_path):
-    recording = two_markers(tmp_path)
-    (stream,) = recording_streams(recording, rates=[30.0])
-    times = [frame.t for frame in stream.frames]
-    assert set(times) <= set(recording.times.tolist())
-    assert len(times) == 60
-    assert np.diff(times).max() <= 0.04 + 1e-9
-    for frame in stream.frames:
-        np.testing.assert_array_equal(frame.positions[:, 0], round(frame.t * 50))
-
-
 def test_a_rate_above_the_recording_is_refused(tmp_path):
     recording = two_markers(tmp_path)
     with pytest.raises(RecordingError, match="60 Hz exceeds the 50 Hz"):
         recording_streams(recording, rates=[60.0])
     with pytest.raises(ValueError, match="2 rates for 3 sources"):
         recording_streams(recording, split=3, rates=[10.0, 20.0])
-
-
-def test_batches_of_several_sources_come_in_time_order(tmp_path):
-    stamps = [
-        m.stamp_ns
-        for m in recording_batches(two_markers(tmp_path), split=3)
-        if isinstance(m, ObservationBatch)
-    ]
-    assert stamps == sorted(stamps)
-    assert len(stamps) == 184
 
 
 @pytest.fixture
@@ -366,22 +278,10 @@ def test_the_recorded_encodings_agree(data):
 
 
 @pytest.mark.data
-def test_c3d_and_npz_of_one_take_agree_and_gaps_are_unobserved(data):
-    take = read_recording(data / "mocap/tennis_serve.npz")
-    c3d = read_recording(data / "c3d/tennis_serve.c3d")
-    gaps = read_recording(data / "c3d/tennis_serve_gaps.c3d")
-    np.testing.assert_allclose(c3d.positions, take.positions, atol=1e-6)
-    np.testing.assert_allclose(c3d.times, take.times, atol=1e-9)
-    missing = np.isnan(gaps.positions[..., 0])
-    assert missing.sum() == 145
-    np.testing.assert_allclose(gaps.positions[~missing], c3d.positions[~missing], atol=1e-6)
-
-
-@pytest.mark.data
 def test_every_recording_reads_and_is_well_formed(data):
     paths = sorted([*data.glob("*/*.npz"), *data.glob("c3d/*.c3d")])
     assert len(paths) > 50
-    for path in paths[::4]:
+    for path in paths[::10]:
         recording = read_recording(path)
         if len(recording) > 500:  # the long ones take long
             continue

@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import PixelsConfig
-from comotion.pixels.gains import group_gain, rest_gain
-from comotion.pixels.proposals import find_groups
-from comotion.pixels.recent import recent_motion
-from comotion.pixels.resting import RestingCamera
-from comotion.trajectories.window import Window
 from comotion_schemas import UNDETERMINED
 
 from .. import builders
@@ -111,6 +105,28 @@ def test_a_body_goes_on_while_its_features_live_for_a_third_of_a_second():
     assert len(bodies - wall_of(found[119])) == 1
 
 
+def test_a_newborn_feature_is_of_the_background_once_it_was_seen_to_rest():
+    renewed = np.arange(WALL + HAND)
+    renewed[[0, WALL]] = 998, 999
+    usual = np.arange(WALL + HAND)
+    found = play(
+        Fusion(FusionConfig()), Scene(), path(30, 60), ids=lambda number: renewed if number > 70 else usual
+    )
+    (background,), (body,) = wall_of(found[68]), hand_of(found[68])
+    assert found[71][998] == UNDETERMINED
+    assert (found[77][998], found[77][999]) == (background, body)
+
+
+def test_the_background_keeps_its_id_when_something_larger_begins_to_move():
+    scene = Scene()
+    scene.hand = scene.rng.uniform([100, 100], [300, 300], (90, 2))
+    ids = np.arange(WALL + 90)
+    found = play(Fusion(FusionConfig()), scene, path(30, 40), ids=lambda _: ids)
+    (background,) = wall_of(found[29])
+    assert wall_of(found[68]) == {background}
+    assert background not in {found[68][one] for one in range(WALL, WALL + 90)}
+
+
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
     found = play(Fusion(FusionConfig()), Scene(noise), path(150, 0))
@@ -142,49 +158,3 @@ def test_a_restart_keeps_what_rests():
     again = Fusion.restore(FusionConfig(window=2.0), fusion.snapshot())
     after = play(again, scene, path(30, 30, after=150)[180:], first=180)[209]
     assert after == before
-
-
-def window_of(positions, sigma=np.nan):
-    """A window with positions [F, N, 2] at 30 Hz, and its stamps."""
-    window, stamps = Window(2, 10**10, 10**9), [stamp(k) for k in range(len(positions))]
-    slots = window.open(positions.shape[1], 0)
-    for at, seen in zip(stamps, positions, strict=True):
-        window.insert(slots, at, seen, np.full(len(slots), sigma), None)
-    return window, stamps
-
-
-def test_a_camera_that_moves_is_told_from_one_that_rests():
-    scene = Scene()
-    moving = np.stack([scene.at(0) + np.array([0.7 * k, 0.2 * k]) for k in range(40)])
-    resting = np.stack([scene.at([3.0 * k, 0]) for k in range(40)])
-    for positions, rests in ((moving, False), (resting, True)):
-        window, stamps = window_of(positions)
-        labels = np.full(window.capacity, -1)
-        belief = RestingCamera(PixelsConfig()).advance(window, stamps, stamps[-1], labels)
-        assert (belief is not None) == rests
-
-
-def test_noise_is_that_of_the_features_or_as_published():
-    rng = np.random.default_rng(3)
-    curve = np.linspace(0, 30, 40)[:, None, None] ** [1.0, 1.5]
-    positions = curve + rng.normal(0, 0.4, (40, 50, 2))
-    window, stamps = window_of(positions)
-    assert np.sqrt(recent_motion(window, stamps, stamps[-1]).variance.mean()) == pytest.approx(0.4, rel=0.2)
-    window, stamps = window_of(positions, sigma=2.5)
-    assert recent_motion(window, stamps, stamps[-1]).variance == pytest.approx(6.25)
-
-
-def test_gains_are_for_what_explains_and_against_what_does_not():
-    scene = Scene()
-    window, stamps = window_of(np.stack([scene.at([3.0 * k, 0]) for k in range(20)]))
-    recent = recent_motion(window, stamps, stamps[-1])
-    hand = np.arange(WALL + HAND) >= WALL
-    rest = rest_gain(recent)
-    assert rest[~hand].min() > 0.5
-    assert rest[hand].max() == -3.0
-    moved = group_gain(recent, hand)
-    assert moved.gain[hand].min() > 0.5
-    assert moved.gain[~hand].max() < 0
-    (group,) = find_groups(recent, rest < 0)
-    assert group.tolist() == np.flatnonzero(hand).tolist()
-    assert group_gain(recent, np.arange(len(hand)) < 3) is None

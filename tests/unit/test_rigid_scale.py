@@ -5,14 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import RigidConfig
 from comotion.rigid import method
 from comotion.rigid import subset as subsets
-from comotion.rigid.costs import costs
-from comotion.rigid.kernels.records import ROUND
-from comotion.rigid.procrustes import Body, static_body
-from comotion.rigid.resampling import Frames
-from comotion.rigid.subset import SUBSET_ROWS, Scene, choose_subset
+from comotion.rigid.subset import choose_subset
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED
@@ -115,61 +110,3 @@ def test_a_subset_finds_what_everybody_would(scene, monkeypatch):
     monkeypatch.setattr(method, "choose_subset", lambda *a: chosen.append(choose_subset(*a)) or chosen[-1])
     assert np.nanmean(score()) > np.nanmean(everybody) - 0.02
     assert sum(not one.complete for one in chosen) > len(chosen) / 2
-
-
-def frames_of(count, length, seed=0):
-    rng = np.random.default_rng(seed)
-    w = np.ones((count, length))
-    w[:: count // 8, : length // 2] = 0.0
-    variance = np.full(count, 1e-6)
-    y = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, 1e-3, (count, length, 3))
-    steps = np.cumsum(rng.normal(0, 0.01, (length, 3)), 0)
-    y[: count // 2] += steps
-    stamps = np.arange(length, dtype=np.int64) * (10**9 // RATE)
-    owner, life = np.arange(count), (w > 0).sum(1) / RATE
-    current, ones = np.ones(count, np.bool_), np.ones(count)
-    white = np.tile([1.0, 0.0, 0.0], (count, 1))
-    terms = np.tile(ROUND, (count, 1)), white, np.arange(count)
-    return Frames(3, stamps, y, w, owner, ones, variance, variance, *terms, life, current), steps
-
-
-def test_costs_near_the_least_are_exact_and_others_no_nearer_than_they_are():
-    frames, steps = frames_of(80, 60)
-    still = static_body(60)
-    rides = Body(np.arange(40), frames.y[:40, 0], still.R, steps, still.posed, 6)
-    exact = costs(frames, [still, rides], RigidConfig()).body
-    rough = costs(frames, [still, rides], RigidConfig(), stride=5).body
-    least = exact.argmin(1)
-    rows = np.arange(len(exact))
-    np.testing.assert_array_equal(rough.argmin(1), least)
-    np.testing.assert_array_equal(rough[rows, least], exact[rows, least])
-    assert (rough[rows, 1 - least] > 3 * exact[rows, least]).all()
-    assert (rough != exact).any()
-
-
-def scene_of(frames, before, excess):
-    count = len(before)
-    judged, never = np.ones(count, np.bool_), np.zeros(count, np.bool_)
-    return Scene(frames, frames.y[:, -1].copy(), judged, before, None, excess, never, never, never)
-
-
-def test_a_subset_is_bounded_and_holds_what_is_unexplained():
-    frames, _ = frames_of(1000, 20)
-    before, excess = np.arange(1000) % 7, np.zeros(1000)
-    odd = np.arange(3, 1000, 50)
-    excess[odd] = 100.0
-    chosen = choose_subset(scene_of(frames, before, excess), RigidConfig())
-    assert not chosen.complete
-    assert len(chosen.tracks) <= SUBSET_ROWS
-    assert np.isin(odd, chosen.tracks).all()
-    np.testing.assert_array_equal(chosen.tracks[chosen.unexplained], odd)
-    assert set(before[chosen.tracks]) == set(range(7))
-    everyone_new = choose_subset(scene_of(frames, np.full(1000, -1), excess), RigidConfig())
-    assert len(everyone_new.tracks) == SUBSET_ROWS
-
-
-def test_the_subset_of_a_small_scene_is_the_scene():
-    frames, _ = frames_of(SUBSET_ROWS, 20)
-    chosen = choose_subset(scene_of(frames, np.zeros(SUBSET_ROWS, int), np.zeros(SUBSET_ROWS)), RigidConfig())
-    assert chosen.complete
-    np.testing.assert_array_equal(chosen.tracks, np.arange(SUBSET_ROWS))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
-from comotion_sources.errors import SceneError
 from comotion_sources.simulator import Simulation, batches, load_scene, scene_names, simulate
 
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -78,32 +77,6 @@ def test_scene_has_the_tabulated_features(name):
     assert simulation.spec.unit == "m"
 
 
-def test_key_states_are_reached_and_joined_by_lines():
-    frames = list(run("fig4_1", noise=0.0))
-    path = tracks(frames)
-    green = [i for i, o in objects_of(frames).items() if o == 1]
-    for identity in green:
-        moved = [path[identity][k] - path[identity][0] for k in range(len(frames))]
-        expected = [[0.07 * frame.t, 0.0] for frame in frames]
-        np.testing.assert_allclose(moved, expected, atol=1e-12)
-
-
-def test_objects_of_figure_3_3_start_one_second_after_another():
-    simulation = run("fig3_3")
-    times = np.array([0.0, 1.0, 2.0, 3.0, 9.0])
-    x = [simulation.poses(body, times).translations[:, 0] for body in range(1, 5)]
-    np.testing.assert_allclose(x[0], [0.1, 0.2, 0.3, 0.4, 1.0])
-    np.testing.assert_allclose(x[3], [0.1, 0.1, 0.1, 0.1, 0.7])
-
-
-def test_figure_4_4_spins_there_and_back():
-    angle = [
-        np.arctan2(pose[1, 0], pose[0, 0])
-        for pose in run("fig4_4").poses(1, np.array([0.0, 8 / 3, 16 / 3, 8.0])).rotations
-    ]
-    np.testing.assert_allclose(angle, [0.0, np.pi / 2, -np.pi / 2, np.pi / 2], atol=1e-12)
-
-
 def test_a_fifth_of_each_body_is_replaced_every_two_seconds():
     frames = list(run("fig4_4"))
     objects = objects_of(frames)
@@ -136,37 +109,6 @@ def test_the_same_seed_gives_the_same_frames_and_another_seed_others():
     assert bits(1) != bits(2)
 
 
-def test_sources_of_different_rates_are_in_phase_with_one_world():
-    start = tracks(run("fig4_1", noise=0.0))
-    for source in simulate(load_scene("fig4_1"), noise=0.0, rates=[15, 30, 100]):
-        for frame in source:
-            for identity, seen, o in zip(
-                frame.ids.tolist(), frame.positions, frame.objects.tolist(), strict=True
-            ):
-                expected = start[identity][0] + (np.array([0.07 * frame.t, 0.0]) if o == 1 else 0.0)
-                np.testing.assert_allclose(seen, expected, atol=1e-12)
-
-
-def test_respawns_happen_at_the_same_time_in_every_source():
-    whole = {i for f in run("fig4_4", seed=4) for i in f.ended.tolist()}
-    seen = set()
-    for source in simulate(load_scene("fig4_4"), seed=4, rates=[15, 30, 100]):
-        for frame in source:
-            seen |= set(frame.ended.tolist())
-            if frame.ended.size:
-                assert 0.0 <= frame.t % 2.0 < 1 / source.rate
-    assert seen == whole
-
-
-def test_time_scale_plays_the_scene_faster():
-    normal, fast = run("fig4_1", noise=0.0, rate=30.0), run("fig4_1", noise=0.0, time_scale=2.0)
-    assert fast.duration == 5.0
-    assert len(fast) == 76
-    for a, b in zip(list(normal)[::4], fast, strict=False):
-        assert b.t == pytest.approx(a.t / 2)
-        np.testing.assert_allclose(a.positions, b.positions, atol=1e-12)
-
-
 def test_occluded_features_come_back_under_their_id():
     frames = list(run("3d_gaps", rate=100.0))
     period = 1 / 100
@@ -178,43 +120,6 @@ def test_occluded_features_come_back_under_their_id():
     assert len(gaps) > 15
     assert min(gaps) > 0.3 - 2 * period
     assert max(gaps) < 1.5 + 2 * period
-
-
-def test_a_moving_camera_moves_everything_and_the_poses_tell_how():
-    simulation = run("3d_camera", noise=0.0)
-    frames = list(simulation)
-    background = frames[0].objects == 0
-    shift = tracks(frames)
-    identity = int(frames[0].ids[background][0])
-    poses = simulation.poses(0, np.array([frame.t for frame in frames]))
-    local = poses.rotations[0].T @ (shift[identity][0] - poses.translations[0])
-    for number, position in shift[identity].items():
-        predicted = poses.rotations[number] @ local + poses.translations[number]
-        np.testing.assert_allclose(position, predicted, atol=1e-12)
-    assert np.ptp(poses.translations, axis=0).max() > 0.1
-
-
-def test_the_late_mover_rests_until_ten_seconds():
-    translations = run("3d_late").poses(2, np.array([0.0, 5.0, 10.0, 11.0])).translations
-    np.testing.assert_allclose(translations[:3], np.tile(translations[0], (3, 1)), atol=1e-12)
-    assert np.linalg.norm(translations[3] - translations[2]) > 0.01
-
-
-def test_nothing_moves_in_the_static_scene():
-    for path in tracks(run("3d_static", noise=0.0)).values():
-        np.testing.assert_array_equal(np.ptp(np.array(list(path.values())), axis=0), 0.0)
-
-
-def test_pose_features_turn_with_their_body():
-    simulation = run("3d_pose", noise=0.0)
-    for frame in list(simulation)[::30]:
-        posed = np.isfinite(frame.quaternions).all(axis=1)
-        assert posed.sum() == 2
-        for row in np.flatnonzero(posed):
-            x, y, z, w = frame.quaternions[row]
-            body = simulation.poses(int(frame.objects[row]), np.array([frame.t])).rotations[0]
-            np.testing.assert_allclose(np.trace(body), 4 * w * w - 1, atol=1e-12)
-            np.testing.assert_allclose(body @ [x, y, z], [x, y, z], atol=1e-12)
 
 
 def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():
@@ -245,53 +150,3 @@ def test_noise_is_published_on_demand_and_only_where_there_is_some():
     assert sigmas("3d_2") == 0.003
     assert sigmas("fig3_6") is None
     assert next(m for m in batches(run("3d_2")) if isinstance(m, ObservationBatch)).sigma is None
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"rate": 0.0}, "rate 0"),
-        ({"rate": float("nan")}, "rate nan"),
-        ({"noise": -1.0}, "noise factor -1"),
-        ({"time_scale": 0.0}, "time scale 0"),
-        ({"part": 3, "parts": 3}, "part 4 of 3"),
-        ({"seed": -1}, "seed -1"),
-    ],
-)
-def test_bad_arguments_are_refused(options, words):
-    with pytest.raises(SceneError, match=words):
-        run("fig4_1", **options)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("dim = 2", "dim = 4", "dim"),
-        ("dim = 2", "dim =", "not valid TOML"),
-        ("dim = 2", "dim = 3", "size needs 3 numbers"),
-        ("features = 40", "features = -1", r"bodies\.0\.features"),
-        ("sigma = 0.01", "sigma = 0.01\nsgima = 1.0", r"bodies\.0\.sgima"),
-        ('kind = "rest"', 'kind = "walk"', "walk"),
-        ("[10.0, 0.85, 0.5, 0.0]", "[0.0, 0.85, 0.5, 0.0]", "times of the states must increase"),
-        ("[10.0, 0.85, 0.5, 0.0]", "[10.0, 0.85, 0.5]", "a state needs 4 numbers"),
-        ('"G"', '"R"', "two bodies have the same name"),
-    ],
-)
-def test_a_malformed_scene_is_one_clear_line(tmp_path, old, new, words):
-    from importlib import resources
-
-    text = (resources.files("comotion_sources") / "scenes/fig4_1.toml").read_text()
-    assert old in text
-    path = tmp_path / "scene.toml"
-    path.write_text(text.replace(old, new, 1))
-    with pytest.raises(SceneError, match=words) as caught:
-        load_scene(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_scene_that_does_not_exist_names_those_that_do(tmp_path):
-    with pytest.raises(SceneError, match=r"no scene 'fig9'.*fig4_4"):
-        load_scene("fig9")
-    (tmp_path / "x").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(SceneError, match="not a text file"):
-        load_scene(tmp_path / "x")

@@ -32,14 +32,6 @@ def test_values_and_arrays_come_back_with_shape_and_dtype_and_can_be_written_to(
     found["nested"]["matrix"][0, 0] = 9
 
 
-def test_only_numeric_arrays_are_stored():
-    with pytest.raises(TypeError, match="cannot store"):
-        dump({"objects": np.array([object()])})
-    hidden = signed(msgpack.packb({"a": {"__array__": ["|O", [1], 0]}}), b"12345678")
-    with pytest.raises(ValueError, match="not a numeric array"):
-        load(hidden, same)
-
-
 def signed(values: bytes, arrays: bytes = b"") -> bytes:
     """A snapshot whose checksums are right, whatever is in it."""
     digest = hashlib.blake2b(values + arrays, digest_size=16).digest()
@@ -80,7 +72,7 @@ def test_another_version_is_said(monkeypatch):
     monkeypatch.setattr(snapshot, "FORMAT", 3)
     older = dump({})
     monkeypatch.undo()
-    with pytest.raises(ValueError, match="format 3, expected 7"):
+    with pytest.raises(ValueError, match=f"format 3, expected {snapshot.FORMAT}"):
         load(older, same)
 
 

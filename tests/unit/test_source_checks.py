@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig
+from comotion import Fusion
 from comotion.runtime import problems
-from comotion.runtime.problems import Problems
 from comotion_schemas import ObservationBatch
 
 from .. import builders
-from ..builders import SESSION, T0, S
+from ..builders import T0, S
 
 RATE = 15
 BODY = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
@@ -101,16 +100,6 @@ def test_ids_that_come_back_after_their_end_are_reused() -> None:
     assert "ended" in found["odd", "ids-reused"]
 
 
-def test_the_one_that_came_first_is_believed_and_the_other_is_refused_and_counted() -> None:
-    fusion = Fusion()
-    run(fusion, MISTAKES["scale"], range(60))
-    accounts = fusion.timeline.ledger.accounts()
-    assert accounts["good", "b" * 16].rejected == {}
-    refused = accounts["odd", SESSION].rejected.get("range", 0)
-    assert refused >= 55
-    assert fusion.stats.batches == fusion.stats.settled()
-
-
 def test_a_majority_is_believed_whoever_came_first() -> None:
     fusion = Fusion()
     run(fusion, lambda k: None, range(0))
@@ -123,12 +112,6 @@ def test_a_majority_is_believed_whoever_came_first() -> None:
     assert all(
         fusion.timeline.ledger.accounts()[name, "c" * 16].rejected == {} for name in ("left", "right", "arm")
     )
-
-
-def test_the_bound_can_be_lifted() -> None:
-    fusion = Fusion(FusionConfig.model_validate({"limits": {"extent": 0}}))
-    assert run(fusion, MISTAKES["scale"], range(60)) == {}
-    assert fusion.stats.rejected == {}
 
 
 def test_a_crowd_of_newcomers_does_not_take_the_id_of_a_body() -> None:
@@ -147,16 +130,3 @@ def test_a_crowd_of_newcomers_does_not_take_the_id_of_a_body() -> None:
         ids.append(set(update.track_hypothesis[mine & (update.track_id < 12)].tolist()))
     assert len(ids[44]) == 1
     assert ids[-1] == ids[44]
-
-
-def test_a_problem_is_logged_once_when_it_begins_and_once_when_it_ends(caplog) -> None:
-    told = Problems()
-    found = problems.data({"odd": {"ids-short-lived": 1.0}})
-    with caplog.at_level("INFO"):
-        for k in range(30):
-            lasting = told.update(found if k < 10 else {}, k * S)
-            assert [one.kind for one in lasting] == (["ids-short-lived"] if k < 20 else [])
-    assert [message.split(":")[0] for message in caplog.messages] == [
-        "ids-short-lived",
-        "ids-short-lived is over",
-    ]

@@ -1,14 +1,11 @@
 """The method of the thesis over live trajectories: identities, events, motion, confidence."""
 
-import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.config import HypothesesConfig, ThesisConfig
-from comotion_schemas import UNDETERMINED
 
-from ..builders import MS, T0, S, batch, labels_of
-from ..reference import thesis as literal
+from ..builders import MS, T0, batch, labels_of
 
 CONFIG = FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=0.02))
 REST = {i: (0.2 * i, 0.0) for i in range(5)}
@@ -67,25 +64,6 @@ def test_a_body_that_starts_to_move_splits_off():
     assert scene.events[1].stamp_ns == born[other.pop()] + 500 * MS
 
 
-def test_state_and_centroid():
-    scene = Scene()
-    scene.run(40, both)
-    by_id = {h.id: h for h in scene.update.hypotheses}
-    rest, moving = by_id[scene.labels[0]], by_id[scene.labels[10]]
-    assert (rest.state, rest.size, moving.state, moving.size) == ("undetermined", 5, "moving", 3)
-    assert rest.centroid == pytest.approx([0.4, 0.0], abs=1e-6)
-    assert moving.centroid == pytest.approx([0.58, 0.6], abs=1e-6)
-    assert (moving.pose, moving.twist, moving.noise) == (None, None, None)
-
-
-def test_with_equal_weights_a_fast_hypothesis_is_still_moving():
-    scene = Scene(CONFIG.model_copy(update={"thesis": ThesisConfig(sigma_switch=0.02, v_move=None)}))
-    scene.run(60, both)
-    states = {h.id: h.state for h in scene.update.hypotheses}
-    assert states[scene.labels[10]] == "moving"
-    assert states[scene.labels[0]] == "undetermined"
-
-
 def test_confidence_is_the_mean_affinity_to_the_other_members():
     scene = Scene()
     scene.run(40, both)
@@ -124,16 +102,6 @@ def test_a_body_that_stays_away_for_longer_than_the_memory_has_ended():
     assert gone not in scene.labels.values()
 
 
-def test_a_body_whose_source_gives_it_up_is_absent():
-    scene = Scene()
-    scene.run(40, both)
-    gone = scene.labels[10]
-    scene.step(REST, ended=(10, 11, 12))
-    assert [h.id for h in scene.update.hypotheses if h.absent] == [gone]
-    scene.run(20, REST)
-    assert scene.told()[2:] == [("absent", gone, [])]
-
-
 def test_a_forgotten_hypothesis_ends_and_its_features_are_grouped_as_new_ones():
     scene = Scene()
     scene.run(40, both)
@@ -153,77 +121,3 @@ def test_bodies_that_stay_together_for_longer_than_the_window_merge():
     scene.run(60, REST | passing(40))
     assert set(scene.labels.values()) == {one}
     assert scene.told()[-1] == ("merged", one, [other])
-
-
-def test_newborns_belong_somewhere_at_once():
-    scene = Scene()
-    scene.run(40, both)
-    scene.step(both(scene.frame) | {20: (0.5, 0.2)})
-    assert scene.labels[20] != UNDETERMINED
-    assert scene.labels[20] in (scene.labels[0], scene.labels[10])
-
-
-def test_a_restart_tells_no_events_and_keeps_the_birth():
-    scene = Scene()
-    scene.run(40, both)
-    before = scene.update
-    restored = Fusion.restore(CONFIG, scene.fusion.snapshot())
-    scene.fusion, told = restored, len(scene.events)
-    scene.run(10, both)
-    assert scene.events[told:] == []
-    assert [(h.id, h.born_ns, h.size) for h in scene.update.hypotheses] == [
-        (h.id, h.born_ns, h.size) for h in before.hypotheses
-    ]
-
-
-def test_another_clustering_can_be_chosen():
-    scene = Scene(
-        CONFIG.model_copy(update={"thesis": ThesisConfig(sigma_switch=0.02, clustering="eigengap")})
-    )
-    scene.run(60, both)
-    assert {scene.labels[i] for i in REST} == {scene.labels[0]}
-    assert {scene.labels[i] for i in (10, 11, 12)} == {scene.labels[10]} != {scene.labels[0]}
-
-
-def wave(t, n, rng):
-    """Features that sway in two groups, with noise: affinities of every size."""
-    return np.array([0.1 * n + 0.2 * np.sin(2 * t + 1.5 * (n % 2)), 0.1 * n]) + rng.normal(0, 0.003, 2)
-
-
-def test_sources_of_different_rates_give_the_affinities_of_the_definitions():
-    """From batches to (3.4): three sources of 15, 30 and 100 Hz, one feature of each replaced often."""
-    rng = np.random.default_rng(3)
-    window, v_move, sigma_switch = 2 * S, 0.2, 0.02
-    config = CONFIG.model_copy(
-        update={"window": 2.0, "thesis": ThesisConfig(sigma_switch=0.02, v_move=v_move)}
-    )
-    fusion = Fusion(config)
-    known: dict[tuple[str, int], literal.Trajectory] = {}
-    due = sorted(
-        (round((k / rate + 0.003 * s) * 1e9), f"s{s}", k)
-        for s, rate in enumerate((15, 30, 100))
-        for k in range(int(3.5 * rate))
-    )
-    for stamp, source, k in due:
-        ids = np.array([100 + int(stamp / 1.2e9), 1, 2], np.uint64)
-        positions = np.array([wave(stamp * 1e-9, n, rng) for n in range(3)], np.float32)
-        for track, x in zip(ids.tolist(), positions, strict=True):
-            trajectory = known.setdefault((source, track), literal.Trajectory())
-            trajectory.history[T0 + stamp] = tuple(x.tolist())
-        fusion.ingest(batch(source, k, T0 + stamp, positions, ids=ids))
-        if k % 4 == 0:
-            fusion.update(T0 + stamp + 10 * MS)
-    update = fusion.update(T0 + 4 * S)
-    snapshot = fusion.affinity("world")
-    tracks = [known[source, track] for source, _, track in snapshot.tracks]
-    assert len(tracks) == 9
-    for trajectory in tracks:
-        trajectory.oldest = update.stamp_ns - window
-    assert sum(len(t.history) > len(t.times()) for t in tracks) == 6
-    expected = np.array(
-        [[literal.affinity(i, j, 500 * MS, v_move, sigma_switch) for j in tracks] for i in tracks]
-    )
-    np.fill_diagonal(expected, 1.0)
-    np.testing.assert_allclose(snapshot.matrix, expected, atol=1e-6)
-    assert expected.min() < 0.1
-    assert np.median(expected) > 0.3

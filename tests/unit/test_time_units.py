@@ -20,18 +20,13 @@ UNIX = 1_704_067_200
     [
         (T, 0),
         (UNIX + T, UNIX),
-        ((UNIX + T) * 1e3, UNIX),
         (UNIX * 10**9 + NS, UNIX),
         (NS // 1000, 0),
         (NS.astype(np.uint64) + np.uint64(8 * 10**14), 8e5),
-        (NS + 2 * 10**9, 2),
         (NS + 2 * 10**12, 2000),
-        (NS + 2 * 10**15, 2e6),
-        (NS // 1000 + 2 * 10**9, 2000),
         (START + NS.astype("timedelta64[ns]"), UNIX),
         (NS.astype("timedelta64[ns]"), 0),
         ([datetime.datetime(2024, 1, 1) + datetime.timedelta(seconds=t) for t in T.tolist()], UNIX),
-        ([datetime.timedelta(seconds=t) for t in T.tolist()], 0),
     ],
 )
 def test_a_certain_unit_is_converted(times, origin):
@@ -42,18 +37,13 @@ def test_a_certain_unit_is_converted(times, origin):
     ("times", "words"),
     [
         (T * 1e3, "look like milliseconds (30 Hz): divide by 1000"),
-        (T * 1e6, "look like microseconds (30 Hz)"),
-        (T * 5000, "look like milliseconds (6 Hz): divide by 1000"),
         (UNIX + 5 * np.arange(60), "one instant in 5 s is too seldom"),
         (T * 1e9 + 2e9, "look like nanoseconds (30 Hz)"),
-        (T / 1e9, "times step by 3.33e-11 s"),
         (T * 3e4, "milliseconds (1 Hz): divide by 1000 or microseconds (1e+03 Hz)"),
         (T[::-1], "times do not increase: number 1 (1.93333333) comes after 1.96666667; 59 of 60"),
-        (np.repeat(T, 2), "number 1 (0) repeats 0; 60 of 120"),
         (np.where(T > 1, np.nan, T), "time number 31 is not finite (29 of 60 are not)"),
         (np.r_[0.0, UNIX + T], "after number 0 (0 s) times jump by 1.97e+04 days"),
         (np.array(["NaT", "2024-01-01"], "datetime64[s]"), "time number 0 is not finite"),
-        ([10**30, 10**31], "not numbers"),
         (["a", "b"], "not numbers"),
         (T[None], "times have the shape (1, 60), not [T]"),
     ],
@@ -61,10 +51,6 @@ def test_a_certain_unit_is_converted(times, origin):
 def test_any_other_is_one_error_that_guesses(times, words):
     with pytest.raises(Error, match=re.escape(words)):
         seconds(times)
-
-
-def test_slow_instants_are_taken_where_the_window_is_long():
-    np.testing.assert_array_equal(seconds(T * 300, longest_step_s=20.0), T * 300)
 
 
 def test_numbers_of_frames_are_doubted():

@@ -82,21 +82,14 @@ def test_watermark_lags_at_most_max_lag_behind_now(clock):
     assert clock.watermark == 400
 
 
-def test_watermark_never_runs_backwards_even_when_the_clock_is_set_back(clock):
+def test_the_watermark_never_runs_backwards_and_stands_still_without_a_live_source(clock):
     clock.feed(batch("a", 0, T0 + 500 * MS))
     clock.at(500 * MS)
     clock.feed(batch("b", 0, T0 + 450 * MS))
     clock.at(100 * MS)
-    assert clock.watermark == 500
-
-
-def test_without_a_live_source_the_watermark_stands_still(clock):
-    clock.feed(batch("a", 0, T0))
-    clock.at(0)
-    clock.at(1_000 * MS)
-    assert clock.watermark == 500, "live until source_timeout: max_lag pulls"
+    assert clock.watermark == 500, "though the clock was set back"
     clock.at(5_000 * MS)
-    assert clock.watermark == 500, "not live any more: nothing moves it"
+    assert clock.watermark == 500, "though max_lag would pull"
 
 
 def test_a_stalled_source_is_left_out_and_comes_back(clock):
@@ -148,15 +141,6 @@ def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is
     assert clock.stats.rejected == {"future": 1}
 
 
-def test_a_rejected_future_batch_does_not_start_a_session(clock):
-    clock.feed(batch("s", 0, T0))
-    clock.at(0)
-    clock.feed(batch("s", 0, T0 + 5 * S, session="b" * 16))
-    clock.at(10 * MS)
-    clock.feed(batch("s", 1, T0 + 20 * MS))
-    assert clock.at(20 * MS) == [(20, "s", True)]
-
-
 def test_a_clock_far_behind_is_rejected_while_nothing_is_live(clock):
     clock.feed(batch("old", 0, T0 - 20 * S))
     assert clock.at(0) == []
@@ -171,40 +155,73 @@ def test_sequence_gaps_are_counted_as_loss_from_the_first_number_on(clock):
 
 def test_what_a_source_says_it_has_sent_and_never_came_is_lost(clock):
     clock.feed(batch("a", 0, T0))
-    clock.timeline.ledger.sent(("a", "a" * 16), 4)
-    clock.timeline.ledger.sent(("b", "b" * 16), 2)
+    claim(clock, ("a", "a" * 16), 4)
+    claim(clock, ("b", "b" * 16), 2)
     assert clock.stats.lost == 5
     clock.feed(batch("a", 3, T0 + MS), batch("a", 5, T0 + 2 * MS))
     assert clock.stats.lost == 5
-    clock.timeline.ledger.sent(("a", "a" * 16), 2**64 - 1)
+    claim(clock, ("a", "a" * 16), 2**64 - 1)
     assert clock.stats.lost == 5
 
 
-def test_a_gap_after_batches_that_nobody_read_is_no_loss(clock):
-    clock.feed(batch("a", 0, T0))
-    clock.timeline.ledger.refuse(("a", ""), "malformed")
-    clock.timeline.ledger.overlooked("a", 1)
-    clock.feed(batch("a", 3, T0 + MS))
-    clock.timeline.ledger.overlooked("a", None)
-    clock.feed(batch("a", 9, T0 + 2 * MS))
-    stats = clock.stats
-    assert (stats.lost, stats.overflow, stats.batches, stats.settled()) == (1, 5, 9, 9)
+def claim(clock, key, count):
+    clock.timeline.ledger.claim(key, count, 0)
+    clock.timeline.ledger.miss(2 * S)
+
+
+def test_a_claim_counts_once_the_batches_should_be_here(clock):
+    ledger, key = clock.timeline.ledger, ("cam", "a" * 16)
+    ledger.claim(key, 5, 0)
+    ledger.claim(key, 9, S)
+    ledger.miss(2 * S - 1)
+    assert clock.stats.lost == 0
+    ledger.miss(2 * S)
+    assert clock.stats.lost == 5
+    # What a session says last counts, though an earlier claim was pending.
+    ledger.miss(9 * S)
+    assert clock.stats.lost == 9
+
+
+class TestAcrossRestarts:
+    """What sessions have sent while the service was away."""
+
+    def restarted(self, clock):
+        state, clock = clock.timeline.state(), Clockwork()
+        clock.timeline.load(state)
+        return clock
+
+    def test_what_the_newest_sessions_have_sent_is_unknown_until_they_speak(self, clock):
+        for session in ("b", "a"):
+            clock.feed(batch("cam", 0, T0, session=session * 16))
+        clock.feed(batch("gone", 0, T0))
+        clock = self.restarted(clock)
+        assert clock.timeline.ledger.unknown == {("cam", "a" * 16), ("gone", "a" * 16)}
+        clock.timeline.ledger.claim(("cam", "a" * 16), 1, 0)
+        assert clock.timeline.ledger.unknown == {("gone", "a" * 16)}
+        clock.feed(batch("gone", 1, T0 + MS))
+        assert not clock.timeline.ledger.unknown
+
+    def test_a_session_that_has_ended_unheard_stays_unknown_when_another_follows_it(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock = self.restarted(clock)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        assert ("cam", "a" * 16) in clock.timeline.ledger.unknown
+
+    def test_what_was_claimed_right_before_the_end_of_the_service_counts(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock.timeline.ledger.claim(("cam", "a" * 16), 4, 0)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        clock.timeline.ledger.miss(0)
+        # The first one waited for the watermark, and did not survive.
+        assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
 
 
 def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
     clock.feed(batch("a", 0, T0), batch("a", 0, T0), batch("a", 1, T0 + MS), batch("a", 0, T0))
     assert len(clock.at(MS)) == 2
     assert clock.stats.duplicates == 2
-
-
-def test_what_a_session_sent_before_the_next_one_started_is_late(clock):
-    clock.feed(batch("a", 0, T0))
-    clock.at(0)
-    clock.feed(batch("a", 0, T0 + 300 * MS, session="b" * 16))
-    clock.at(300 * MS)
-    clock.feed(batch("a", 1, T0 + 290 * MS))
-    assert clock.at(310 * MS) == []
-    assert clock.stats.late == 1
 
 
 def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
@@ -214,7 +231,7 @@ def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
             clock.feed(batch("a", k - 5, T0 + k * 30 * MS, session="b" * 16))
         clock.at(k * 30 * MS)
     assert {session for _, session in clock.timeline.sessions.values()} == {"a" * 16}
-    assert clock.timeline.sources.rivalled(T0 + 1_200 * MS) == ["a"]
+    assert list(clock.timeline.troubles.lately(T0 + 1_200 * MS)["duplicate-name"]) == ["a"]
     refused = clock.stats.rejected["duplicate-name"]
     assert 25 <= refused <= 33
     # The first leaves: the second gets the name, and what it sent since then.
@@ -253,24 +270,6 @@ def test_one_source_too_many_is_refused_while_all_others_send():
     assert {row[1] for row in clock.at(2 * S)} == {"s1", "s2", "s4"}
 
 
-def test_more_than_a_source_may_let_wait_is_refused():
-    clock = Clockwork(limits={"waiting_batches": 2})
-    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
-    assert clock.stats.rejected == {"limit": 1}
-    assert len(clock.at(15 * MS)) == 2
-    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
-    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
-
-
-def test_large_batches_that_wait_are_bounded_by_their_bytes():
-    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
-    many = range(20_000)  # 0.3 MB
-    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
-    assert clock.stats.rejected == {"limit": 1}
-    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
-    assert clock.stats.rejected == {"limit": 3}
-
-
 def test_a_batch_of_too_many_instants_is_refused(clock):
     stamps = T0 + np.arange(100_000)
     clock.feed(batch("a", 0, int(stamps[-1]), ids=np.arange(100_000), stamps_ns=stamps))
@@ -300,52 +299,6 @@ def test_the_first_instant_of_a_new_session_ends_the_one_before(clock):
     ]
 
 
-def test_a_new_session_loses_nothing_while_it_waits_for_the_name(clock):
-    for k in range(10):
-        clock.feed(batch("s", k, T0 + k * 30 * MS))
-        clock.at(k * 30 * MS)
-    for k in range(10, 20):
-        clock.feed(batch("s", k - 10, T0 + k * 30 * MS, session="b" * 16))
-        clock.at(k * 30 * MS)
-    account = clock.timeline.ledger.accounts()["s", "b" * 16]
-    assert (account.fused, account.waiting, account.late) == (10, 0, 0)
-
-
-def test_what_still_waits_of_an_ended_session_is_dropped_as_late(clock):
-    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 420 * MS))
-    clock.at(0)
-    clock.feed(*(batch("s", k, T0 + (300 + 200 * k) * MS, session="b" * 16) for k in range(2)))
-    assert clock.sessions_at(500 * MS) == [
-        ("s", "a", "ended"),
-        ("s", "b", "released"),
-        ("s", "b", "released"),
-    ]
-    assert clock.stats.late == 1
-
-
-def test_idle_sessions_are_forgotten_and_numbers_are_not_given_twice(clock):
-    for k, session in enumerate("abc"):
-        clock.feed(batch("s", 0, T0 + k * 300 * MS, session=session * 16))
-        clock.at(k * 300 * MS)
-    clock.timeline.forget_idle({0})
-    assert clock.timeline.sessions == {0: ("s", "a" * 16), 2: ("s", "c" * 16)}
-    clock.timeline.forget_idle(())
-    clock.feed(batch("s", 0, T0 + 900 * MS, session="d" * 16))
-    clock.at(900 * MS)
-    assert clock.timeline.sessions == {2: ("s", "c" * 16), 3: ("s", "d" * 16)}
-
-
-def test_a_source_that_has_long_been_silent_is_forgotten(clock):
-    clock.feed(batch("a", 0, T0), batch("b", 0, T0))
-    clock.at(0)
-    clock.feed(batch("b", 1, T0 + 61 * S))
-    clock.at(61 * S)
-    clock.timeline.forget_idle({0})
-    assert set(clock.timeline.sources) == {"a", "b"}
-    clock.timeline.forget_idle(())
-    assert set(clock.timeline.sources) == {"b"}
-
-
 def test_a_restored_timeline_goes_on(clock):
     clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 40 * MS))
     clock.at(40 * MS)
@@ -363,12 +316,6 @@ def test_a_restored_timeline_goes_on(clock):
     assert (clock.stats.waiting, twin.stats.waiting, twin.stats.lost) == (1, 0, 1)
 
 
-def test_an_empty_batch_moves_the_watermark(clock):
-    clock.feed(batch("a", 0, T0 + 50 * MS, ids=()))
-    clock.at(50 * MS)
-    assert clock.watermark == 50
-
-
 def test_a_slow_source_gives_its_trajectories_three_periods():
     clock = Clockwork()
     for k in range(5):
@@ -378,3 +325,21 @@ def test_a_slow_source_gives_its_trajectories_three_periods():
     clock.at(1_610 * MS)
     timeouts = {name: clock.timeline.track_timeout_ns(n) for n, (name, _) in clock.timeline.sessions.items()}
     assert timeouts == {"slow": 1_200 * MS, "quick": 500 * MS}
+
+
+def test_more_than_a_source_may_let_wait_is_refused():
+    clock = Clockwork(limits={"waiting_batches": 2})
+    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
+    assert clock.stats.rejected == {"limit": 1}
+    assert len(clock.at(15 * MS)) == 2
+    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
+    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
+
+
+def test_large_batches_that_wait_are_bounded_by_their_bytes():
+    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+    many = range(20_000)  # 0.3 MB
+    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 1}
+    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 3}

@@ -49,25 +49,6 @@ class TestWithRerun:
         assert "2GB" in refused(capsys, "view", "--save", tmp_path / "b.rrd", "--memory", "much")
         assert not (tmp_path / "b.rrd").exists()
 
-    def test_a_window_that_fails_ends_the_command_with_one_line(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        import threading
-
-        import rerun_cli
-
-        from comotion_clients.viewing.sink import Destination, RerunSink
-
-        broken = tmp_path / "rerun"
-        broken.write_text("#!/bin/sh\necho starting\necho 'Error: no adapter' >&2\nexit 3\n")
-        broken.chmod(0o755)
-        monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "__init__.py"))
-        with (
-            RerunSink(Destination(window=True)) as sink,
-            pytest.raises(OSError, match=r"failed \(status 3\): Error: no adapter"),
-        ):
-            sink.wait(threading.Event(), duration=30)
-
     def test_page_and_data_are_for_this_machine_alone(self) -> None:
         from comotion_clients.viewing.sink import Destination, RerunSink, free_port
 
@@ -79,21 +60,6 @@ class TestWithRerun:
             sockets = [line.split() for line in lines[0] + lines[1]]
             addresses = {s[1].split(":")[0] for s in sockets if int(s[1].split(":")[1], 16) in {page, data}}
         assert addresses == {"0100007F"}
-
-    @pytest.mark.parametrize("option", ["--port", "--data-port"])
-    def test_a_port_in_use_is_told(self, option: str, capsys: pytest.CaptureFixture[str]) -> None:
-        import socket
-
-        from comotion_clients.viewing.sink import free_port
-
-        ports = {"--port": str(free_port()), "--data-port": str(free_port())}
-        with socket.socket() as taken:
-            taken.bind(("127.0.0.1", 0))
-            taken.listen()
-            ports[option] = str(taken.getsockname()[1])
-            arguments = [word for pair in ports.items() for word in pair]
-            error = refused(capsys, "view", "--web", "--no-browser", *arguments)
-        assert error == f"error: port {ports[option]} cannot be used: Address already in use"
 
     def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
         from comotion_clients.viewing.picture import ScenePicture

@@ -11,8 +11,7 @@ from rich.console import Console
 
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.scene_rows import Snapshot
-from comotion_clients.watch_columns import duration
-from comotion_clients.watch_view import SORTS, WHOLE, as_json, plain_line, render, share_rows
+from comotion_clients.watch_view import WHOLE, as_json, plain_line, render
 from comotion_schemas import (
     UNDETERMINED,
     Box,
@@ -27,8 +26,6 @@ from comotion_schemas import (
 
 from .. import builders
 from ..builders import SESSION, S, status
-
-OTHER = "f" * 16
 
 
 def batch(source: str, seq: int, session: str = SESSION, stamp_ns: int = 0) -> ObservationBatch:
@@ -93,32 +90,6 @@ def test_a_source_that_falls_silent_stalls_and_comes_back() -> None:
     assert sources(model, 9.0)["a"].state == "ok"
 
 
-def test_a_slow_source_is_not_stalled_between_its_batches() -> None:
-    model = SceneModel("lab")
-    publish(model, "slow", 0.5, 0, 10)
-    assert sources(model, 11.9)["slow"].state == "ok"
-    assert sources(model, 14.1)["slow"].state == "stalled"
-
-
-def test_gaps_in_the_sequence_are_losses_and_a_restart_is_none() -> None:
-    model = SceneModel("lab")
-    for seq in (0, 1, 5, 6):
-        model.on_batch(batch("a", seq), seq * 0.1, 0)
-    assert (sources(model, 0.7)["a"].lost, sources(model, 0.7)["a"].losing) == (3, True)
-    model.on_batch(batch("a", 100, OTHER), 0.7, 0)
-    row = sources(model, 0.8)["a"]
-    assert row.lost == 3
-    # A source that starts anew at once keeps its rhythm.
-    assert row.rate == pytest.approx(4 / 0.7)
-    assert not sources(model, 20.0)["a"].losing
-
-
-def test_lag_is_from_acquisition_to_arrival() -> None:
-    model = SceneModel("lab")
-    model.on_batch(batch("a", 0, stamp_ns=5 * S), 1.0, 5 * S + 30_000_000)
-    assert sources(model, 1.0)["a"].lag == pytest.approx(0.03)
-
-
 def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
     model = SceneModel("lab")
     model.on_presence("source", "a", alive=True, now=0.0)
@@ -128,13 +99,6 @@ def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
     assert sources(model, 62.0) == {}
     model.on_presence("source", "a", alive=True, now=63.0)
     assert sources(model, 63.0)["a"].state == "silent"
-
-
-def test_sources_silent_from_the_start_are_known_from_the_service() -> None:
-    model = SceneModel("lab")
-    model.on_status(status(ages={"lidar": 2.5}))
-    row = sources(model, 0.0)["lidar"]
-    assert (row.state, row.age) == ("stalled", 2.5)
 
 
 def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
@@ -153,13 +117,6 @@ def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
     assert model.snapshot(3.0).service.state == "silent"
     model.on_presence("service", "fusion", alive=False, now=3.0)
     assert model.snapshot(3.0).service.state == "absent"
-
-
-def test_a_standby_does_not_hide_what_the_active_service_says() -> None:
-    model = SceneModel("lab")
-    model.on_status(status(replica="active", epoch=3, message="2 late"))
-    model.on_status(status(component="other", replica="standby", message="all is well"))
-    assert model.snapshot(0.0).service.message == "2 late"
 
 
 def test_tracks_and_hypotheses_of_the_newest_update() -> None:
@@ -234,40 +191,6 @@ def test_the_screen_fits_the_terminal(width: int, height: int, amount: tuple[int
     assert "degraded" in lines[0]
 
 
-def test_80x24_shows_every_part() -> None:
-    text = "\n".join(drawn(busy(3, 30, 9), 80, 24))
-    for part in ("rate Hz", "hypothesis", "last events", "merged 0 with 1", "more hypotheses", "no data"):
-        assert part in text
-    assert text.count("●") >= 8
-
-
-def test_rows_are_shared_without_waste() -> None:
-    assert share_rows(100, (3, 5, 2)) == (3, 5, 2)
-    assert share_rows(21, (3, 30, 9)) == (3, 11, 4)
-    assert share_rows(21, (30, 3, 0)) == (15, 3, 0)
-    assert share_rows(2, (3, 3, 3)) == (0, 0, 0)
-
-
-def test_orders() -> None:
-    snapshot = busy(0, 3, 0)
-    shown = {
-        sort: [line.split()[1] for line in drawn(snapshot, 80, 24, sort) if "●" in line] for sort in SORTS
-    }
-    assert shown == {"size": ["2", "1", "0"], "name": ["0", "1", "2"], "age": ["2", "1", "0"]}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.0, "0 ms"), (0.0123, "12 ms"), (1.26, "1.3 s"), (99.96, "2 min"), (7300, "2 h"), (1e6, "12 d")],
-)
-def test_durations(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
-
-
-def test_an_unknown_duration_is_a_dash() -> None:
-    assert duration(math.inf) == duration(math.nan) == "-"
-
-
 def test_plain_line_and_json_say_the_same() -> None:
     snapshot = busy(1, 2, 1)
     line = plain_line(snapshot)
@@ -278,12 +201,6 @@ def test_plain_line_and_json_say_the_same() -> None:
     assert found["hypotheses"][0]["colour"] == "#0072b2"
     assert found["sources"][0]["rate"] == 0.0
     assert len(found["events"]) == 1
-
-
-def test_a_stalled_source_is_marked_in_the_plain_line() -> None:
-    model = SceneModel("lab")
-    publish(model, "a", 10, 0, 1)
-    assert "a STALLED" in plain_line(model.snapshot(9.0))
 
 
 def test_problems_are_shown_whole_where_there_is_no_screen() -> None:

@@ -15,7 +15,7 @@ def fill(window: Window, slots: np.ndarray, instants: int, first: int = 0) -> No
 
 
 def held(window: Window, slots: np.ndarray) -> list[np.ndarray]:
-    return [window.series(int(one)).positions.copy() for one in slots]
+    return [window.held(window.positions, int(one)).copy() for one in slots]
 
 
 def size(window: Window) -> int:
@@ -39,19 +39,3 @@ def test_rows_that_one_trajectory_needed_are_given_back(late) -> None:
         np.testing.assert_array_equal(one, was)
     fill(window, slots, 200, first=50)
     np.testing.assert_array_equal(window.counts(slots), np.full(10, 250 - late))
-
-
-def test_columns_are_new_when_most_slots_are_free() -> None:
-    window = Window(3, 10 * SECOND, SECOND)
-    slots, many = window.open(10, 1), window.open(2000, 2)
-    fill(window, slots, 20)
-    fill(window, many, 20)
-    columns, kept = window.times, held(window, slots)
-    window.close(many[:1000])
-    assert window.times is columns
-    window.close(many[1000:])
-    # Nobody has written to these, but where something is in use.
-    assert window.times is not columns
-    assert np.count_nonzero(window.times) == np.count_nonzero(columns[slots])
-    for one, was in zip(held(window, slots), kept, strict=True):
-        np.testing.assert_array_equal(one, was)

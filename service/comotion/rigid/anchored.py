@@ -11,12 +11,15 @@ import numpy as np
 from ..arrays import Floats, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
+from .kernels.registration import pose_information
 from .procrustes import Body, align
 from .resampling import Frames
 from .tracks import Tracks
 
 # rad^-2, information of the prior: a turn that no point fixes is uncertain by a radian.
 _FREE_TURN = 1.0
+# m^-2 or the like: a centroid that no point fixes.
+_LEAST_INFORMATION = 1e-12
 # A pose is placed by so many points that the reference knows, or not at all.
 _LEAST_SHARED = 3
 
@@ -65,8 +68,10 @@ def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion 
         return None
     # From the axes of the body to those of the hypothesis.
     R, t = align(body.template[mine], reference.points[theirs], frames.dim)
-    weight = frames.w[body.rows] / frames.tolerance[body.rows, None] * frames.independent[body.rows, None]
-    turn, place = pose_covariances(body.template, weight)
+    arrays = frames.arrays._replace(tolerance=frames.tolerance / frames.independent)
+    information = np.zeros((len(frames.stamps), 6, 6))
+    pose_information(arrays, body.rows, body.template - body.template.mean(0), frames.dim, information)
+    turn = inverses(information[:, :3, :3] + _FREE_TURN * np.eye(3))
     turned = body.R @ R.T
     centre, radius = _shape(body.template @ R.T + t)
     return BodyMotion(
@@ -75,7 +80,7 @@ def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion 
         t=body.t - turned @ t,
         posed=body.posed,
         turn_covariance=R @ turn @ R.T,
-        place_variance=place,
+        place_variance=1 / np.maximum(information[:, 3, 3], _LEAST_INFORMATION),
         centre=centre,
         radius=radius,
         static=False,
@@ -88,20 +93,3 @@ def _shape(points: Floats) -> tuple[Floats, float]:
         return np.zeros(3), 0.0
     centre = points.mean(0)
     return centre, float(np.sqrt(((points - centre) ** 2).sum(1).mean()))
-
-
-def pose_covariances(template: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Covariance of a turn in the axes of the body, [F, 3, 3], and variance of the centroid, [F].
-
-    With dx = dt + dθ × r, r about the centroid, the information is Σ w for dt and Σ w (|r|² I - r rᵀ) for dθ.
-    In 2-D nothing turns but about z.
-
-    Parameters
-    ----------
-    template, weight
-        float64 [m, 3], points of the body, and [m, F], their inverse variances.
-    """
-    r = template - template.mean(0)
-    moment = (r**2).sum(1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
-    information = (weight.T @ moment.reshape(len(r), 9)).reshape(-1, 3, 3) + _FREE_TURN * np.eye(3)
-    return inverses(information), 1 / np.maximum(weight.sum(0), 1e-12)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Floats, Ints, thinned
 from ..config import RigidConfig
-from .costs import Costs, with_young
+from .costs import Costs, with_new
 from .kernels.assignment import carry
 from .kernels.distances import gaussian_sums
 from .procrustes import Body
@@ -115,36 +115,23 @@ def assign(
     return Assignment(labels, cost)
 
 
-def joined(
-    frames: Frames, newest: Floats, found: SearchResult, young: Ints, config: RigidConfig
-) -> SearchResult:
-    """The result with the young trajectories assigned anew; the others keep their bodies.
+def joined(frames: Frames, newest: Floats, found: SearchResult, config: RigidConfig) -> SearchResult:
+    """The result with trajectories that are new, the last ones of `frames`: the others keep their bodies.
 
-    Parameters
-    ----------
-    newest
-        float64 [N, 3], positions.
-    found
-        The result of the first ones of the N trajectories.
-    young
-        intp [n], trajectories to assign, among them all that the result does not have.
+    `newest` float64 [N, 3] are positions of all of them.
     """
-    count, bodies, last = len(frames.key), found.bodies, found.assignment
-    labels = np.append(last.labels, np.full(count - len(last.labels), OUTLIER))
-    evidence = with_young(frames, bodies, found.evidence, young, config)
+    assignment, bodies = found.assignment, found.bodies
+    evidence = with_new(frames, bodies, found.evidence, config)
+    new = np.arange(len(assignment.labels), len(frames.key))
+    labels = np.append(assignment.labels, np.full(len(new), OUTLIER))
     x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
     weight = _weight(frames)
-    others = weight.copy()
-    others[young] = 0.0
-    prior = _log_prior(x, young, labels, others, len(bodies), _spacing(x[weight > 0]))
-    few = np.column_stack([evidence.outlier[young], evidence.body[young]])
-    few[:, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
-    stays = np.flatnonzero(labels[young] >= 0)
-    few[stays, labels[young[stays]] + 1] -= config.stay
-    cost = np.concatenate([last.cost, np.zeros((count - len(last.cost), len(bodies) + 1))])
-    cost[young], labels[young] = few, np.argmin(few, 1) - 1
-    excess = np.append(found.excess, np.zeros(count - len(found.excess)))
-    return SearchResult(bodies, Assignment(labels, cost), evidence, excess)
+    prior = _log_prior(x, new, labels, weight, len(bodies), _spacing(x[weight > 0]))
+    cost = np.column_stack([evidence.outlier, evidence.body])[new]
+    cost[:, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
+    labels[new] = np.argmin(cost, 1) - 1
+    both = Assignment(labels, np.concatenate([assignment.cost, cost]))
+    return SearchResult(bodies, both, evidence, np.append(found.excess, np.zeros(len(new))))
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:

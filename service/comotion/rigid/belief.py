@@ -3,8 +3,7 @@
 The window holds the evidence of its own frames alone: a body that rests for longer would become a part of
 the static one, and of a feature that rests among resting bodies nothing would be known any more. So each
 hypothesis has a record, which says for how long it has clearly moved, and each trajectory keeps whether it
-has once clearly been a member. Both hold until something contradicts them. Of the last update the costs are
-kept: what was far off then is not computed again until bodies are sought.
+has once clearly been a member. Both hold until something contradicts them.
 """
 
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
 from .costs import Costs, pose_costs
 from .resampling import Frames
-from .subset import DOUBTFUL, Scene
+from .subset import Scene
 
 # s of motion that explains the members better than rest does by more than its price, until a hypothesis is
 # known to be separate; and s of evidence to the contrary, until it no longer is.
@@ -36,8 +35,6 @@ _CONTRARY = 10.0
 # trajectory then pays for leaving it: less, since a hypothesis may change. Chosen on stress scenes of even
 # seeds and on the markers.
 _SURE, _LEAVING = 40.0, 20.0
-# nat; a cost so far above the least stands until bodies are sought again: half a second changes it by less.
-_FAR = 200.0
 # Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
 _UNKNOWN = NO_HYPOTHESIS - 1
 
@@ -70,11 +67,9 @@ class Belief:
     def __init__(self) -> None:
         self.records: dict[int, Record] = {}
         self._stamp_ns: int | None = None
-        # Of all trajectories of the last update, keys ascending; their costs under `_ids`, their excess, and
-        # the hypothesis that each has clearly been a member of.
+        # Of all trajectories of the last update, keys ascending; their excess, and the hypothesis that each
+        # has clearly been a member of.
         self._keys: Stamps = np.zeros(0, np.int64)
-        self._ids: Labels = np.zeros(0, np.int64)
-        self._cost: Floats = np.zeros((0, 0))
         self._excess: Floats = np.zeros(0)
         self._member_of: Labels = np.zeros(0, np.int64)
 
@@ -100,8 +95,7 @@ class Belief:
         clear = _clear(evidence, labels)
         clear[clear] = ids[labels[clear]] != NO_HYPOTHESIS
         member_of[clear] = ids[labels[clear]]
-        self._keys, self._ids, self._member_of = frames.key, ids, member_of
-        self._cost, self._excess = evidence.body, result.excess
+        self._keys, self._member_of, self._excess = frames.key, member_of, result.excess
 
     def scene(
         self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: float
@@ -134,27 +128,10 @@ class Belief:
             clear=np.append(self._member_of, _UNKNOWN)[at] == before,
         )
 
-    def far_costs(self, scene: Scene, hypotheses: list[int | None]) -> Floats:
-        """Costs of the last update that need not be computed again, float64 [N, K]; NaN elsewhere.
-
-        They are those of trajectories that are explained, under bodies that are far off.
-        """
-        known = np.full((len(scene.before), len(hypotheses)), np.nan)
-        at = find(scene.frames.key, self._keys)
-        calm = np.flatnonzero((at >= 0) & (scene.excess < DOUBTFUL) & (scene.before != NO_HYPOTHESIS))
-        if self._cost.size and len(calm):
-            cost = self._cost[at[calm]]
-            far = np.where(cost > cost.min(1, keepdims=True) + _FAR, cost, np.nan)
-            column = {one: k for k, one in enumerate(self._ids.tolist())}
-            for k, one in enumerate(hypotheses):
-                if one in column:
-                    known[calm, k] = far[:, column[one]]
-        return known
-
     def forget(self) -> None:
         """Forget what the last update has said of each trajectory: there are none."""
-        self._keys, self._ids, self._member_of = (np.zeros(0, np.int64) for _ in range(3))
-        self._cost, self._excess = np.zeros((0, 0)), np.zeros(0)
+        self._keys, self._member_of = (np.zeros(0, np.int64) for _ in range(2))
+        self._excess = np.zeros(0)
 
     def state(self) -> dict[str, Any]:
         """What must survive a restart, as plain values and arrays."""
@@ -168,7 +145,7 @@ class Belief:
         """Take up :meth:`state`."""
         self.records = {int(one): Record(seconds=float(seconds)) for one, seconds in state["seconds"]}
         self._keys, self._member_of = state["keys"], state["member_of"]
-        self._cost, self._excess = np.zeros((len(self._keys), 0)), np.zeros(len(self._keys))
+        self._excess = np.zeros(len(self._keys))
 
 
 def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:

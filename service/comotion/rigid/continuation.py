@@ -25,8 +25,6 @@ from .tracks import Tracks
 _HELD_SHARE, _NEW_SHARE = 0.04, 0.05
 # s before the new frames in which the place of a trajectory in its body is taken.
 _REFERENCE_TIME = 1.0
-# s of observation up to which a trajectory is assigned at each update.
-_YOUNG = 1.0
 # New frames are at least as dense as the others, but for so much of a frame.
 _ROUND_UP = 0.45
 # A trajectory that its body explains looks unexplained in one of so many updates.
@@ -35,13 +33,13 @@ _FALSE_ALARMS = 20.0
 
 @dataclass(frozen=True)
 class Fit:
-    """What an update has found; `fitted_ns`, and of how many trajectories, all of it was fitted."""
+    """What an update has found. At `fitted_ns` all of it was fitted, and so many were :func:`judged`."""
 
     tracks: Tracks
     frames: Frames
     result: SearchResult
     fitted_ns: int
-    count: int
+    judged: int
 
 
 def held(
@@ -57,29 +55,30 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    tracks = last.tracks.joined(now)
     kept_ns = _HELD_SHARE * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + kept_ns:
         return None
+    tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
     if fresh and _lost(last.result.assignment.labels, tracks):
-        return None
-    if len(tracks.key) - last.count > _NEW_SHARE * np.count_nonzero(tracks.current):
         return None
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
     more = extended(frames, recent, stamps, window.gap_ns, config)
-    if more is None:
+    if more is None or judged(more, config) - last.judged > _NEW_SHARE * int(more.current.sum()):
         return None
     bodies = [_followed(more, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
     if not np.isin(more.key[_unexplained(more, result, len(frames.stamps), config)], odd).all():
         return None
-    young = np.flatnonzero(more.current & (more.life < _YOUNG))
-    if len(young) or fresh:
-        young = np.union1d(young, np.arange(len(frames.key), len(more.key)))
-        result = joined(more, tracks.newest, result, young, config)
-    return Fit(tracks, more, result, last.fitted_ns, last.count)
+    if fresh:
+        result = joined(more, tracks.newest, result, config)
+    return Fit(tracks, more, result, last.fitted_ns, last.judged)
+
+
+def judged(frames: Frames, config: RigidConfig) -> int:
+    """How many trajectories were observed for so long that they take part in finding hypotheses."""
+    return int(np.count_nonzero(frames.life >= config.min_life))
 
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:

@@ -66,7 +66,6 @@ def costs(
     config: RigidConfig,
     stretch: float = 1.0,
     stride: int = 1,
-    given: Floats | None = None,
 ) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
@@ -80,15 +79,11 @@ def costs(
         Factor from the costs of thinned frames to those of all frames.
     stride
         Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
-    given
-        float64 [N, K]; costs that need not be computed, NaN elsewhere.
     """
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    body, squared = _body_costs(frames, poses, wider, config, stride, given)
-    body = body * stretch
-    if given is not None:
-        body = np.where(np.isnan(given), body, given)
+    body, squared = _body_costs(frames, poses, wider, config, stride)
+    body *= stretch
     seen, outlier = _outlier_costs(frames, config)
     outlier *= stretch
     opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
@@ -97,36 +92,26 @@ def costs(
     return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
-def with_young(frames: Frames, bodies: list[Body], found: Costs, young: Ints, config: RigidConfig) -> Costs:
-    """The costs of the first trajectories of `frames`, with those of `young` intp [n] computed anew."""
-    some, rows = frames.of(young), frames.rows_of(young)
-    body, squared = _body_costs(some, stacked(bodies), found.wider, config)
-    more, more_rows = len(frames.key) - len(found.outlier), len(frames.owner) - len(found.squared)
-    grown = replace(
+def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
+    """The costs, and those of new trajectories: the last ones of `frames`, as are their rows."""
+    new = frames.of(np.arange(len(found.outlier), len(frames.key)))
+    body, squared = _body_costs(new, stacked(bodies), found.wider, config)
+    return replace(
         found,
-        body=np.pad(found.body, ((0, more), (0, 0))),
-        outlier=np.pad(found.outlier, (0, more)),
-        slides=np.pad(found.slides, ((0, more), (0, 0))),
-        squared=np.pad(found.squared, ((0, more_rows), (0, 0))),
+        body=np.concatenate([found.body, body]),
+        outlier=np.append(found.outlier, _outlier_costs(new, config)[1]),
+        slides=np.concatenate([found.slides, np.zeros(body.shape, np.bool_)]),
+        squared=np.concatenate([found.squared, squared]),
     )
-    grown.body[young], grown.outlier[young] = body, _outlier_costs(some, config)[1]
-    grown.slides[young], grown.squared[rows] = False, squared
-    return grown
 
 
 def _body_costs(
-    frames: Frames,
-    poses: Floats,
-    wider: Floats,
-    config: RigidConfig,
-    stride: int = 1,
-    given: Floats | None = None,
+    frames: Frames, poses: Floats, wider: Floats, config: RigidConfig, stride: int = 1
 ) -> tuple[Floats, Floats]:
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
-    known = np.full((len(rows), len(poses)), np.nan) if given is None else given[frames.owner]
-    at_rest = np.zeros(known.shape)
-    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, known, at_rest)
+    at_rest = np.zeros((len(rows), len(poses)))
+    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, at_rest)
     price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
     # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
     row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
@@ -203,16 +188,14 @@ def _residuals(
     wider: Floats,
     config: RigidConfig,
     stride: int = 1,
-    known: Floats | None = None,
     at_rest: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
 
-    What of `known` [n, K] is not NaN is not computed. `at_rest` [n, K]: out, as of
-    :func:`~.kernels.residuals.body_costs`.
+    `at_rest` [n, K]: out, as of :func:`~.kernels.residuals.body_costs`.
     """
     shape = len(rows), len(poses)
-    cost, squared = np.full(shape, np.nan) if known is None else known.copy(), np.full(shape, np.nan)
+    cost, squared = np.zeros(shape), np.full(shape, np.nan)
     gain = np.zeros((0, 0)) if at_rest is None else at_rest
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap

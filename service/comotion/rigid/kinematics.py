@@ -119,15 +119,16 @@ def _from_birth(
     """Transform from body coordinates to the axes of the space at birth."""
     if reference.born_ns >= int(frames.stamps[0]) and (then := local(reference.born_ns)) is not None:
         return then.R, then.t
-    R, t = np.eye(3), np.zeros(3)
-    last = local(reference.stamp_ns)
-    if last is not None:
-        # x(last) = reference.R x(born) + reference.t and x(last) = last.R b + last.t.
-        R, t = reference.R.T @ last.R, reference.R.T @ (last.t - reference.t)
     shared, mine, theirs = np.intersect1d(names, reference.rows, assume_unique=True, return_indices=True)
     if len(shared) >= min(frames.dim, max(len(names), 2)):
-        return align(body.template[mine], reference.points[theirs], frames.dim, R)
-    return R, t
+        # What the points leave open, as those of a pair do, is as it was.
+        near = body.R[np.argmin(np.abs(frames.stamps - reference.stamp_ns))]
+        return align(body.template[mine], reference.points[theirs], frames.dim, reference.R.T @ near)
+    last = local(reference.stamp_ns)
+    if last is None:
+        return np.eye(3), np.zeros(3)
+    # x(last) = reference.R x(born) + reference.t and x(last) = last.R b + last.t.
+    return reference.R.T @ last.R, reference.R.T @ (last.t - reference.t)
 
 
 def as_pose(R: Floats, t: Floats, dim: int) -> Pose:

@@ -53,7 +53,7 @@ from .assignment import (
 )
 from .belief import Belief, carried_costs
 from .candidates import candidate_rows
-from .continuation import Fit, held
+from .continuation import Fit, held, judged
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import NoiseEstimates
@@ -75,7 +75,7 @@ from .subset import (
 from .tracks import Tracks, read_tracks
 
 # Where the known bodies explain everything, others are sought when the evidence has changed by this share.
-_SEARCH_SHARE = 0.04
+_SEARCH_SHARE = 0.05
 # Share of the window in which the same unexplained trajectory is no cause for another search.
 _ODD_SHARE = 0.1
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
@@ -179,7 +179,7 @@ class RigidMethod(Method):
         result, due = self._grouped(scene)  # 5 to 9
         if due:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        return Fit(tracks, frames, result, stamp_ns, len(tracks.key))
+        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config))
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
@@ -189,11 +189,11 @@ class RigidMethod(Method):
         """The bodies and their trajectories, and whether others were sought."""
         followed, now = None, None
         if not (self.searching and self._old(scene)) and not is_large(scene):
-            followed = follow(scene, self._belief, self._config)
+            followed = follow(scene, self._config)
             now = followed.excess, followed.assignment.labels == OUTLIER
         if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
             return search(scene, self._config), True
-        return followed or follow(scene, self._belief, self._config), False
+        return followed or follow(scene, self._config), False
 
     def _old(self, scene: Scene) -> bool:
         """Whether bodies were sought long ago."""
@@ -221,12 +221,10 @@ class RigidMethod(Method):
         return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
 
-def follow(scene: Scene, belief: Belief, config: RigidConfig) -> SearchResult:
+def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    frames, rows = scene.frames, known_rows(scene)
-    far = belief.far_costs(scene, [scene.static, *rows])
-    exact = len(frames.owner) <= SUBSET_ROWS
-    return _decided(scene, _compare_all(scene, list(rows.values()), config, exact=exact, far=far))
+    exact = len(scene.frames.owner) <= SUBSET_ROWS
+    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
 
 
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
@@ -269,9 +267,7 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
-def _compare_all(
-    scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool, far: Floats | None = None
-) -> SearchResult:
+def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
     """Fit bodies to rows, select the best, and assign every trajectory to one of them.
 
     Parameters
@@ -281,14 +277,12 @@ def _compare_all(
     exact
         Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
         and a body must be worth its price by its motion alone.
-    far
-        float64 [N, 1 + K]; costs that are known, NaN elsewhere.
     """
     frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
-    found = costs(frames, still, config, stride=stride, given=far)  # 7
+    found = costs(frames, still, config, stride=stride)  # 7
     if not exact:
         worth = moving_bodies(frames, still, found, config)
         bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)

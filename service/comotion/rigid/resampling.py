@@ -194,7 +194,7 @@ def make_frames(
     noise = _mean_variance(covariance, tracks.dim)
     covariance += _deformation(squared, tracks.extent, config)[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
-    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance)
+    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, config)
     terms = noise, tolerance, metric, spectrum
     who = tracks.key, life, tracks.current
     return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *who, tracks.extent)
@@ -294,14 +294,15 @@ def _metrics(covariance: Floats, dim: int) -> Floats:
 
 
 def _with_slow_noise(
-    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats
+    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats, config: RigidConfig
 ) -> tuple[Floats, Floats]:
     """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3]."""
     wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
     source = tracks.source[owner]
     for one in np.unique(source).tolist():
         mine = source == one
-        found = slow_noise(y, w, tolerance, np.flatnonzero(mine & tracks.current[owner]))
+        rows = np.flatnonzero(mine & tracks.current[owner])
+        found = slow_noise(y, w, tolerance, rows, config.frame_rate)
         factor = found.factor(w.shape[1])
         wider[mine] *= factor
         spectrum[mine] = found.white / factor, found.slow / factor, found.persistence

@@ -22,10 +22,10 @@ _ROWS, _NEAREST = 64, 3
 _LEAST_FRAMES, _LEAST_PAIRS = 8, 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
-# Frames; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
-_LAGS, _LEAST_LAGS = np.array([1, 2, 4, 8, 16, 32, 64]), 3
-# Frames; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
-_TIMES = np.array([2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 256.0, 1024.0])
+# s; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
+_LAGS, _LEAST_LAGS = np.array([1, 2, 4, 8, 16, 32, 64]) / 15, 3
+# s; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
+_TIMES = np.array([2, 4, 8, 16, 32, 64, 256, 1024]) / 15
 # Least white noise, in tolerances: interpolation and rounding leave at least so much.
 _LEAST_WHITE = 0.05
 
@@ -52,7 +52,7 @@ class SlowNoise:
         return self.white + self.slow * float(1 - np.exp(-frames / 3 / self.time))
 
 
-def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise:
+def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: float) -> SlowNoise:
     """Slow noise of one source, from the variograms of the distances of its nearest pairs.
 
     The variogram at lag k is that of the white noise plus slow (1 - exp(-k / time)) of the slow one. The
@@ -64,13 +64,16 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
         float64 [P, F, 3], [P, F] (0: unobserved) and [P], variance of a coordinate.
     rows
         intp [n], current rows of the source.
+    frame_rate
+        Hz.
     """
     if len(rows) <= _NEAREST:
         return SlowNoise()
     some = thinned(rows, _ROWS)
     first = np.repeat(some, _NEAREST)
     second = _nearest(y, w, rows, some).ravel()
-    found = variograms(y, w, first, second, _LAGS, _LEAST_FRAMES)
+    lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
+    found = variograms(y, w, first, second, lags, _LEAST_FRAMES)
     known = np.isfinite(found).sum(0) >= _LEAST_PAIRS
     if known.sum() < _LEAST_LAGS:
         return SlowNoise()
@@ -78,18 +81,19 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints) -> SlowNoise
     usual = _usual(found)
     if usual.min() <= 0:  # pairs at rest without any noise
         return SlowNoise()
-    noise = _fitted(_LAGS[known], usual, w.shape[1])
+    noise = _fitted(lags[known], _TIMES * frame_rate, usual, w.shape[1])
     return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
 
 
-def _fitted(lags: Ints, usual: Floats, frames: int) -> SlowNoise:
-    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n].
+def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
+    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n] and of some times.
 
     The variogram of one pair scatters like a chi-squared variable over its degrees of freedom: two of three
     differences of white noise are independent, and those of slow noise that overlap by less than a third.
     """
     best, least = SlowNoise(), np.inf
-    for time, variogram in zip(_TIMES, _variograms(tuple(lags.tolist()), frames), strict=True):
+    every = _variograms(tuple(lags.tolist()), tuple(times.tolist()), frames)
+    for time, variogram in zip(times, every, strict=True):
         (a, b), error = nnls(variogram / usual[:, None], np.ones(len(lags)))
         if error < least:
             best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), float(time)), error
@@ -97,13 +101,13 @@ def _fitted(lags: Ints, usual: Floats, frames: int) -> SlowNoise:
 
 
 @lru_cache(maxsize=64)
-def _variograms(lags: tuple[int, ...], frames: int) -> list[Floats]:
+def _variograms(lags: tuple[int, ...], times: tuple[float, ...], frames: int) -> list[Floats]:
     """Variograms of white and of slow noise of variance 1 by correlation time, float64 [n, 2] each."""
     at = np.array(lags)
     white = _typical(np.full(len(at), 0.67 * frames))
     return [
         np.column_stack([white, (1 - np.exp(-at / time)) * _typical(1.5 * frames / np.minimum(at, 2 * time))])
-        for time in _TIMES
+        for time in times
     ]
 
 

@@ -156,14 +156,12 @@ def _doubtful(before: Labels, excess: Floats) -> Bools:
     return np.asarray((before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED))
 
 
-def known_rows(scene: Scene) -> dict[int, Ints]:
-    """Rows to fit each known hypothesis but the static one to, by hypothesis; two at least."""
+def known_rows(scene: Scene) -> list[Ints]:
+    """Rows to fit each known hypothesis but the static one to; two at least."""
     known = np.setdiff1d(scene.before, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
-    frames = scene.frames
-    found = {
-        one: _rows_of_representatives(scene, (scene.before == one) & frames.telling) for one in known.tolist()
-    }
-    return {one: rows for one, rows in found.items() if len(rows) >= 2}
+    telling = scene.frames.telling
+    found = [_rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()]
+    return [rows for rows in found if len(rows) >= 2]
 
 
 def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:

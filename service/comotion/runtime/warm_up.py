@@ -33,7 +33,7 @@ _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _FEW_FRAMES = 12
-_UPDATES = len(SCENES) * (_FRAMES // _FRAMES_PER_UPDATE + _FEW_FRAMES // _FRAMES_PER_UPDATE)
+_UPDATES = len(SCENES) * (_FRAMES // _FRAMES_PER_UPDATE + _FEW_FRAMES // _FRAMES_PER_UPDATE + 2)
 STEPS = _UPDATES + len(entries()) + 1
 """Most steps of :func:`prepare`."""
 _PIXELS_PER_METRE = 400.0
@@ -127,7 +127,8 @@ def warm_up_scene(
             seen = positions[:, source::sources] + source * _DISPLACED
             batch = _batch(seen, frame, unit, source)
             fusion.ingest(batch)
-        if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1:
+        # Once so soon after the last update that a method may hold what it has found.
+        if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == frames - _FRAMES_PER_UPDATE:
             fusion.update(batch.stamp_ns)
             yield
 

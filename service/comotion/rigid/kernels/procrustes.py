@@ -49,7 +49,7 @@ def fit_poses(
     _seed(y, w, b, known)
     need = 2 if (dim == 2 or m <= 2) else 3
     started = np.zeros(count, np.bool_)
-    weights, H, work, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    weights, H, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 3))
     soft, identity = 1.0 / (SOFT * dim), np.eye(3)
     all_round = True
     for i in range(m):
@@ -69,7 +69,7 @@ def fit_poses(
                     _pull(H, R[neighbour] if neighbour >= 0 else identity, _PULL)
                     # The frame's own rotation of the last iteration is nearer still than its neighbour's.
                     start = f if iteration > 0 and started[f] else neighbour
-                    spatial_rotation(H, R[start], neighbour >= 0, R[f], work)
+                    spatial_rotation(H, R[start], neighbour >= 0, R[f])
                 _translation(R[f], centres, t[f])
                 started[f] = True
                 neighbour = f
@@ -83,7 +83,7 @@ def fit_poses(
         else:
             _update(sums, b, known)
         if iteration < iterations - 1:
-            _bridge(y, w, inverse, need, b, known, poses, work)
+            _bridge(y, w, inverse, need, b, known, poses)
 
 
 @compiled()
@@ -95,7 +95,6 @@ def _bridge(
     b: Floats,
     known: Floats,
     poses: PoseArrays,
-    work: Floats,
 ) -> None:
     """Carry the template over a frame in which too few of its rows are seen, in place.
 
@@ -121,7 +120,7 @@ def _bridge(
             R[f] = R[beside]
         else:
             _pull(H, R[beside], _PULL)
-            spatial_rotation(H, R[beside], True, R[f], work)
+            spatial_rotation(H, R[beside], True, R[f])
         _translation(R[f], centres, t[f])
         for i in range(m):
             if w[f, i] > 0 and known[i] == 0:
@@ -159,7 +158,7 @@ def continue_poses(
     m = w.shape[1]
     known, weights = np.ones(m), np.zeros(m)
     need = 2 if (dim == 2 or m <= 2) else 3
-    H, work, centres = np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     soft, all_round = 1.0 / (SOFT * dim), True
     for i in range(m):
         all_round &= is_round_metric(metric[i])
@@ -174,7 +173,7 @@ def continue_poses(
                     planar_rotation(H, R[now])
                 else:
                     _pull(H, R[before], _PULL)
-                    spatial_rotation(H, R[before], True, R[now], work)
+                    spatial_rotation(H, R[before], True, R[now])
                 _translation(R[now], centres, t[now])
         if posed[now] and not all_round:
             _step(y[f], weights, metric, b, dim, R[now], t[now])
@@ -195,14 +194,14 @@ def weighted_pose(
     R, t
         Out: float64 [3, 3] and [3].
     """
-    H, work, centres = np.zeros((3, 3)), np.zeros((2, 4, 4)), np.zeros((2, 3))
+    H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     _moments(y, b, weights, centres, H)
     if dim == 2:
         planar_rotation(H, R)
     else:
         pulled, start = H.copy(), np.zeros((3, 3))
         _pull(pulled, near, _SLIGHT_PULL)
-        spatial_rotation(pulled, near, False, start, work)
+        spatial_rotation(pulled, near, False, start)
         # Without the pull, unless the points leave the rotation open.
         if not newton_rotation(H, start, R):
             R[:] = start

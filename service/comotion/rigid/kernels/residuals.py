@@ -50,23 +50,22 @@ def body_costs(
         Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
         estimate is near the least. The others keep their estimate.
     cost
-        float64 [n, K]; NaN where it is to be computed, in nats. Other entries are left as they are.
+        Out: float64 [n, K], in nats.
     squared
         Out: float64 [n, K], the mean of w |x - b|^2 over posed frames.
     gain
         Out, where the first body is the static one: float64 [n, K], what a row would gain at rest by the
-        wider tolerance of each body whose cost is computed. Else empty.
+        wider tolerance of each body whose cost is no estimate. Else empty.
     """
     y, w, tolerance, spectrum, metric = arrays
     count, bodies = w.shape[1], len(poses)
     row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
-    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.zeros(bodies, np.bool_)
+    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.ones(bodies, np.bool_)
     for n in range(len(rows)):
         i = rows[n]
         first, stop = observed_span(w[i])
         scale = tolerance[i], wider, dim, cap, unposed
-        for k in range(bodies):
-            asked[k] = np.isnan(cost[n, k])
+        asked[:] = True
         if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
             seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
             _filter_gains(w[i], spectrum[i], stride, gains)

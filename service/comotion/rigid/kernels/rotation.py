@@ -5,10 +5,6 @@ import numpy as np
 from ...arrays import Floats
 from ...compiled import compiled
 
-# Most Jacobi sweeps; they converge quadratically.
-_SWEEPS = 12
-# Share of the squared form that may be left off its diagonal: a relative 1e-11.
-_CONVERGED = 1e-22
 # Newton's method doubles the digits at each step: after a step with a square below this, rad^2, the next
 # one would be below double precision.
 _STEPS = 8
@@ -32,20 +28,13 @@ def planar_rotation(H: Floats, R: Floats) -> None:
 
 
 @compiled()
-def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats, work: Floats) -> None:
+def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats) -> None:
     """R that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3].
 
     Newton's method from `near` where `started`, else and where that fails the closed form.
-
-    Parameters
-    ----------
-    work
-        float64 [2, 4, 4], room for intermediate results.
-    R
-        Out: float64 [3, 3].
     """
     if not (started and newton_rotation(H, near, R)):
-        _closed_form(H, R, work[0], work[1])
+        _closed_form(H, R)
 
 
 @compiled()
@@ -112,69 +101,21 @@ def _turn(R: Floats, x: float, y: float, z: float) -> None:
 
 
 @compiled()
-def _closed_form(H: Floats, R: Floats, A: Floats, V: Floats) -> None:
+def _closed_form(H: Floats, R: Floats) -> None:
     """The maximum, whatever the rank of H (Horn 1987, eq. 37 ff.).
 
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form, found by Jacobi
-    rotations.
+    The quaternion (w, x, y, z) is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form.
     """
-    _horn_form(H, A)
-    V[:] = 0.0
-    for k in range(4):
-        V[k, k] = 1.0
-    scale = (A * A).sum()
-    for _ in range(_SWEEPS):
-        if _off_diagonal(A) <= _CONVERGED * scale:
-            break
-        for p in range(3):
-            for q in range(p + 1, 4):
-                if A[p, q] != 0.0:
-                    _annihilate(A, V, p, q)
-    best = 0
-    for k in range(1, 4):
-        if A[k, k] > A[best, best]:
-            best = k
-    _from_quaternion(V[0, best], V[1, best], V[2, best], V[3, best], R)
-
-
-@compiled()
-def _horn_form(H: Floats, A: Floats) -> None:
-    """The symmetric form A whose largest eigenvector is the best quaternion (w, x, y, z)."""
+    A = np.zeros((4, 4))
+    # LAPACK reads the lower triangle.
     A[0, 0] = H[0, 0] + H[1, 1] + H[2, 2]
     A[1, 1] = H[0, 0] - H[1, 1] - H[2, 2]
     A[2, 2] = -H[0, 0] + H[1, 1] - H[2, 2]
     A[3, 3] = -H[0, 0] - H[1, 1] + H[2, 2]
-    A[0, 1] = A[1, 0] = H[2, 1] - H[1, 2]
-    A[0, 2] = A[2, 0] = H[0, 2] - H[2, 0]
-    A[0, 3] = A[3, 0] = H[1, 0] - H[0, 1]
-    A[1, 2] = A[2, 1] = H[0, 1] + H[1, 0]
-    A[1, 3] = A[3, 1] = H[0, 2] + H[2, 0]
-    A[2, 3] = A[3, 2] = H[1, 2] + H[2, 1]
-
-
-@compiled()
-def _off_diagonal(A: Floats) -> float:
-    """Sum of squares above the diagonal."""
-    total = 0.0
-    for p in range(3):
-        for q in range(p + 1, 4):
-            total += A[p, q] * A[p, q]
-    return total
-
-
-@compiled()
-def _annihilate(A: Floats, V: Floats, p: int, q: int) -> None:
-    """Make A[p, q] vanish by one Jacobi rotation, and collect the rotation in V."""
-    theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
-    t = (1.0 if theta >= 0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1))
-    c = 1.0 / np.sqrt(t * t + 1)
-    s = t * c
-    for k in range(4):
-        A[k, p], A[k, q] = c * A[k, p] - s * A[k, q], s * A[k, p] + c * A[k, q]
-    for k in range(4):
-        A[p, k], A[q, k] = c * A[p, k] - s * A[q, k], s * A[p, k] + c * A[q, k]
-    for k in range(4):
-        V[k, p], V[k, q] = c * V[k, p] - s * V[k, q], s * V[k, p] + c * V[k, q]
+    A[1, 0], A[2, 0], A[3, 0] = H[2, 1] - H[1, 2], H[0, 2] - H[2, 0], H[1, 0] - H[0, 1]
+    A[2, 1], A[3, 1], A[3, 2] = H[0, 1] + H[1, 0], H[0, 2] + H[2, 0], H[1, 2] + H[2, 1]
+    best = np.linalg.eigh(A)[1][:, 3]
+    _from_quaternion(best[0], best[1], best[2], best[3], R)
 
 
 @compiled()

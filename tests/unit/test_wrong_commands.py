@@ -1,0 +1,131 @@
+"""Commands that cannot be right: one line, status 2, and nothing begun."""
+
+import shlex
+
+import cv2
+import numpy as np
+import pytest
+
+from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
+
+from ..command_line import refused
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with the files that the commands name."""
+    folder = tmp_path_factory.mktemp("files")
+    np.savez(folder / "take.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
+    (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
+    (folder / "empty.npz").touch()
+    (folder / "text.c3d").write_text("x" * 2000)
+    (folder / "text.mp4").write_text("no video")
+    for number, content in enumerate((b"", b"nonsense" * 100, b"\x89MCAP0\r\n")):
+        (folder / f"{number}.mcap").write_bytes(content)
+    video = cv2.VideoWriter(str(folder / "video.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
+    video.write(np.zeros((240, 320, 3), np.uint8))
+    video.release()
+    (folder / "wrong.yaml").write_text("image_width: 320\n")
+    inner = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
+    (folder / "inner.toml").write_text(format_calibration(inner, None))
+    (folder / "outer.toml").write_text(format_calibration(None, Extrinsics()))
+    return folder
+
+
+WRONG = [
+    ("confg", "No such command 'confg'"),
+    ("config --sett a=1", "No such option: --sett"),
+    ("config --set window", "expected NAME=VALUE"),
+    ("config --set windw=3", "unknown fusion parameter 'windw'; did you mean window?"),
+    ("config --set rigid.most_tracks=1", "'rigid.most_tracks'; did you mean pixels.most_tracks?"),
+    ("config --set thesis.v_move=-1", "fusion parameter thesis.v_move"),
+    ("config --set linking.cameras.a/pixels={}", "fusion parameter linking.cameras.a/pixels.fx"),
+    ("config --set window=-3", "fusion parameter window: Input should be greater than 0"),
+    ("config --method magic", "fusion parameter method"),
+    ("config --config none.toml", "none.toml: No such file"),
+    ("up none.toml", "No such file"),
+    ("serve --clock sundial", "--clock"),
+    ("serve --scene 'Two Words'", "scene 'Two Words' is not"),
+    ("serve --connect nonsense", "cannot open a session at nonsense"),
+    ("serve --camera door", "expected NAME=FILE"),
+    ("serve --camera door=inner.toml", "has no extrinsics"),
+    ("serve --camera door=outer.toml", "has no intrinsics"),
+    ("serve --metrics-port a:b", "metrics port 'a:b' is neither PORT nor HOST:PORT"),
+    ("serve --metrics-port 70000", "metrics port '70000' is neither"),
+    # Nothing listens openly by accident.
+    ("router --listen tcp/0.0.0.0:1", "can be reached from other machines"),
+    ("serve --listen tcp/0.0.0.0:1", "--insecure"),
+    ("serve --metrics-port 0.0.0.0:0", "--insecure"),
+    ("source simulator", "which scene"),
+    ("source simulator fig9", "no scene 'fig9'"),
+    ("source simulator fig4_4 --part 4/3", "part '4/3'"),
+    ("source simulator fig4_4 --rate 0", "rate '0'"),
+    ("source simulator fig4_4 --rate 1,2 --part 1/3", "2 rates for 3 sources"),
+    ("source simulator fig4_4 --start-at soon", "start 'soon'"),
+    ("source simulator fig4_4 --time-scale 0", "time scale 0"),
+    ("source simulator fig4_4 --noise -1", "--noise"),
+    ("source simulator fig4_4 --name A/B", "name 'A/B'"),
+    ("source replay take.npz --rate 60", "60 Hz exceeds the 50 Hz"),
+    ("source replay take.npz --speed 0", "speed 0"),
+    ("source replay take.npz --split 2 --part 1/3", "do not agree"),
+    ("source replay none.c3d", "No such file"),
+    ("source replay cut.npz", "truncated"),
+    ("source replay empty.npz", "empty"),
+    ("source replay text.c3d", "not a C3D file"),
+    ("source klt nope.mp4", "no such file or folder"),
+    ("source klt video.avi --calibration wrong.yaml", "wrong.yaml: no camera matrix"),
+    ("source klt video.avi --extrinsics inner.toml", "has no [extrinsics]"),
+    ("source klt video.avi --tracker windw=3", "unknown tracker parameter 'windw'; one of anchor_reach"),
+    ("source klt video.avi --tracker window=1000", "tracker parameter window: "),
+    ("source external-camera video.avi --marker-size 0.1", "an external camera needs its extrinsics"),
+    (
+        "source external-camera video.avi --marker-size 0.1 --extrinsics identity",
+        "markers need the camera's intrinsics",
+    ),
+    (
+        "source external-camera video.avi --marker-size 0.1 --dictionary 9x9",
+        "no marker dictionary '9x9'; one of 4x4_100",
+    ),
+    ("record take.txt", "ends in .mcap"),
+    ("record --out x.mcap", "--out needs"),
+    ("record x.mcap --repair y.mcap", "do not record"),
+    ("record x.mcap --reserve 1e12", "MiB are to stay free"),
+    *(
+        (f"{command} {n}.mcap", f"{n}.mcap")
+        for command in ("record --repair", "record --export")
+        for n in "012"
+    ),
+    *((f"{command} {n}.mcap", f"{n}.mcap") for command in ("evaluate", "source replay") for n in "012"),
+    ("segment text.mp4", "not a readable video"),
+    ("segment none.mp4", "no such file"),
+    ("dev reproduce --only 9.9", "no figure '9.9'; one of 3.3, 3.4"),
+    ("dev reproduce --seeds x", "seeds 'x'"),
+    ("dev reproduce --set method=thesis", "compare the default method"),
+    ("dev reproduce --out take.npz", "not a folder"),
+    ("dev reproduce stress --family fall --out out", "no family 'fall'"),
+    ("dev reproduce stress --method magic --out out", "magic"),
+]
+
+
+@pytest.mark.parametrize(("command", "words"), WRONG, ids=[command for command, _ in WRONG])
+def test_what_cannot_be_done_is_one_line(capsys, monkeypatch, files, command, words):
+    monkeypatch.chdir(files)
+    before = set(files.iterdir())
+    assert words in refused(capsys, *shlex.split(command))
+    assert set(files.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("windw = 3", "unknown common option 'windw'"),
+        ("[serv]\nname = 'x'", "unknown table 'serv'"),
+        ("[config]\ncolour = 3", "[config] has no option 'colour'"),
+        ("[fusion]\nwindw = 3", "unknown fusion parameter 'windw'"),
+        ("[fusion", "Expected ']'"),
+        ("\x00", "c.toml"),
+    ],
+)
+def test_a_misspelt_file_is_refused(capsys, tmp_path, content, words):
+    (tmp_path / "c.toml").write_text(content)
+    assert words in refused(capsys, "config", "--config", tmp_path / "c.toml")

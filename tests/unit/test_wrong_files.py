@@ -1,0 +1,129 @@
+"""Files that cannot be read: one line that names the file, whatever reads it; tests/fuzz has damaged ones."""
+
+import io
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from comotion_schemas.errors import Error
+from comotion_sources.calibration import read_calibration
+from comotion_sources.poses import read_trajectory
+from comotion_sources.proprioception.joint_logs import read_csv
+from comotion_sources.recordings import read_recording
+from comotion_sources.simulator import load_scene
+
+ROS = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [438.78, 0., 305.59, 0., 437.3, 243.73, 0., 0., 1.]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]}
+"""
+SCENE = (resources.files("comotion_sources") / "scenes/fig4_1.toml").read_text()
+TURN = "quaternion = [0, 0, 0, 1]"
+
+
+def changed(text: str, old: str, new: str) -> bytes:
+    assert old in text
+    return text.replace(old, new, 1).encode()
+
+
+def npz(**changes) -> bytes:
+    arrays = {"positions": np.ones((10, 3, 2)), "times": np.arange(10) / 30} | changes
+    buffer = io.BytesIO()
+    np.savez(buffer, **{name: array for name, array in arrays.items() if array is not None})
+    return buffer.getvalue()
+
+
+def read_log(path):
+    return list(read_csv(path))
+
+
+WRONG = {
+    "camera.yaml": [
+        (b"", "not a calibration"),
+        (b"hello: [1, 2\n  x: {", "not valid YAML"),
+        (bytes(range(256)), "not a text file"),
+        (changed(ROS, "plumb_bob", "equidistant"), "distortion model 'equidistant'"),
+        (changed(ROS, "438.78,", ""), "8 numbers instead of 9"),
+        (changed(ROS, "438.78", "-1"), "not above zero"),
+        (changed(ROS, "438.78", ".nan"), "finite"),
+        (changed(ROS, "image_width: 640", "image_width: wide"), "not a whole number"),
+    ],
+    "camera.toml": [
+        (b"[intrinsics]\nwidth = 3", "intrinsics.height: Field required"),
+        (b"x = 1", "neither"),
+        (f"[extrinsics]\ntranslation = [0, 0]\n{TURN}".encode(), "translation"),
+        (b"[extrinsics]\ntranslation = [0, 0, 0]\nquaternion = [0, 0, 0, 0]", "quaternion"),
+        (f"[extrinsics]\ntranslation = [0, 0, 0]\n{TURN}\nscale = 2".encode(), "extrinsics.scale"),
+    ],
+    "scene.toml": [
+        (b"\xff\xfe\x00", "not a text file"),
+        (changed(SCENE, "dim = 2", "dim ="), "not valid TOML"),
+        (changed(SCENE, "dim = 2", "dim = 3"), "size needs 3 numbers"),
+        (changed(SCENE, "features = 40", "features = -1"), r"bodies\.0\.features"),
+        (changed(SCENE, "sigma = 0.01", "sigma = 0.01\nsgima = 1.0"), r"bodies\.0\.sgima"),
+        (
+            changed(SCENE, "[10.0, 0.85, 0.5, 0.0]", "[0.0, 0.85, 0.5, 0.0]"),
+            "times of the states must increase",
+        ),
+        (changed(SCENE, '"G"', '"R"'), "two bodies have the same name"),
+    ],
+    "take.npz": [
+        (b"positions, times and labels\n", "not an .npz archive"),
+        (npz(positions=None), "no array 'positions'"),
+        (npz(positions=np.zeros((10, 3))), "'positions' is not a 3-dimensional array"),
+        (npz(positions=np.zeros((10, 3, 4))), "4 coordinates"),
+        (npz(positions=np.full((10, 3, 2), "x")), "array of numbers"),
+        (npz(positions=np.full((10, 3, 2), np.nan)), "no observation"),
+        (npz(positions=np.zeros((0, 3, 2)), times=np.zeros(0)), "fewer than two instants"),
+        (npz(times=np.arange(9.0)), "times for 10 frames"),
+        (npz(times=np.zeros(10)), "times do not increase"),
+        (npz(labels=np.zeros(2, int)), "labels are not 3 integers"),
+        (npz(positions=np.ones((10, 3, 3)), units=np.array("furlong")), "unit is 'furlong'"),
+        (npz(positions=np.array([[object()]])), "damaged"),
+    ],
+    "take.avi": [(b"RIFF", "its ending is not one of .c3d, .npz, .mcap")],
+    "joints.csv": [
+        (b"lift,time\n1,2\n", "first column must be"),
+        (b"time\n1\n", "no joint columns"),
+        (b"time,lift\n1,2\n2,x\n", "line 3: could not convert"),
+        (b"time,lift\n1,2,3\n", "line 2: 3 cells, expected 2"),
+        (b"time,lift\n1,inf\n", "line 2: a joint position is not finite"),
+        (b"time,lift\n1e200,1\n", "line 2: stamp"),
+        (b"time,lift,lift\n1,1,1\n", "line 2: a joint is named twice"),
+    ],
+    "poses.txt": [
+        (b"", "poses"),
+        (b"a b c d e f g h", "poses"),
+        (b"1 0 0 0 0 0 0 0", "poses"),
+        (b"nan 0 0 0 0 0 0 1", "poses"),
+    ],
+}
+READERS = {
+    "camera": read_calibration,
+    "scene": load_scene,
+    "take": read_recording,
+    "joints": read_log,
+    "poses": read_trajectory,
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"), [(name, *row) for name, rows in WRONG.items() for row in rows]
+)
+def test_a_wrong_file_is_one_line_that_names_it(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(Error, match=words) as caught:
+        READERS[path.stem](path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["camera.yaml", "take.npz", "take.c3d", "joints.csv", "poses.txt"])
+def test_a_missing_file_is_one_line_that_names_it(tmp_path, name):
+    path = tmp_path / name
+    with pytest.raises((Error, OSError), match="No such file"):
+        READERS[path.stem](path)
