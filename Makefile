@@ -50,7 +50,7 @@ format: setup  ## apply lint fixes and formatting
 schemas: setup  ## export the JSON Schema of every message header, the tables of parameters, and the list of kernels
 	$(BIN)/python -m comotion_schemas.export schemas
 	PYTHONPATH=tests $(BIN)/python -m comotion_tools.parameter_table docs/parameters.md
-	$(BIN)/python -m comotion.runtime.kernel_list
+	PYTHONPATH=tests $(BIN)/python -m comotion_tools.kernel_list
 
 docs: setup  ## the site in out/site, with the API; broken links and warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
@@ -61,6 +61,7 @@ pictures: setup  ## make the pictures, the samples and the notebook's outputs ag
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 	$(BIN)/python -m comotion_experiments.samples docs/samples
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
+	rm -f docs/examples/bodies.png
 
 wheel: setup  ## wheel and source distribution, in dist
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt build

@@ -21,9 +21,12 @@ def poses_in_space(update: HypothesisUpdate) -> HypothesisUpdate:
         return update
     back = {space: transform(frame).inv() for space, frame in update.frames.items()}
     turned = [
-        one
-        if one.pose is None or one.space not in back
-        else replace(one, pose=pose_of(back[one.space] * transform(one.pose), len(one.centroid)))
-        for one in update.hypotheses
+        body
+        if body.pose is None or body.space not in back
+        else replace(
+            body,
+            pose=pose_of(back[body.space] * transform(body.pose), len(body.centroid)),
+        )
+        for body in update.hypotheses
     ]
     return replace(update, hypotheses=turned)

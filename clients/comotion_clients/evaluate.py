@@ -1,6 +1,5 @@
 """Live evaluation: running scene -> NMI of its updates against the published truth."""
 
-import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -16,10 +15,10 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
+from .feed import BATCHES_KEPT, SceneFeed
 from .joint_rows import plain
 from .metrics import Score, Truth
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
-from .subscription import Subscription
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -28,20 +27,6 @@ FIRST_UPDATE_TIMEOUT_S = 10.0
 """Least time that a run of limited duration waits for a router, and for its first update."""
 
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluateOptions:
-    """Options of a live evaluation.
-
-    `duration`: seconds from the first update on, None: until stopped; `quiet`: no progress;
-    `on_update`: called with every scored update; `ready_file`: written once it is subscribed.
-    """
-
-    duration: float | None = None
-    quiet: bool = False
-    on_update: OnUpdate = lambda update, score: None  # noqa: ARG005
-    ready_file: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -60,10 +45,13 @@ class LiveRun:
     joints: list[Joint]
 
 
-class _Feed:
-    """Scores the updates of one scene from its subscriptions."""
+class _Feed(SceneFeed):
+    """Scores the updates of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
+        super().__init__(
+            session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
+        )
         self.tally = Tally(Truth())
         self.first_at: float | None = None
         self.joints: list[Joint] = []
@@ -71,17 +59,17 @@ class _Feed:
         self._on_update = on_update
         self.observed = Observed()
         self._waiting: list[tuple[float, HypothesisUpdate]] = []
-        self._truths = Subscription(session, TruthBatch, scene)
-        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
-        self.updates = Subscription(session, HypothesisUpdate, scene)
 
     def poll(self, *, settled: bool = False) -> None:
         """Process received messages and score the updates that are due; all of them if `settled`."""
-        self._waiting += self.updates.drain()
-        for _, truth in self._truths.drain():
-            self.tally.truth.add(truth)
-        for _, batch in self._batches.drain():
-            self.observed.add(batch)
+        for message, arrived, _ in self.messages():
+            match message:
+                case TruthBatch():
+                    self.tally.truth.add(message)
+                case ObservationBatch():
+                    self.observed.add(message)
+                case HypothesisUpdate():
+                    self._waiting.append((arrived, message))
         if self.first_at is None and self._waiting:
             self.first_at = self._waiting[0][0]
         now = time.monotonic()
@@ -94,16 +82,15 @@ class _Feed:
                 self.joints = update.joints
                 self._on_update(update, self.tally.add(update, self.observed))
 
-    def close(self) -> None:
-        """Undeclare everything."""
-        for subscription in (self.updates, self._batches, self._truths):
-            subscription.close()
-
 
 def evaluate(
     scene: str = DEFAULT_SCENE,
     settings: SessionSettings | None = None,
-    options: EvaluateOptions | None = None,
+    *,
+    duration: float | None = None,
+    quiet: bool = False,
+    on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
+    ready_file: Path | None = None,
 ) -> LiveRun:
     """Score a running scene until the duration is over or a signal arrives.
 
@@ -114,8 +101,14 @@ def evaluate(
     ----------
     scene, settings
         Name of the scene; how to connect.
-    options
-        Duration and progress.
+    duration
+        Seconds from the first update on; None: until stopped.
+    quiet
+        Show no progress.
+    on_update
+        Called with every scored update.
+    ready_file
+        Written once it is subscribed.
 
     Raises
     ------
@@ -124,21 +117,20 @@ def evaluate(
     ValueError
         If no update was received, or none could be scored because no source publishes truth.
     """
-    options = options or EvaluateOptions()
-    timeout = None if options.duration is None else FIRST_UPDATE_TIMEOUT_S
-    with viewer(
-        "evaluate", scene, settings, ready_file=options.ready_file, connect_timeout=timeout
-    ) as component:
-        feed = _Feed(component.session, scene, options.on_update)
-        if options.ready_file is not None:
+    timeout = None if duration is None else FIRST_UPDATE_TIMEOUT_S
+    progress = reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+    with (
+        viewer("evaluate", scene, settings, ready_file=ready_file, connect_timeout=timeout) as component,
+        _Feed(component.session, scene, on_update) as feed,
+        progress as report,
+    ):
+        if ready_file is not None:
             component.ready()
-        progress = reporting(quiet=options.quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
-        with contextlib.closing(feed), progress as report:
-            begun = time.monotonic()
-            while not component.stop.wait(POLL_S) and not _is_over(feed, options.duration, begun):
-                feed.poll()
-                report(lambda: progress_line(feed.tally))
-            feed.poll(settled=True)
+        begun = time.monotonic()
+        while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
+            feed.poll()
+            report(lambda: progress_line(feed.tally))
+        feed.poll(settled=True)
     return _result(feed, scene)
 
 
@@ -156,13 +148,14 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
         raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
     if not summary.scored:
         raise KnownError(f"no update of scene {scene!r} could be scored: no source publishes truth")
+    updates = feed.of[HypothesisUpdate].counters
     return LiveRun(
         summary=summary,
         scores=feed.tally.scores,
         truth=feed.tally.truth,
         spaces=dict(feed.observed.spaces),
-        lost=feed.updates.counters.lost,
-        invalid=dict(feed.updates.counters.invalid),
+        lost=updates.lost,
+        invalid=dict(updates.invalid),
         joints=feed.joints,
     )
 

@@ -13,8 +13,8 @@ _MOST_SOURCES = 256
 class HypothesisNames(Names):
     """Name by id of a hypothesis: what a person gives, or else the name of a feature that it holds.
 
-    A name stays with its feature: a hypothesis keeps it as long as it holds that feature, and no two have
-    the same. Of several the last is taken: that of a robot's link which is farthest from its base.
+    A hypothesis keeps its name until another one holds that feature, and no two have the same. Of several
+    the last is taken: that of a robot's link which is farthest from its base.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class HypothesisNames(Names):
     def __init__(self, given: Names | None = None) -> None:
         self._given = given or {}
         self._of_features: dict[tuple[str, str], dict[int, str]] = {}
-        self._found: dict[int, str] = {}
+        self._of_hypotheses: dict[int, str] = {}
 
     def on_status(self, status: Status) -> None:
         """Add the Status of a component."""
@@ -46,19 +46,24 @@ class HypothesisNames(Names):
                 if (name := names.get(int(update.track_id[row]))) is not None:
                     held.setdefault(int(update.track_hypothesis[row]), []).append(name)
         living = {h.id: held.get(h.id, []) for h in update.hypotheses}
-        found = {one: name for one, name in self._found.items() if name in living.get(one, ())}
-        for one, names_held in living.items():
-            taken = set(found.values())
+        holders = {name: hypothesis for hypothesis, names_held in held.items() for name in names_held}
+        kept = {
+            hypothesis: name
+            for hypothesis, name in self._of_hypotheses.items()
+            if hypothesis in living and holders.get(name, hypothesis) == hypothesis
+        }
+        for hypothesis, names_held in living.items():
+            taken = set(kept.values())
             free = [name for name in names_held if name not in taken]
-            if one not in found and free:
-                found[one] = free[-1]
-        self._found = found
+            if hypothesis not in kept and free:
+                kept[hypothesis] = free[-1]
+        self._of_hypotheses = kept
 
     def __getitem__(self, number: int) -> str:
-        return self._given[number] if number in self._given else self._found[number]
+        return self._given[number] if number in self._given else self._of_hypotheses[number]
 
     def __iter__(self) -> Iterator[int]:
-        return iter({**self._found, **self._given})
+        return iter({**self._of_hypotheses, **self._given})
 
     def __len__(self) -> int:
-        return len({**self._found, **self._given})
+        return len({**self._of_hypotheses, **self._given})

@@ -1,11 +1,9 @@
-"""Joints of an update -> rows of text, plain values, or a table."""
+"""Joints of an update -> rows of text, or plain values."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from comotion_schemas import HypothesisUpdate, Joint
 from comotion_schemas.naming import Names, joint_words
@@ -55,38 +53,6 @@ def _amount(joint: Joint, value: float | None, sigma: float | None = None) -> st
     factor, digits = (float(np.degrees(1)), 1) if hinge else (1.0, 3)
     spread = "" if sigma is None else f" ± {factor * sigma:.{digits}f}"
     return f"{factor * value:.{digits}f}{spread}"
-
-
-def table(joints: Sequence[Joint], names: Names | None = None) -> Table:
-    """Build a table with one row per joint, the surest kinds first."""
-    found = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in (
-        "parent",
-        "child",
-        "kind",
-        "conf",
-        "axis",
-        "position",
-        "rate per s",
-        "range seen",
-        "in words",
-    ):
-        found.add_column(title, no_wrap=True)
-    for row in (joint_row(joint, names) for joint in sorted(joints, key=_order)):
-        found.add_row(
-            str(row.parent),
-            str(row.child),
-            row.kind,
-            f"{row.confidence:.2f}",
-            row.axis,
-            *(text if text == "-" else f"{text}{row.unit}" for text in (row.position, row.rate, row.range)),
-            row.words,
-        )
-    return found
-
-
-def _order(joint: Joint) -> tuple[bool, int, int]:
-    return joint.kind in {"free", "undetermined"}, joint.parent, joint.child
 
 
 def as_json(update: HypothesisUpdate) -> dict[str, Any]:

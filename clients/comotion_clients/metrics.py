@@ -184,7 +184,7 @@ def bodies_of(update: HypothesisUpdate) -> dict[int, int]:
     Two hypotheses of one space are linked only through hypotheses of other spaces.
     """
     lowest = {h.id: min([h.id, *h.linked]) for h in update.hypotheses if h.linked}
-    return {one: min(lowest.get(low, low), low) for one, low in lowest.items()}
+    return {hypothesis: min(lowest.get(low, low), low) for hypothesis, low in lowest.items()}
 
 
 def score_update(update: HypothesisUpdate, truth: Truth, observed: TrackIds | None = None) -> Score:
@@ -210,7 +210,7 @@ def labelled(
     labels, objects = labels_of(update, truth, observed)
     bodies = bodies_of(update)
     if bodies:
-        labels = np.array([bodies.get(one, one) for one in labels.tolist()], np.int64)
+        labels = np.array([bodies.get(label, label) for label in labels.tolist()], np.int64)
     return labels, objects
 
 
@@ -280,9 +280,9 @@ def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> Swi
 
     A change from or to undetermined counts as well.
     """
-    before, switched, common = tracks_of(previous), 0, 0
+    tables_before, switched, common = tracks_of(previous), 0, 0
     for key, table in tracks_of(current).items():
-        old = before.get(key, {})
+        old = tables_before.get(key, {})
         shared = [(old[feature], new) for feature, new in table.items() if feature in old]
         common += len(shared)
         switched += sum(was != now for was, now in shared)

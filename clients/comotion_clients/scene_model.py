@@ -9,7 +9,15 @@ from typing import get_args
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas import (
+    UNDETERMINED,
+    Event,
+    Hypothesis,
+    HypothesisUpdate,
+    Message,
+    ObservationBatch,
+    Status,
+)
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import OF_BODIES, EventKind
 from comotion_schemas.naming import Names, named
@@ -17,7 +25,7 @@ from comotion_schemas.rigid import rotation
 
 from .feature_names import HypothesisNames
 from .joint_rows import joint_row
-from .scene_heard import Heard, Seen, in_cell, in_line
+from .scene_components import ComponentRecord, ComponentsModel, in_cell, in_line
 from .scene_rows import (
     EventRow,
     HypothesisRow,
@@ -31,10 +39,11 @@ from .scene_rows import (
 
 GONE_SHOWN_S = 60.0
 """How long a source that has left remains in the list."""
-EVENTS_KEPT = 100
+EVENTS_SHOWN, EVENTS_KEPT = 100, 4096
+"""Newest events of a snapshot, and those that are known again when a later update repeats them."""
 
 
-class SceneModel(Heard):
+class SceneModel(ComponentsModel):
     """Accumulates the messages of one scene.
 
     Parameters
@@ -61,9 +70,15 @@ class SceneModel(Heard):
         """Whether any message of the scene was received."""
         return self._update is not None or self.service is not None or bool(self._sources())
 
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
+        """Add a message of any kind; returns the events that no earlier update had."""
+        if isinstance(message, ObservationBatch):
+            self.on_batch(message, arrived, wall_ns)
+        return super().on_message(message, arrived, wall_ns)
+
     def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
         """Add a batch of a source."""
-        source = self._of(batch.source)
+        source = self._record(batch.source)
         source.stream.arrive(self._sequences.sight(batch.source, batch.session, batch.seq).lost, arrived)
         source.space, source.gone_at = in_cell(batch.space), None
         source.lag = (wall_ns - batch.stamp_ns) / 1e9
@@ -71,34 +86,34 @@ class SceneModel(Heard):
 
     def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
         """Add an update; returns the events that no earlier update had."""
-        self.hear_update(update, arrived)
+        super().on_update(update, arrived)
         self._service_gone = False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
-        told = [e for e in update.events if e.kind in self._kinds]
-        new = [e for e in told if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
+        shown = [e for e in update.events if e.kind in self._kinds]
+        new = [e for e in shown if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
         self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
         for key in list(self._events)[:-EVENTS_KEPT]:
             del self._events[key]
         return new
 
-    def on_status(self, status: Status, arrived: float = 0.0) -> None:
+    def on_status(self, status: Status, arrived: float = 0.0, wall_s: float = math.nan) -> None:
         """Add a Status, which may name the features of a source."""
-        super().on_status(status, arrived)
+        super().on_status(status, arrived, wall_s)
         self.names.on_status(status)
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
         """Process that a component entered or left the scene."""
         super().on_presence(role, token, alive=alive, now=now)
         if role == "service":
-            held = any(seen.present for seen in self._seen.values() if "service" in seen.tokens)
+            held = any(record.present for record in self._components.values() if "service" in record.tokens)
             self._service_gone = not held
 
-    def _sources(self) -> dict[str, Seen]:
+    def _sources(self) -> dict[str, ComponentRecord]:
         """Sources that have a token or have sent something, and those that the service knows."""
         named = self.service.ages if self.service is not None else {}
-        own = {n: s for n, s in self._seen.items() if "source" in s.tokens or s.stream.arrivals}
-        return {name: self._seen.get(name) or Seen() for name in sorted({*own, *named})}
+        own = {n: s for n, s in self._components.items() if "source" in s.tokens or s.stream.arrivals}
+        return {name: self._components.get(name) or ComponentRecord() for name in sorted({*own, *named})}
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""
@@ -131,7 +146,9 @@ class SceneModel(Heard):
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
             problems=[]
             if status is None
-            else [ProblemRow(one.kind, one.source, in_line(one.text)) for one in status.problems],
+            else [
+                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in status.problems
+            ],
         )
 
     def _service_state(self, now: float) -> ServiceState:
@@ -151,7 +168,7 @@ class SceneModel(Heard):
         for name, source in self._sources().items():
             age = source.stream.age(now) if source.stream.arrivals else reported.get(name, math.inf)
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
-                del self._seen[name]
+                del self._components[name]
                 continue
             rows.append(
                 SourceRow(
@@ -208,7 +225,7 @@ class SceneModel(Heard):
         return rows
 
     def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
-        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)
+        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)[:EVENTS_SHOWN]
         return [
             EventRow(
                 e.stamp_ns,
@@ -216,7 +233,7 @@ class SceneModel(Heard):
                 e.kind,
                 e.hypothesis,
                 list(e.others),
-                {one: self.names[one] for one in (e.hypothesis, *e.others) if one in self.names},
+                {number: self.names[number] for number in (e.hypothesis, *e.others) if number in self.names},
             )
             for e in newest_first
         ]
@@ -232,7 +249,7 @@ def _rotation_vector(turn: list[float] | float) -> list[float]:
     return rotation(turn).as_rotvec().tolist() if isinstance(turn, list) else [turn]
 
 
-def _source_state(source: Seen, age: float, now: float) -> SourceState:
+def _source_state(source: ComponentRecord, age: float, now: float) -> SourceState:
     if source.gone_at is not None:
         return "gone"
     if not source.stream.arrivals:

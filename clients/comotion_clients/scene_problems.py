@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
+Overall = Literal["ok", "degraded", "stalled"]
 USUAL_RATE_HZ = 30.0
 """Stands for the rate of a scene whose sources are unknown."""
 _MOST_NAMES = 4
@@ -52,6 +54,19 @@ class RouterRow:
         return self.name or self.zid[:8]
 
 
+@dataclass(frozen=True)
+class SceneStatus:
+    """What `comotion status` shows; `problems` are lines for a person."""
+
+    scene: str
+    overall: Overall
+    updates_hz: float | None
+    update_lag_s: float | None
+    components: list[ComponentRow]
+    routers: list[RouterRow]
+    problems: list[str]
+
+
 def find_problems(rows: list[ComponentRow], routers: Sequence[RouterRow] = ()) -> list[str]:
     """Return what a person should look at, one line each.
 
@@ -72,6 +87,14 @@ def find_problems(rows: list[ComponentRow], routers: Sequence[RouterRow] = ()) -
         problems.append(f"service {services[0].name} has no standby")
     problems += [_describe(row) for row in rows if row.state != "ok"]
     return problems
+
+
+def overall(rows: list[ComponentRow], problems: list[str]) -> Overall:
+    """State of a scene: stalled without a service that speaks, degraded with a problem."""
+    speaking = [row for row in rows if row.role == "service" and row.replica != "standby"]
+    if not speaking or all(row.state in {"stalled", "silent"} for row in speaking):
+        return "stalled"
+    return "degraded" if problems else "ok"
 
 
 def _router_problems(routers: Sequence[RouterRow]) -> list[str]:

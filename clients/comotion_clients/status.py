@@ -2,9 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import zenoh
@@ -19,35 +17,26 @@ from comotion_schemas import (
 )
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
-from .presence import Presence
-from .scene_status import SceneStatus, StatusModel
-from .subscription import Subscription
+from .feed import SceneFeed
+from .scene_components import ComponentsModel
+from .scene_problems import SceneStatus
 
 ROUTERS = "@/*/router"
 LOOK_S = 2.3
 """How long one look takes: two Statuses of each component."""
-_ASK_S = 0.5  # between two rounds of queries
+_QUERY_S = 0.5  # between two rounds of queries
 _ANSWER_S = 2.0  # a host that does not answer in this time has no clock offset in this look
 _POLL_S = 0.05
 _EACH = zenoh.ConsolidationMode.NONE
 
 
-@dataclass(frozen=True, kw_only=True)
-class StatusOptions:
-    """`wait`: look until the scene is ok.
-
-    `timeout`: s to wait for a router, and for that; `expect`: names of components that must be there.
-    """
-
-    wait: Literal["ok"] | None = None
-    timeout: float = 10.0
-    expect: tuple[str, ...] = ()
-
-
 def status(
     scene: str = DEFAULT_SCENE,
     settings: SessionSettings | None = None,
-    options: StatusOptions | None = None,
+    *,
+    wait: Literal["ok"] | None = None,
+    timeout: float = 10.0,
+    expect: Sequence[str] = (),
 ) -> SceneStatus:
     """Look at a scene.
 
@@ -55,8 +44,12 @@ def status(
     ----------
     scene, settings
         Name of the scene; how to connect.
-    options
-        How long to wait, and for what.
+    wait
+        Look until the scene is in this state.
+    timeout
+        s to wait for a router, and for that.
+    expect
+        Names of components that must be there.
 
     Raises
     ------
@@ -65,69 +58,59 @@ def status(
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    settings, options = settings or client_settings(), options or StatusOptions()
-    deadline = time.monotonic() + options.timeout
+    settings = settings or client_settings()
+    deadline = time.monotonic() + timeout
     with (
-        connect(settings, timeout=options.timeout) as session,
-        closing(_Look(session, scene)) as look,
+        connect(settings, timeout=timeout) as session,
+        _StatusFeed(session, scene) as feed,
     ):
         while True:
-            look.run(LOOK_S)
-            found = missing(look.model.snapshot(time.time()), options.expect)
-            if options.wait is None or found.overall == options.wait or time.monotonic() > deadline:
-                return found
+            feed.run(LOOK_S)
+            state = missing(feed.model.status(time.monotonic()), expect)
+            if wait is None or state.overall == wait or time.monotonic() > deadline:
+                return state
 
 
-def missing(found: SceneStatus, expected: tuple[str, ...]) -> SceneStatus:
+def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     """Add the components that are expected and not there to the problems."""
-    there = {row.name for row in found.components}
-    absent = [f"{name} is not there" for name in expected if name not in there]
+    present = {row.name for row in state.components}
+    absent = [f"{name} is not there" for name in expected if name not in present]
     if not absent:
-        return found
-    overall = "degraded" if found.overall == "ok" else found.overall
-    return SceneStatus(**{**vars(found), "overall": overall, "problems": [*found.problems, *absent]})
+        return state
+    overall = "degraded" if state.overall == "ok" else state.overall
+    return SceneStatus(**{**vars(state), "overall": overall, "problems": [*state.problems, *absent]})
 
 
-class _Look:
-    """Fills a model from an open session."""
+class _StatusFeed(SceneFeed):
+    """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        self.model = StatusModel(scene)
+        super().__init__(session, scene, {Status: None, HypothesisUpdate: None})
+        self.model = ComponentsModel(scene)
         self._session = session
         self._keys = Keys(scene)
-        self._exit = ExitStack()
-        self._statuses = self._exit.enter_context(Subscription(session, Status, scene))
-        self._updates = self._exit.enter_context(Subscription(session, HypothesisUpdate, scene))
-        self._presence = self._exit.enter_context(closing(Presence(session, scene)))
 
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""
         end = time.monotonic() + duration_s
-        self._ask_routers()
+        self._query_routers()
         queried_s = float("-inf")
         while (now := time.monotonic()) < end:
             self._listen()
-            if now - queried_s > _ASK_S:
+            if now - queried_s > _QUERY_S:
                 queried_s = now
-                self._ask_services()
-                self._ask_caches()
+                self._query_services()
+                self._query_caches()
             time.sleep(_POLL_S)
         self._listen()
 
-    def close(self) -> None:
-        """Undeclare everything."""
-        self._exit.close()
-
     def _listen(self) -> None:
-        ahead_s = time.time() - time.monotonic()
-        for arrived, message in self._statuses.drain():
-            self.model.on_status(message, arrived + ahead_s)
-        for arrived, update in self._updates.drain():
-            self.model.hear_update(update, arrived + ahead_s)
-        for role, token, alive in self._presence.drain():
+        for received in self.messages():
+            self.model.on_message(*received)
+        for role, token, alive in self.presence():
             self.model.on_presence(role, token, alive=alive)
 
-    def _ask_services(self) -> None:
+    def _query_services(self) -> None:
         for sample, sent_s, received_s in self._replies(self._keys.query("status")):
             try:
                 answer = decode_as(Status, sample.payload.to_bytes())
@@ -135,13 +118,13 @@ class _Look:
                 continue
             self.model.on_answer(answer, sent_s, received_s)
 
-    def _ask_caches(self) -> None:
-        for name in self.model.names:
+    def _query_caches(self) -> None:
+        for name in self.model.publishers:
             key = f"{self._keys.stream('status', name)}/@adv/**"
             for _, sent_s, received_s in self._replies(key):
                 self.model.on_cache_answer(name, received_s - sent_s)
 
-    def _ask_routers(self) -> None:
+    def _query_routers(self) -> None:
         for sample, *_ in self._replies(ROUTERS):
             try:
                 described = json.loads(sample.payload.to_string())

@@ -3,26 +3,25 @@
 from rich.console import Console
 from rich.text import Text
 
-from .scene_problems import ComponentRow, RouterRow
-from .scene_status import SceneStatus
+from .scene_problems import ComponentRow, RouterRow, SceneStatus
 from .watch_columns import Column, table
 
 _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red"}
 
 
-def show(found: SceneStatus, console: Console) -> None:
+def show(state: SceneStatus, console: Console) -> None:
     """Print a scene's status: what to look at, a table of components, and one of routers."""
-    line = Text.assemble(f"scene {found.scene}: ", (found.overall, _STYLES[found.overall]))
-    if found.updates_hz is not None and found.update_lag_s is not None:
-        line.append(f", {found.updates_hz:.1f} updates/s, {1e3 * found.update_lag_s:.0f} ms behind")
+    line = Text.assemble(f"scene {state.scene}: ", (state.overall, _STYLES[state.overall]))
+    if state.updates_hz is not None and state.update_lag_s is not None:
+        line.append(f", {state.updates_hz:.1f} updates/s, {1e3 * state.update_lag_s:.0f} ms behind")
     console.print(line)
-    if found.problems:
+    if state.problems:
         console.print(Text("what to look at", "bold"))
-    for problem in found.problems:
+    for problem in state.problems:
         console.print(Text.assemble(("!", "yellow"), f" {problem}"), soft_wrap=True)
-    console.print(table(found.components, _COMPONENTS))
-    if found.routers:
-        console.print(table(found.routers, _ROUTERS))
+    console.print(table(state.components, _COMPONENTS))
+    if state.routers:
+        console.print(table(state.routers, _ROUTERS))
 
 
 def _clock(row: ComponentRow) -> str:

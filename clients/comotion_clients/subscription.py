@@ -130,12 +130,12 @@ class Subscription(Generic[M]):
 
     def drain(self) -> list[tuple[float, M]]:
         """Return all received messages at once: (time of arrival by ``time.monotonic()``, message)."""
-        found: list[tuple[float, M]] = []
+        received: list[tuple[float, M]] = []
         while True:
             try:
-                found.append(self._inbox.get(0.0))
+                received.append(self._inbox.get(0.0))
             except (TimeoutError, Closed):
-                return found
+                return received
 
     def __iter__(self) -> Iterator[M]:
         return self

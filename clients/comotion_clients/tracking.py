@@ -61,14 +61,14 @@ class Tracking:
         """
         labels, objects = labels[objects >= 0], objects[objects >= 0]
         true, row = np.unique(objects, return_inverse=True)
-        found, column = np.unique(labels, return_inverse=True)
-        shared = np.zeros((len(true), len(found)))
+        listed, column = np.unique(labels, return_inverse=True)
+        shared = np.zeros((len(true), len(listed)))
         np.add.at(shared, (row, column), 1)
         overlap = shared / (shared.sum(1)[:, None] + shared.sum(0)[None, :] - shared)
-        kept = found != UNDETERMINED
+        kept = listed != UNDETERMINED
         self._instants.append(
             _Instant(
-                _numbered(true, self._objects), _numbered(found[kept], self._hypotheses), overlap[:, kept]
+                _numbered(true, self._objects), _numbered(listed[kept], self._hypotheses), overlap[:, kept]
             )
         )
 
@@ -91,9 +91,9 @@ class _Counts:
 
     def __init__(self, instants: list[_Instant], shape: tuple[int, int]) -> None:
         self.objects, self.hypotheses = np.zeros(shape[0]), np.zeros(shape[1])
-        for one in instants:
-            self.objects[one.objects] += 1
-            self.hypotheses[one.hypotheses] += 1
+        for instant in instants:
+            self.objects[instant.objects] += 1
+            self.hypotheses[instant.hypotheses] += 1
 
     @property
     def both(self) -> NDArray[np.float64]:
@@ -102,24 +102,24 @@ class _Counts:
 
 
 def _numbered(ids: NDArray[np.generic], numbers: dict[int, int]) -> NDArray[np.intp]:
-    return np.array([numbers.setdefault(one, len(numbers)) for one in ids.tolist()], np.intp)
+    return np.array([numbers.setdefault(number, len(numbers)) for number in ids.tolist()], np.intp)
 
 
 def _hota(instants: list[_Instant], counts: _Counts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Detection and association accuracy at each overlap (Luiten et al. 2021, eq. 4 to 9)."""
     alignment = np.zeros((len(counts.objects), len(counts.hypotheses)))
-    for one in instants:
-        either = one.overlap.sum(0)[None, :] + one.overlap.sum(1)[:, None] - one.overlap
-        share = np.divide(one.overlap, either, out=np.zeros_like(either), where=either > _EPSILON)
-        alignment[np.ix_(one.objects, one.hypotheses)] += share
+    for instant in instants:
+        either = instant.overlap.sum(0)[None, :] + instant.overlap.sum(1)[:, None] - instant.overlap
+        share = np.divide(instant.overlap, either, out=np.zeros_like(either), where=either > _EPSILON)
+        alignment[np.ix_(instant.objects, instant.hypotheses)] += share
     alignment /= np.maximum(counts.both - alignment, _EPSILON)
     matches = np.zeros((len(_OVERLAPS), *alignment.shape))
-    for one in instants:
+    for instant in instants:
         rows, columns = linear_sum_assignment(
-            alignment[np.ix_(one.objects, one.hypotheses)] * one.overlap, maximize=True
+            alignment[np.ix_(instant.objects, instant.hypotheses)] * instant.overlap, maximize=True
         )
-        matched = one.overlap[rows, columns] >= _OVERLAPS[:, None] - _EPSILON
-        matches[:, one.objects[rows], one.hypotheses[columns]] += matched
+        matched = instant.overlap[rows, columns] >= _OVERLAPS[:, None] - _EPSILON
+        matches[:, instant.objects[rows], instant.hypotheses[columns]] += matched
     true = matches.sum((1, 2))
     det_a = true / np.maximum(1, counts.objects.sum() + counts.hypotheses.sum() - true)
     together = (matches * matches / np.maximum(1, counts.both - matches)).sum((1, 2))
@@ -129,8 +129,8 @@ def _hota(instants: list[_Instant], counts: _Counts) -> tuple[NDArray[np.float64
 def _idf1(instants: list[_Instant], counts: _Counts) -> float:
     """F1 score of the one assignment of hypotheses to objects that is right most often (Ristani et al.)."""
     together = np.zeros((len(counts.objects), len(counts.hypotheses)))
-    for one in instants:
-        together[np.ix_(one.objects, one.hypotheses)] += one.overlap >= _THRESHOLD
+    for instant in instants:
+        together[np.ix_(instant.objects, instant.hypotheses)] += instant.overlap >= _THRESHOLD
     right = together[linear_sum_assignment(together, maximize=True)].sum()
     return float(2 * right / max(1.0, counts.objects.sum() + counts.hypotheses.sum()))
 
@@ -139,13 +139,13 @@ def _switches(instants: list[_Instant], objects: int) -> int:
     """How often an object is matched with another hypothesis than when it was matched last (CLEAR MOT)."""
     ever, last = np.full(objects, -1), np.full(objects, -1)
     switches = 0
-    for one in instants:
-        stays = last[one.objects][:, None] == one.hypotheses[None, :]
-        score = np.where(one.overlap >= _THRESHOLD - _EPSILON, one.overlap + _STAYS * stays, 0.0)
+    for instant in instants:
+        stays = last[instant.objects][:, None] == instant.hypotheses[None, :]
+        score = np.where(instant.overlap >= _THRESHOLD - _EPSILON, instant.overlap + _STAYS * stays, 0.0)
         rows, columns = linear_sum_assignment(score, maximize=True)
         matched = score[rows, columns] > _EPSILON
-        true, found = one.objects[rows[matched]], one.hypotheses[columns[matched]]
-        switches += int(np.count_nonzero((ever[true] >= 0) & (ever[true] != found)))
+        true, hypotheses = instant.objects[rows[matched]], instant.hypotheses[columns[matched]]
+        switches += int(np.count_nonzero((ever[true] >= 0) & (ever[true] != hypotheses)))
         last[:] = -1
-        ever[true] = last[true] = found
+        ever[true] = last[true] = hypotheses
     return switches

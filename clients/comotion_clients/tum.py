@@ -19,10 +19,10 @@ def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
         if update.stamp_ns == last_ns:
             continue
         last_ns = update.stamp_ns
-        found = [(f"camera-{space}", pose) for space, pose in update.frames.items()]
+        poses = [(f"camera-{space}", pose) for space, pose in update.frames.items()]
         bodies = (h for h in update.hypotheses if not h.absent)
-        found += [(f"hypothesis-{h.id}", h.pose) for h in bodies if h.pose is not None]
-        for name, pose in found:
+        poses += [(f"hypothesis-{h.id}", h.pose) for h in bodies if h.pose is not None]
+        for name, pose in poses:
             paths.setdefault(name, []).append(_line(update.stamp_ns, pose))
     return paths
 

@@ -43,14 +43,14 @@ def to_urdf(update: HypothesisUpdate, space: str | None = None, name: str = "com
     ValueError
         If there is no such space, or several where none is named.
     """
-    found = [h for h in update.hypotheses if h.pose is not None and len(h.centroid) == 3 and h.confirmed]
-    spaces = sorted({h.space for h in found})
+    posed = [h for h in update.hypotheses if h.pose is not None and len(h.centroid) == 3 and h.confirmed]
+    spaces = sorted({h.space for h in posed})
     if space is None and len(spaces) > 1:
         raise KnownError(f"there are several spaces; choose one of {', '.join(spaces)}")
     if not spaces or (space is not None and space not in spaces):
         raise KnownError(f"no hypothesis has a pose in 3-D in {'the update' if space is None else space}")
     chosen = space or spaces[0]
-    bodies = {h.id: h for h in found if h.space == chosen}
+    bodies = {h.id: h for h in posed if h.space == chosen}
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name=chosen)
     origins: dict[int | None, Sequence[float]] = {None: [0.0, 0.0, 0.0]}
@@ -82,20 +82,20 @@ def _tree(
     waiting = sorted(bodies)
     placed: set[int] = set()
     while waiting:
-        ready = [one for one in waiting if one not in above or above[one].parent in placed]
-        for one in ready:
-            link = above.get(one)
-            ordered.append((None if link is None else link.parent, bodies[one], link))
+        ready = [number for number in waiting if number not in above or above[number].parent in placed]
+        for number in ready:
+            link = above.get(number)
+            ordered.append((None if link is None else link.parent, bodies[number], link))
         placed.update(ready)
-        waiting = [one for one in waiting if one not in placed]
+        waiting = [number for number in waiting if number not in placed]
     return ordered
 
 
-def _is_above(one: int, other: int, above: dict[int, Joint]) -> bool:
+def _is_above(hypothesis: int, other: int, above: dict[int, Joint]) -> bool:
     """Whether the chain of parents of `other` leads to `one`: a joint would close a circle."""
     while other in above:
         other = above[other].parent
-        if other == one:
+        if other == hypothesis:
             return True
     return False
 
@@ -134,7 +134,7 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", place)
     ET.SubElement(inertial, "mass", value=_number(_MASS))
-    moments = [_MASS / 12 * (sum(s**2 for s in size) - own**2) for own in size]
+    moments = [_MASS / 12 * (sum(s**2 for s in size) - side**2) for side in size]
     ET.SubElement(
         inertial,
         "inertia",

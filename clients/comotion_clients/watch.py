@@ -18,10 +18,9 @@ from comotion_schemas.naming import Names
 from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
-from .presence import Presence
+from .feed import BATCHES_KEPT, SceneFeed
 from .scene_model import SceneModel
 from .scene_rows import EventRow
-from .subscription import Subscription
 from .watch_view import SORTS, WHOLE, Sort, as_json, describe, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
@@ -51,32 +50,20 @@ class WatchOptions:
     all_events: bool = False
 
 
-class _Feed:
-    """Fills a scene model from the subscriptions of one scene."""
+class _Watched(SceneFeed):
+    """Fills a scene model with what arrives."""
 
     def __init__(self, session: zenoh.Session, scene: str, options: WatchOptions) -> None:
+        kinds = {ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None, Status: None}
+        super().__init__(session, scene, kinds)
         self.model = SceneModel(scene, options.names, all_events=options.all_events)
-        self._batches = Subscription(session, ObservationBatch, scene, capacity=8192)
-        self._updates = Subscription(session, HypothesisUpdate, scene)
-        self._statuses = Subscription(session, Status, scene)
-        self._presence = Presence(session, scene)
 
     def poll(self) -> list[Event]:
         """Process received messages; returns the new events."""
-        now, wall_ns = time.monotonic(), time.time_ns()
-        for arrived, batch in self._batches.drain():
-            self.model.on_batch(batch, arrived, wall_ns - round((now - arrived) * 1e9))
-        events = [e for at, update in self._updates.drain() for e in self.model.on_update(update, at)]
-        for _, status in self._statuses.drain():
-            self.model.on_status(status)
-        for role, name, alive in self._presence.drain():
-            self.model.on_presence(role, name, alive=alive, now=now)
+        events = [event for received in self.messages() for event in self.model.on_message(*received)]
+        for role, name, alive in self.presence():
+            self.model.on_presence(role, name, alive=alive, now=time.monotonic())
         return events
-
-    def close(self) -> None:
-        """Undeclare everything."""
-        for subscription in (self._presence, self._batches, self._updates, self._statuses):
-            subscription.close()
 
 
 def watch(
@@ -104,28 +91,26 @@ def watch(
     if options.once:
         _once(scene, settings, options)
         return
-    with viewer("watch", scene, settings, ready_file=options.ready_file) as component:
-        feed = _Feed(component.session, scene, options)
+    with (
+        viewer("watch", scene, settings, ready_file=options.ready_file) as component,
+        _Watched(component.session, scene, options) as feed,
+    ):
         if options.ready_file is not None:
             component.ready()
-        try:
-            if options.json or not sys.stdout.isatty():
-                _lines(feed, component, options)
-            else:
-                _screen(feed, component, options)
-        finally:
-            feed.close()
+        if options.json or not sys.stdout.isatty():
+            _lines(feed, component, options)
+        else:
+            _screen(feed, component, options)
 
 
 def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
-    with connect(settings, timeout=options.timeout) as session:
-        feed = _Feed(session, scene, options)
-        try:
-            _wait_for_message(feed, settings, options.timeout)
-            time.sleep(ONCE_S)
-            feed.poll()
-        finally:
-            feed.close()
+    with (
+        connect(settings, timeout=options.timeout) as session,
+        _Watched(session, scene, options) as feed,
+    ):
+        _wait_for_message(feed, settings, options.timeout)
+        time.sleep(ONCE_S)
+        feed.poll()
     snapshot = feed.model.snapshot(time.monotonic())
     if options.json:
         _emit(json.dumps(as_json(snapshot), indent=2))
@@ -135,7 +120,7 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     console.print(render(snapshot, console.width, WHOLE, options.sort, keys=False, pose=options.pose))
 
 
-def _wait_for_message(feed: _Feed, settings: SessionSettings, timeout: float) -> None:
+def _wait_for_message(feed: _Watched, settings: SessionSettings, timeout: float) -> None:
     deadline = time.monotonic() + timeout
     while not feed.model.seen:
         if time.monotonic() > deadline:
@@ -145,7 +130,7 @@ def _wait_for_message(feed: _Feed, settings: SessionSettings, timeout: float) ->
         feed.poll()
 
 
-def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
+def _lines(feed: _Watched, component: Component, options: WatchOptions) -> None:
     """Print one line per second and one per event, for logs, pipes and scripts."""
     while not component.stop.wait(PLAIN_PERIOD_S):
         events = feed.poll()
@@ -161,7 +146,7 @@ def _lines(feed: _Feed, component: Component, options: WatchOptions) -> None:
         _emit(f"{_clock()} {plain_line(snapshot)}")
 
 
-def _screen(feed: _Feed, component: Component, options: WatchOptions) -> None:
+def _screen(feed: _Watched, component: Component, options: WatchOptions) -> None:
     console = Console()
     sort, pose = options.sort, options.pose
     with keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:

@@ -1,4 +1,4 @@
-"""Tables of ``comotion watch`` and ``comotion status``: columns and rows -> cells. Texts are no markup."""
+"""The tables of a terminal: columns and rows -> cells. Texts are no markup."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -8,8 +8,11 @@ from typing import Generic, Literal, TypeVar
 from rich.table import Table
 from rich.text import Text
 
+from comotion_schemas import Joint
 from comotion_schemas.colours import as_hex
+from comotion_schemas.naming import Names
 
+from .joint_rows import JointRow, joint_row
 from .scene_rows import HypothesisRow, SourceRow
 
 Row = TypeVar("Row")
@@ -37,17 +40,17 @@ class Column(Generic[Row]):
 
 def table(rows: Iterable[Row], columns: Sequence[Column[Row]], width: int | None = None) -> Table:
     """A table of the columns that a terminal of a width in characters shows; None: of all."""
-    found = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
+    made = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
     shown = [column for column in columns if width is None or width >= column.from_width]
     for one in shown:
         justify: Literal["left", "right"] = "left" if one.left else "right"
         kept = one.width is not None
-        found.add_column(one.title, justify=justify, width=one.width, no_wrap=kept, overflow="ellipsis")
+        made.add_column(one.title, justify=justify, width=one.width, no_wrap=kept, overflow="ellipsis")
     for row in rows:
         cells = [column.cell(row) for column in shown]
         # A table takes a plain string for markup.
-        found.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
-    return found
+        made.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
+    return made
 
 
 def lost(count: int, *, losing: bool) -> Text:
@@ -138,6 +141,30 @@ POSE_COLUMNS: tuple[Column[HypothesisRow], ...] = (
     Column("turned, °", 13, _rotation, from_width=91),
     Column("extent", 14, _extent, from_width=106),
 )
+
+
+JOINT_COLUMNS: tuple[Column[JointRow], ...] = (
+    Column("parent", None, lambda r: str(r.parent), left=True),
+    Column("child", None, lambda r: str(r.child), left=True),
+    Column("kind", None, lambda r: r.kind, left=True),
+    Column("conf", None, lambda r: f"{r.confidence:.2f}", left=True),
+    Column("axis", None, lambda r: r.axis, left=True),
+    Column("position", None, lambda r: _in_unit(r.position, r), left=True),
+    Column("rate per s", None, lambda r: _in_unit(r.rate, r), left=True),
+    Column("range seen", None, lambda r: _in_unit(r.range, r), left=True),
+    Column("in words", None, lambda r: r.words, left=True),
+)
+
+
+def _in_unit(text: str, row: JointRow) -> str:
+    return text if text == "-" else f"{text}{row.unit}"
+
+
+def joint_table(joints: Sequence[Joint], names: Names | None = None) -> Table:
+    """A table with one row per joint, the surest kinds first."""
+    unsure = {"free", "undetermined"}
+    ordered = sorted(joints, key=lambda joint: (joint.kind in unsure, joint.parent, joint.child))
+    return table((joint_row(joint, names) for joint in ordered), JOINT_COLUMNS)
 
 
 def number(value: float, digits: int) -> str:

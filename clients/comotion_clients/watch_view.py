@@ -177,8 +177,8 @@ def describe(event: EventRow) -> Text:
     others = ", ".join(named(other, event.names) for other in event.others)
     words = {"split": f" from {others}", "released": f" from {others}"}.get(event.kind, "")
     words = words or {"merged": f" with {others}", "joined": f" with {others}"}.get(event.kind, "")
-    who = named(event.hypothesis, event.names)
-    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {who}{words}")
+    name = named(event.hypothesis, event.names)
+    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {name}{words}")
 
 
 def _cropped(lines: Sequence[Text], width: int) -> list[Text]:
@@ -206,11 +206,11 @@ def _plain_source(row: SourceRow) -> str:
 
 def as_json(snapshot: Snapshot) -> dict[str, Any]:
     """Convert a snapshot to plain values for JSON; unknown values are None."""
-    found = _plain(asdict(snapshot))
-    for row in found["hypotheses"]:
+    values = _plain(asdict(snapshot))
+    for row in values["hypotheses"]:
         row["colour"] = as_hex(row["colour"])
-    assert isinstance(found, dict)  # noqa: S101 - for the type checker
-    return found
+    assert isinstance(values, dict)  # noqa: S101 - for the type checker
+    return values
 
 
 def _plain(value: Any) -> Any:

@@ -3,8 +3,10 @@
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-from .errors import UserError
+if TYPE_CHECKING:
+    from .options import Command
 
 _TESTS = Path(__file__).parents[2] / "tests"
 
@@ -14,20 +16,15 @@ def in_checkout() -> bool:
     return (_TESTS / "comotion_tools").is_dir()
 
 
-def require_checkout(command: str) -> None:
-    """Make ``comotion_tools`` importable, here and in processes that are started from here.
-
-    Raises
-    ------
-    UserError
-        If comotion was installed from a wheel, which leaves the tools out.
-    """
+def commands_of_checkout(group: Literal["TOOLS", "STUDIES"]) -> "dict[str, type[Command]]":
+    """Commands beside the tests, which no wheel has; processes that are started from here find them too."""
     if not in_checkout():
-        raise UserError(
-            f"'comotion dev {command}' needs a checkout of the repository: the wheel has what users run"
-        )
+        return {}
     if str(_TESTS) not in sys.path:
         sys.path.append(str(_TESTS))
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if str(_TESTS) not in paths:
         os.environ["PYTHONPATH"] = os.pathsep.join([*filter(None, paths), str(_TESTS)])
+    from comotion_tools import commands
+
+    return commands.TOOLS if group == "TOOLS" else commands.STUDIES

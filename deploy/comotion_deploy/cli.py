@@ -23,7 +23,7 @@ from .commands.status import Status
 from .commands.up import Up
 from .commands.view import View
 from .commands.watch import Watch
-from .errors import UserError, one_line
+from .errors import UserError, missing_extra, one_line
 from .folded_help import helped
 from .options import Command, add
 
@@ -73,11 +73,14 @@ for _panel, _commands in _PANELS.items():
 
 
 def _present(arguments: Sequence[str]) -> list[str]:
-    """Arguments with the present names of commands; says where one has moved."""
-    if arguments and arguments[0] in dev.MOVED:
-        print(f"'comotion {arguments[0]}' is now 'comotion dev {arguments[0]}'", file=sys.stderr)
-        return ["dev", *arguments]
-    return list(arguments)
+    """Arguments with the present names of commands; says where one has moved, and what no wheel has."""
+    words = list(arguments)
+    if words and words[0] in dev.MOVED:
+        print(f"'comotion {words[0]}' is now 'comotion dev {words[0]}'", file=sys.stderr)
+        words.insert(0, "dev")
+    if words[:1] == ["dev"] and dev.OF_CHECKOUT & set(words[1:3]) and not in_checkout():
+        raise UserError("this needs a checkout of the repository: make setup, in a clone")
+    return words
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -92,9 +95,9 @@ def run(arguments: Sequence[str]) -> int:
     except (UserError, OSError) as error:
         return _fail(error, error)
     except ImportError as error:
-        if in_checkout() or (error.name or "").partition(".")[0] != "comotion_experiments":
+        if (missing := missing_extra(error)) is None:
             raise
-        return _fail("this needs a checkout of the repository: make setup, in a clone", error)
+        return _fail(missing, error)
     except ValueError as error:
         if not _is_known(error):
             raise

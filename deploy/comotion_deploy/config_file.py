@@ -33,16 +33,12 @@ def load_toml(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    UserError
+    UserError, InputError
         If the file cannot be read or is not valid TOML.
     """
     from comotion_sources.bounded import parse_toml, read_text
-    from comotion_sources.errors import InputError
 
-    try:
-        text = read_text(path, _MAX_BYTES)
-    except InputError as error:
-        raise UserError(one_line(error)) from None
+    text = read_text(path, _MAX_BYTES)
     try:
         return parse_toml(text)
     except ValueError as error:

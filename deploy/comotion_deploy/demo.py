@@ -7,7 +7,6 @@ import socket
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from .processes import PYTHON, ProcessSpec, comotion
@@ -31,21 +30,6 @@ _LEAD_S = 4.0  # until the scene starts: all processes are then ready
 _REPORT_S = 60.0  # longest time for writing the report
 
 
-@dataclass(frozen=True, kw_only=True)
-class DemoOptions:
-    """Options of the demo: `simulated` is a scene of the simulator, `fusion` options of serve.
-
-    The scene is slowed down so that one pass is longer than `duration`: between two passes the bodies
-    would jump.
-    """
-
-    simulated: str = "3d_async"
-    duration: float = 30.0
-    seed: int = 0
-    fusion: Sequence[str] = field(default_factory=tuple)
-    out: Path = Path("out")
-
-
 def free_endpoint() -> str:
     """Return an endpoint of this machine with an unused port."""
     with socket.socket() as probe:
@@ -60,34 +44,57 @@ def without_other_scenes() -> list[str]:
 
 
 def demo_processes(
-    options: DemoOptions, endpoint: str, *, scale: float, on_terminal: bool
+    simulated: str,
+    endpoint: str,
+    out: Path,
+    *,
+    fusion: Sequence[str],
+    scale: float,
+    seed: int,
+    on_terminal: bool,
 ) -> list[ProcessSpec]:
-    """Router, service, three sources of different rates, a reporter and watch."""
+    """Router, service, three sources of different rates, a reporter and watch.
+
+    Parameters
+    ----------
+    simulated, scale, seed
+        A scene of the simulator, its seconds per second, and its seed.
+    endpoint
+        Where the router listens.
+    out
+        Folder for the results.
+    fusion
+        Options of ``comotion serve``.
+    on_terminal
+        Whether watch owns the terminal.
+    """
     at = ("--connect", endpoint, "--scene", "demo")
     # All parts of the scene must agree on when it starts; by then everything is up.
     start = f"{time.time() + _LEAD_S:.3f}"
-    playing = ("--start-at", start, "--loop", "--time-scale", f"{scale:.4f}", "--seed", options.seed)
+    playing = ("--start-at", start, "--loop", "--time-scale", f"{scale:.4f}", "--seed", seed)
     sources = [
         comotion(
-            f"{rate}hz", "source", "simulator", options.simulated,
+            f"{rate}hz", "source", "simulator", simulated,
             "--rate", rate, "--part", f"{k}/{len(RATES)}", "--name", f"{rate}hz", *playing, *at,
         )
         for k, rate in enumerate(RATES, 1)
     ]  # fmt: skip
-    state = options.out / "demo.state"
+    state = out / "demo.state"
     state.unlink(missing_ok=True)
-    report = (*PYTHON, "comotion_deploy.demo", endpoint, options.simulated, str(options.out))
+    report = (*PYTHON, "comotion_deploy.demo", endpoint, simulated, str(out))
     return [
         comotion("router", "router", "--listen", endpoint),
-        comotion("serve", "serve", "--state", state, *options.fusion, *at),
+        comotion("serve", "serve", "--state", state, *fusion, *at),
         ProcessSpec(name="report", command=report, restart="never", stop_s=_REPORT_S),
         *sources,
         comotion("watch", "watch", *at, foreground=on_terminal),
     ]
 
 
-def time_scale(options: DemoOptions) -> float:
-    """Scene seconds per second: 1, or less if one pass would be shorter than the demo.
+def time_scale(simulated: str, duration: float) -> float:
+    """Scene seconds per second: 1, or less if one pass would be shorter than the demo, s.
+
+    Between two passes the bodies would jump.
 
     Raises
     ------
@@ -96,7 +103,7 @@ def time_scale(options: DemoOptions) -> float:
     """
     from comotion_sources.simulator import load_scene
 
-    return min(1.0, load_scene(options.simulated).duration / (options.duration + 2 * _LEAD_S))
+    return min(1.0, load_scene(simulated).duration / (duration + 2 * _LEAD_S))
 
 
 def prepare() -> None:
@@ -143,15 +150,20 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     ValueError
         If no update could be scored.
     """
-    from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+    from comotion_clients.evaluate import as_json, evaluate, summary_lines
     from comotion_experiments.plot import Trace, save_plot
     from comotion_schemas.transport import SessionSettings
 
     from .child import READY_VARIABLE
 
     trace = Trace()
-    how = EvaluateOptions(quiet=True, on_update=trace.add, ready_file=Path(os.environ[READY_VARIABLE]))
-    run = evaluate("demo", SessionSettings(connect=(endpoint,)), how)
+    run = evaluate(
+        "demo",
+        SessionSettings(connect=(endpoint,)),
+        quiet=True,
+        on_update=trace.add,
+        ready_file=Path(os.environ[READY_VARIABLE]),
+    )
     rates = ", ".join(str(rate) for rate in RATES[:-1])
     lines = [f"scene {simulated}, three sources at {rates} and {RATES[-1]} Hz"]
     lines += summary_lines(run)

@@ -13,21 +13,23 @@ def one_line(message: object) -> str:
     return shown(" ".join(str(message).split()))
 
 
-def missing_extra(extra: str, error: ImportError) -> UserError:
-    """Build the error for an optional dependency that is not installed."""
-    package = (error.name or str(error)).partition(".")[0]
-    return UserError(f"{package} is not installed: pip install 'comotion[{extra}]'")
+_EXTRAS = {
+    "cryptography": "secure",
+    "etcd3gw": "cluster",
+    "foxglove": "foxglove",
+    "lz4": "record",
+    "matplotlib": "plot",
+    "mcap": "record",
+    "prometheus_client": "metrics",
+    "rerun": "view",
+    "rerun_cli": "view",
+    "rosbags": "ros",
+    "zstandard": "record",
+}
 
 
-def require_dense() -> None:
-    """Check that scikit-image is installed.
-
-    Raises
-    ------
-    UserError
-        If it is not.
-    """
-    try:
-        import skimage.segmentation  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("dense", error) from None
+def missing_extra(error: ImportError) -> str | None:
+    """Say how to install the optional dependency that an import lacks; None for any other import."""
+    package = (error.name or "").partition(".")[0]
+    extra = _EXTRAS.get(package) if isinstance(error, ModuleNotFoundError) else None
+    return None if extra is None else f"{package} is not installed: pip install 'comotion[{extra}]'"

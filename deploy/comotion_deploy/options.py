@@ -11,17 +11,18 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import typer
 
 from .config_file import read_config
-from .errors import UserError, missing_extra
+from .errors import UserError
 from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
+    from comotion_schemas.component import Where
     from comotion_schemas.transport import SessionSettings
 
 _FROM_NAME = "COMOTION_"
@@ -189,6 +190,32 @@ class Json(Command):
 
     json_: bool = setting(False, "Print the result as JSON.")
 
+    def show(self, values: object, *shown: object, width: int = 160) -> None:
+        """Print a result.
+
+        Parameters
+        ----------
+        values
+            Plain values or a dataclass of them, for JSON.
+        shown
+            Otherwise: lines, and what rich renders.
+        width
+            Characters of what rich renders where the output is no terminal.
+        """
+        import json
+
+        from rich.console import Console
+
+        if self.json_:
+            print(json.dumps(values, indent=2, default=asdict))
+            return
+        console = Console(width=None if sys.stdout.isatty() else width)
+        for part in shown:
+            if isinstance(part, str):
+                print(part)
+            else:
+                console.print(part)
+
 
 @dataclass(kw_only=True)
 class Ready(Command):
@@ -253,6 +280,10 @@ class Process(Ready, Client):
         """Return the settings of its session."""
         return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
 
+    def where(self) -> "Where":
+        """Return where its component runs, and how it says that it is ready."""
+        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
+
 
 def _name_in(tls: Path | None) -> str | None:
     """The name in a certificate, if there is any."""
@@ -272,10 +303,7 @@ def _expose_metrics(address: str, *, insecure: bool) -> None:
 
     host, port = metrics.parse_address(address)
     require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=insecure)
-    try:
-        port = metrics.expose(host, port)
-    except ImportError as error:
-        raise missing_extra("metrics", error) from None
+    port = metrics.expose(host, port)
     print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
 
 

@@ -5,8 +5,11 @@ import shutil
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from comotion_schemas.errors import describe
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.types import is_name
 
@@ -14,7 +17,6 @@ from .errors import UserError
 
 Restart = Literal["always", "on-failure", "never"]
 PYTHON = (sys.executable, "-m")
-_KEYS = frozenset({"run", "command", "restart", "foreground", "env", "tls"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,63 +75,47 @@ def read_processes(content: Mapping[str, Any]) -> list[ProcessSpec]:
     return specs
 
 
-def _read(name: str, table: Any) -> ProcessSpec:
+class _Table(BaseModel):
+    """A table ``[process.NAME]``."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    run: str | list[str] | None = None
+    command: str | list[str] | None = None
+    restart: Restart = "on-failure"
+    foreground: bool = False
+    env: dict[str, str] = {}
+    tls: str | None = None
+
+
+def _read(name: str, content: Any) -> ProcessSpec:
     where = f"[process.{name}]"
-    if not isinstance(table, dict):
-        raise UserError(f"{where} must be a table")
-    unknown = sorted(set(table) - _KEYS)
-    if unknown:
-        raise UserError(f"{where} has no key {unknown[0]!r}; one of {', '.join(sorted(_KEYS))}")
+    try:
+        table = _Table.model_validate(content)
+    except ValidationError as error:
+        raise UserError(f"{where}: {describe(error)}") from None
     if not is_name(name):
         raise UserError(f"{where}: a name is 1 to 64 characters of a-z, 0-9, _ and -")
-    options: dict[str, Any] = {
-        "restart": _choice(where, table.get("restart", "on-failure")),
-        "foreground": _flag(where, table.get("foreground", False)),
-        "env": _certificate(where, table) | _env(where, table.get("env", {})),
-    }
-    if ("run" in table) == ("command" in table):
+    if (table.run is None) == (table.command is None):
         raise UserError(f"{where} needs either run (a comotion command) or command (any program)")
-    if "run" in table:
-        return comotion(name, *_words(where, table["run"]), **options)
-    command = _words(where, table["command"])
+    options: dict[str, Any] = {
+        "restart": table.restart,
+        "foreground": table.foreground,
+        "env": ({} if table.tls is None else {ENVIRONMENT: table.tls}) | table.env,
+    }
+    if table.run is not None:
+        return comotion(name, *_words(where, table.run), **options)
+    command = _words(where, table.command or "")
     if shutil.which(command[0]) is None:
         raise UserError(f"{where}: there is no program {command[0]!r}")
     return ProcessSpec(name=name, command=command, says_ready=False, **options)
 
 
-def _words(where: str, value: Any) -> tuple[str, ...]:
+def _words(where: str, value: str | list[str]) -> tuple[str, ...]:
     try:
-        words = shlex.split(value) if isinstance(value, str) else [str(word) for word in value]
-    except (TypeError, ValueError) as error:
+        words = shlex.split(value) if isinstance(value, str) else value
+    except ValueError as error:
         raise UserError(f"{where}: {error}") from None
     if not words:
         raise UserError(f"{where}: the command is empty")
     return tuple(words)
-
-
-def _choice(where: str, value: Any) -> Restart:
-    if value not in get_args(Restart):
-        raise UserError(f"{where}: restart is one of {', '.join(get_args(Restart))}")
-    choice: Restart = value
-    return choice
-
-
-def _flag(where: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise UserError(f"{where}: foreground is true or false")
-    return value
-
-
-def _certificate(where: str, table: Mapping[str, Any]) -> dict[str, str]:
-    folder = table.get("tls")
-    if folder is None:
-        return {}
-    if not isinstance(folder, str):
-        raise UserError(f"{where}: tls is the folder of a component, as comotion pki issue makes it")
-    return {ENVIRONMENT: folder}
-
-
-def _env(where: str, value: Any) -> dict[str, str]:
-    if not isinstance(value, dict) or not all(isinstance(item, str) for item in value.values()):
-        raise UserError(f"{where}: env is a table of strings")
-    return value

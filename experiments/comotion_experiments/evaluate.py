@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -195,36 +195,57 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
     }
 
 
-def table(results: Sequence[Evaluated]) -> Table:
-    """Build a table with one row per file or scene (mean over seeds), and one for all."""
-    seeded = any(len(members) > 1 for members in group(results).values())
-    scored = ["mean NMI", *(["± seeds"] if seeded else []), "final NMI", "error %", "K found", "K true"]
-    scored += ["switches/100", "HOTA", "IDF1", "ID switches"]
-    found = Table(["file", *scored, "ms/update", *_compared_titles(results)])
-    for name, members in group(results).items():
-        cells = _cells(averages(members), members, seeded=seeded)
-        found.add(_label(name, 28), *cells, *_compared(members))
-    if len(group(results)) > 1:
+def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
+    """Build a table with one row per file or scene (mean over seeds), and one for all.
+
+    Not wider than 80 characters unless `everything` is asked for, or a comparator was scored.
+    """
+    groups = group(results)
+    spreads = {name: [m.summary.mean_nmi for m in members] for name, members in groups.items()}
+    seeded = any(len(one) > 1 for one in spreads.values())
+    shown = [one for one in _COLUMNS if (everything or one.main) and (seeded or one.title != _SPREAD)]
+    found = Table(["file", *(one.title for one in shown), *_compared_titles(results)])
+    for name, members in groups.items():
+        row = averages(members) | {_SPREAD: _deviation(spreads[name])}
+        found.add(_label(name, 28 if everything else 16), *_cells(row, shown), *_compared(members))
+    if len(groups) > 1:
         found.end_section()
-        found.add("overall", *_cells(overall(results), (), seeded=seeded), strong=True)
+        found.add("overall", *_cells(overall(results) | {_SPREAD: math.nan}, shown), strong=True)
     return found
 
 
-def _cells(row: Mapping[str, float], members: Sequence[Evaluated], *, seeded: bool) -> list[str]:
-    spread = float(np.std([m.summary.mean_nmi for m in members])) if len(members) > 1 else math.nan
-    return [
-        number(row["mean_nmi"], 3),
-        *([number(spread, 3)] if seeded else []),
-        number(row["final_nmi"], 3),
-        number(100 * row["mean_misclassification"], 1),
-        number(row["mean_hypotheses"], 2),
-        number(row["mean_objects"], 2),
-        number(row["switches_per_100"], 2),
-        number(row["hota"], 3),
-        number(row["idf1"], 3),
-        number(row["id_switches"], 1),
-        number(row["ms_per_update"], 1),
-    ]
+class _Column(NamedTuple):
+    """A column of the table: which value, in how many digits, and whether it is among the main ones."""
+
+    title: str
+    value: str
+    digits: int
+    main: bool = False
+    times: float = 1.0
+
+
+_SPREAD = "± seeds"
+_COLUMNS = (
+    _Column("mean NMI", "mean_nmi", 3, main=True),
+    _Column(_SPREAD, _SPREAD, 3, main=True),
+    _Column("final NMI", "final_nmi", 3),
+    _Column("error %", "mean_misclassification", 1, main=True, times=100),
+    _Column("K found", "mean_hypotheses", 2, main=True),
+    _Column("K true", "mean_objects", 2, main=True),
+    _Column("switches/100", "switches_per_100", 2),
+    _Column("HOTA", "hota", 3, main=True),
+    _Column("IDF1", "idf1", 3),
+    _Column("ID switches", "id_switches", 1),
+    _Column("ms/update", "ms_per_update", 1, main=True),
+)
+
+
+def _cells(row: Mapping[str, float], columns: Sequence[_Column]) -> list[str]:
+    return [number(one.times * row[one.value], one.digits) for one in columns]
+
+
+def _deviation(values: Sequence[float]) -> float:
+    return float(np.std(values)) if len(values) > 1 else math.nan
 
 
 def _compared_titles(results: Sequence[Evaluated]) -> list[str]:

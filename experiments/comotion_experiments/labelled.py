@@ -2,24 +2,25 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, Pose
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch, Pose
+from comotion_schemas.naming import Names
 from comotion_sources.calibration import Calibration
-from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.types import Camera, CameraError, Frame
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.recordings import Recording
 from comotion_sources.streams import OFFLINE_SESSION
+
+from .given_tracks import GivenTracks
 
 _SOURCE = "video"
 
@@ -44,6 +45,10 @@ class SegmentOptions:
         Intrinsics and extrinsics of a camera with depth, if its recording has none.
     use_depth
         Group in metres where there is depth; else in pixels.
+    given
+        Tracks in pixels of the frames of the video, which are grouped in place of those of the tracker.
+    names
+        Names of hypotheses by id, drawn in place of the ids.
     """
 
     out: Path | None = None
@@ -55,6 +60,8 @@ class SegmentOptions:
     rate: float | None = None
     calibration: Calibration = field(default_factory=Calibration)
     use_depth: bool = True
+    given: Recording | None = None
+    names: Names = field(default_factory=dict)
 
 
 class Labelled(NamedTuple):
@@ -72,20 +79,8 @@ class Labelled(NamedTuple):
     listed: Sequence[Hypothesis]
 
 
-def labelled_frames(what: str, options: SegmentOptions) -> Iterator[Labelled]:
-    """Frames with the labels of their features, as :func:`segment` writes them; nothing is written.
-
-    Raises
-    ------
-    CameraError
-        If it cannot be read, or is a live camera.
-    """
-    with closing(open_frames(what, options.rate)) as camera, threadpool_limits(limits=1):
-        yield from LabelledFrames(camera, options).labelled()
-
-
 class LabelledFrames:
-    """Tracks and groups the frames of one camera; `path` is that of a carried one."""
+    """Tracks and groups the frames of one camera; `path` is that of a carried one, `joints` the last ones."""
 
     def __init__(self, camera: Camera, options: SegmentOptions) -> None:
         if camera.live:
@@ -93,7 +88,7 @@ class LabelledFrames:
         self._camera = camera
         given = options.calibration
         intrinsics = given.intrinsics or camera.intrinsics
-        has_depth = camera.has_depth and options.use_depth
+        has_depth = camera.has_depth and options.use_depth and options.given is None
         self.space = choose_space(
             _SOURCE,
             has_depth=has_depth,
@@ -101,6 +96,8 @@ class LabelledFrames:
             extrinsics=None if options.tracker.moving else given.extrinsics or camera.extrinsics,
         )
         self.path: list[tuple[int, Pose]] = []
+        self._given = None if options.given is None else GivenTracks(options.given, camera)
+        self.joints: Sequence[Joint] = ()
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
         builder = MessageBuilder(
             source=_SOURCE,
@@ -120,6 +117,8 @@ class LabelledFrames:
         """Yield every frame once the update after it is there."""
         due_ns, last_ns = 0, None
         for number, frame in enumerate(self._camera):
+            if self._given is not None and number >= len(self._given):
+                break
             if last_ns is not None and frame.stamp_ns <= last_ns:
                 continue  # a repeated frame has no time of its own
             if last_ns is None:
@@ -135,13 +134,14 @@ class LabelledFrames:
     def _take(self, number: int, frame: Frame) -> None:
         depth = frame.depth if self.space.dim == 3 else None
         seen = Frame(frame.stamp_ns, frame.image, depth, None)
-        tracks = self._tracker.step(seen)
+        tracks = self._tracker.step(seen) if self._given is None else self._given.at(number, seen)
         for message in self._observer.messages(tracks, seen):
             if isinstance(message, ObservationBatch):
                 self._fusion.ingest(message)
         self._held.append((number, frame, tracks))
 
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
+        self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         labels = dict(
             zip(

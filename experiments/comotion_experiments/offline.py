@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
+from comotion.config import ThesisConfig
 from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
@@ -75,6 +76,11 @@ class Run:
     def nmi(self) -> NDArray[np.float64]:
         """NMI of every score; NaN if no track could be scored."""
         return np.array([s.nmi for s in self.scores])
+
+
+def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
+    """Parameters of the thesis method; equal weights unless `v_move` says otherwise."""
+    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=sigma_switch, v_move=v_move))
 
 
 @dataclass

@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -28,8 +29,8 @@ from .evaluate import evaluate_inputs
 from .inputs import find_inputs
 from .segment import SegmentOptions, segment
 
-WORKCELL = "workcell:truck-tower/a?rate=10&size=480x360&duration=7"
-STILL = 62
+WORKCELL = "workcell:truck-tower/a?rate=10&size=640x480&duration=7"
+STILL = 50
 """Frame of the workcell that is the still picture: all bodies have moved."""
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
@@ -114,8 +115,12 @@ def affinity_code() -> str:
 def _workcell(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as temporary:
         segment(WORKCELL, SegmentOptions(out=Path(temporary)))
-        images = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
-    return from_frames(folder, [np.asarray(image, np.uint8) for image in images if image is not None])
+        read = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
+    images = [np.asarray(image, np.uint8) for image in read if image is not None]
+    with closing(open_frames(WORKCELL, None)) as camera:
+        raw = [frame.image for frame in camera]
+    pairs = [np.hstack((seen, found)) for seen, found in zip(raw, images, strict=True)]
+    return from_frames(folder, [np.asarray(pair, np.uint8) for pair in pairs])
 
 
 def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:

@@ -48,13 +48,18 @@ def make(folder: Path) -> list[Path]:
 def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
     """What a recorder would have received of a scene: (time in ns, message) in order."""
     (one,) = find_inputs([scene])
+    return received(one.open(), seconds)
+
+
+def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Message]]:
+    """Messages of sources, and between them the updates that the core makes of them."""
     messages: list[tuple[int, Message]] = []
 
     def on_update(update: HypothesisUpdate, score: Score) -> None:
         del score
         messages.append((update.published_ns, update))
 
-    run_offline(_noted(one.open(), messages), FusionConfig(), duration=seconds, on_update=on_update)
+    run_offline(_noted(given, messages), FusionConfig(), duration=seconds, on_update=on_update)
     return messages
 
 

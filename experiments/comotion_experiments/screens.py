@@ -3,12 +3,11 @@
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -19,19 +18,17 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 from rich.text import Text
 
+from comotion_schemas import Message
+
 from .browser import Browser
 
 CHROMIUM = "COMOTION_CHROMIUM"
 """Names the browser; without one there are no such pictures."""
 SCREENS = ("view.jpg", "view-web.jpg", "watch.png", "reproduce.jpg")
 _READY_S, _END_S = 120.0, 60.0
+_LONGEST_S, _STILL_S, _SMALL = 300.0, 4.0, 1e-3
+_BAR = 34  # px; Rerun's says how late its data are
 _SETTLED_S = 60.0  # a page drawn in software takes some seconds, and loads its data after that
-_WORKCELL = (
-    "source workcell truck",
-    "source klt workcell:truck/a?size=480x360&rate=10 --name klt-a --max-features 150",
-    "source external-camera workcell:truck/b?size=480x360&rate=5 --name klt-b --max-features 120",
-    "source proprioception workcell:truck --name gripper",
-)
 _BLACK, _WHITE = (30, 30, 30), (212, 212, 212)
 _DIM = [
     _BLACK,
@@ -47,18 +44,21 @@ _THEME = TerminalTheme(_BLACK, _WHITE, _DIM)
 
 
 def take(folder: Path, name: str) -> Path:
-    """Take one of :data:`SCREENS` with the browser that the environment names; returns its path."""
+    """Take one of :data:`SCREENS` with the browser that the environment names; returns its path.
+
+    Needs the extras `foxglove`, `sim3d` and `view`.
+    """
+    from . import samples, takes
+
     program = os.environ[CHROMIUM]
     path = folder / name
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
         work = Path(temporary)
         match name:
             case "view.jpg":
-                recording = _record(work, _WORKCELL, seconds=9.0)
-                image = _viewed(program, work, recording)
+                image = _viewed(program, work, takes.workcell("truck", 7.0))
             case "view-web.jpg":
-                recording = _record(work, ("source simulator 3d_4 --seed 1",), seconds=5.0)
-                image = _viewed(program, work, recording)
+                image = _viewed(program, work, samples.played("sim:3d_4", 5.0))
             case "watch.png":
                 image = _watched(program, work)
             case _:
@@ -82,6 +82,8 @@ class _Scene:
     """A router and other processes, which end with it."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
+        from comotion_clients.viewing.sink import free_port
+
         self._stack, self._folder, self._count = stack, folder, 0
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.start("router", "--listen", self.endpoint)
@@ -119,13 +121,6 @@ def stop(process: subprocess.Popen[bytes]) -> None:
             process.wait(_END_S)
 
 
-def free_port() -> int:
-    """Return an unused TCP port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def _until(done: Callable[[], bool], what: str) -> None:
     end = time.monotonic() + _READY_S
     while not done():
@@ -134,46 +129,36 @@ def _until(done: Callable[[], bool], what: str) -> None:
         time.sleep(0.05)
 
 
-def _record(folder: Path, sources: tuple[str, ...], seconds: float) -> Path:
-    """Record a scene from the start of its first source."""
-    path = folder / "scene.mcap"
-    with _scene(folder) as scene:
-        scene.start("serve", "--no-state")
-        recorder = scene.start("record", path)
-        for source in sources:
-            scene.start(*source.split())
-        time.sleep(seconds)
-        stop(recorder)
-    return path
+def _viewed(program: str, folder: Path, messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
+    """What ``comotion view RECORDING --web`` shows of these messages."""
+    from comotion_clients.viewing.process import view_messages
+    from comotion_clients.viewing.sink import Destination, RerunSink, free_port
 
-
-def _viewed(program: str, folder: Path, recording: Path) -> NDArray[np.uint8]:
-    """What ``comotion view RECORDING --web`` shows."""
-    ports = ("--port", free_port(), "--data-port", free_port())
-    viewer = subprocess.Popen(  # noqa: S603
-        _command("view", recording, "--web", "--no-browser", *ports),
-        cwd=folder,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert viewer.stderr is not None  # noqa: S101 - it was opened with a pipe
-        url = next(line for line in viewer.stderr if line.startswith("look at ")).removeprefix("look at ")
-        return _page(program, folder, f"{url.strip()}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
-    finally:
-        viewer.send_signal(signal.SIGINT)
-        viewer.wait(_END_S)
+    with RerunSink(Destination(web_port=free_port(), data_port=free_port())) as sink:
+        view_messages(messages, "default", sink)
+        return _page(program, folder, f"{sink.url}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
 
 
 def _page(
     program: str, folder: Path, url: str, size: tuple[int, int], wait: float = 2.0
 ) -> NDArray[np.uint8]:
+    """Take a picture after `wait` seconds, once the page below its bar has stopped to change."""
     with Browser(program, folder / "profile", size) as browser:
         browser.go(url)
         time.sleep(wait)
-        while (image := browser.image()).shape[0] < 2:
-            time.sleep(0.5)
+        image, before, end = browser.image(), None, time.monotonic() + _LONGEST_S
+        while image.shape[0] < 2 or before is None or _changed(before, image[_BAR:]) > _SMALL:
+            if time.monotonic() > end:
+                raise TimeoutError(f"{url} still changes after {_LONGEST_S:g} s")
+            before = image[_BAR:]
+            time.sleep(_STILL_S)
+            image = browser.image()
         return image
+
+
+def _changed(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
+    """Share of the pixels that differ."""
+    return float((before != after).any(axis=2).mean()) if before.shape == after.shape else 1.0
 
 
 def _watched(program: str, folder: Path) -> NDArray[np.uint8]:

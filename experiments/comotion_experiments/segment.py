@@ -16,12 +16,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from comotion_schemas import UNDETERMINED, Hypothesis, Pose
+from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
-from comotion_sources.cameras.types import CameraError
+from comotion_sources.cameras.types import Camera, CameraError
 from comotion_sources.klt.drawing import Annotator
 from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
 
+from .given_tracks import BlankFrames
 from .labelled import Labelled, LabelledFrames, SegmentOptions
 from .masks import MaskFolder
 
@@ -55,6 +57,8 @@ class Segmented:
         The hypotheses of the last update.
     path
         Stamp and pose of a carried camera in the world, where it is known: once per update.
+    joints
+        Those of the last update, in words.
     """
 
     frames: int = 0
@@ -66,6 +70,7 @@ class Segmented:
     hypotheses: Counter[int] = field(default_factory=Counter)
     last: Sequence[Hypothesis] = ()
     path: Sequence[tuple[int, Pose]] = ()
+    joints: Sequence[str] = ()
 
     def as_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -84,8 +89,10 @@ class Segmented:
         }
 
 
-def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: None) -> Segmented:
+def segment(what: str | None, options: SegmentOptions, progress: Progress = lambda *_: None) -> Segmented:
     """Segment a video file, a folder of images or of TUM RGB-D, or ``workcell:SCENE/CAMERA``.
+
+    Without any of these, the tracks that are given are drawn on black.
 
     Raises
     ------
@@ -93,7 +100,7 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
         If it cannot be read, is a live camera, or an output cannot be written.
     """
     begun, found, digest = time.perf_counter(), Segmented(), hashlib.sha256()
-    camera = open_frames(what, options.rate)
+    camera = _camera(what, options)
     total = getattr(camera, "frames", None)
     with ExitStack() as stack:
         stack.callback(camera.close)
@@ -116,15 +123,24 @@ def segment(what: str, options: SegmentOptions, progress: Progress = lambda *_: 
     if not found.frames:
         raise CameraError(f"{what}: no frame")
     found.digest, found.codec, found.path = digest.hexdigest(), outputs.codec, run.path
+    found.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
     found.seconds = time.perf_counter() - begun
     return found
+
+
+def _camera(what: str | None, options: SegmentOptions) -> Camera:
+    if what is not None:
+        return open_frames(what, options.rate)
+    if options.given is None:
+        raise CameraError("there is neither a video nor tracks")
+    return BlankFrames(options.given)
 
 
 class _Outputs:
     """The files of one run."""
 
     def __init__(self, options: SegmentOptions, rate: float, space: CameraSpace) -> None:
-        self._annotator = Annotator(space)
+        self._annotator = Annotator(space, options.names)
         self._picture = None if options.out is None else PictureFile(options.out, rate)
         self.codec = None if self._picture is None else self._picture.codec
         self._first_ns: int | None = None

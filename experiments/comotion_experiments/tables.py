@@ -78,6 +78,11 @@ def mean(values: Iterable[float]) -> float:
     return float(np.mean(known)) if known else math.nan
 
 
+def means(rows: Sequence[Any]) -> dict[str, float]:
+    """Mean of every field over dataclasses of one type, by :func:`mean`."""
+    return {one.name: mean([getattr(row, one.name) for row in rows]) for one in fields(rows[0])}
+
+
 def plain(value: Any) -> Any:
     """Values as JSON has them.
 

@@ -51,14 +51,14 @@ class ClockBounds:
         """
         if len(self._stamps) < 2 * _STEPS or not self._trips:
             return None
-        recent, before = list(self._stamps)[-_STEPS:], list(self._stamps)[:-_STEPS]
+        recent, earlier = list(self._stamps)[-_STEPS:], list(self._stamps)[:-_STEPS]
         ahead = [least for least, _ in recent]
-        moved_s = max(ahead) - max(least for least, _ in before)
+        moved_s = max(ahead) - max(least for least, _ in earlier)
         # A link that has become slow delays the round trips as well.
         tolerance_s = max(_LEAST_STEP_S, 2 * max(list(self._trips)[-_STEPS:]))
         if abs(moved_s) <= tolerance_s or max(ahead) - min(ahead) > tolerance_s:
             return None
-        if moved_s > 0 and min(ahead) < max(least for least, _ in before) + tolerance_s:
+        if moved_s > 0 and min(ahead) < max(least for least, _ in earlier) + tolerance_s:
             return None
         self._stamps.clear()
         self._stamps.extend(recent)

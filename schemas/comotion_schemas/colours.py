@@ -66,14 +66,14 @@ class Palette:
         listed = {h.id: h for h in hypotheses}
         behind = {h.id for h in hypotheses if _is_behind(h, hypotheses)}
         self._given = {
-            one: rgb
-            for one, rgb in self._given.items()
-            if one in listed and (rgb != BACKGROUND or one in behind)
+            number: rgb
+            for number, rgb in self._given.items()
+            if number in listed and (rgb != BACKGROUND or number in behind)
         }
         new = [h for h in hypotheses if h.id not in self._given]
-        have = {listed[one].space for one, rgb in self._given.items() if rgb == BACKGROUND}
-        for one in _backgrounds([h for h in new if h.id in behind and h.space not in have]):
-            self._given[one] = BACKGROUND
+        have = {listed[number].space for number, rgb in self._given.items() if rgb == BACKGROUND}
+        for number in _backgrounds([h for h in new if h.id in behind and h.space not in have]):
+            self._given[number] = BACKGROUND
         for h in sorted(new, key=lambda h: h.id):
             if h.id not in self._given:
                 self._given[h.id] = self._free(h.id)
@@ -102,25 +102,25 @@ class Palette:
         return min((*COLOURS[first:], *COLOURS[:first]), key=used.count)
 
 
-def _is_behind(one: Hypothesis, listed: Sequence[Hypothesis]) -> bool:
+def _is_behind(body: Hypothesis, listed: Sequence[Hypothesis]) -> bool:
     """Whether it can be the background of its space: at rest, or in 2-D the one with the largest box."""
-    if one.state != "moving":
+    if body.state != "moving":
         return True
-    others = [h for h in listed if h.space == one.space and h.id != one.id and not h.absent]
-    return len(one.centroid) == 2 and bool(others) and all(_area(one) > _area(h) for h in others)
+    others = [h for h in listed if h.space == body.space and h.id != body.id and not h.absent]
+    return len(body.centroid) == 2 and bool(others) and all(_area(body) > _area(h) for h in others)
 
 
-def _area(one: Hypothesis) -> float:
-    return 0.0 if one.box is None else math.prod(one.box.half)
+def _area(body: Hypothesis) -> float:
+    return 0.0 if body.box is None else math.prod(body.box.half)
 
 
 def _backgrounds(candidates: Sequence[Hypothesis]) -> list[int]:
     """The best candidate of each space."""
-    found: dict[str, Hypothesis] = {}
+    best: dict[str, Hypothesis] = {}
     for h in candidates:
-        if h.space not in found or _rank(h) > _rank(found[h.space]):
-            found[h.space] = h
-    return [h.id for h in found.values()]
+        if h.space not in best or _rank(h) > _rank(best[h.space]):
+            best[h.space] = h
+    return [h.id for h in best.values()]
 
 
 def _rank(hypothesis: Hypothesis) -> tuple[bool, int]:

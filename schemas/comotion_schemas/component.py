@@ -90,10 +90,10 @@ class Rates:
 
     def of(self, counts: Mapping[str, int]) -> dict[str, float]:
         """Increments per second since the last call; a new name begins at 0."""
-        now, before = time.monotonic(), self._counts
+        now, counts_before = time.monotonic(), self._counts
         seconds = max(now - self._at, 1e-3)
         self._at, self._counts = now, dict(counts)
-        return {name: (count - before.get(name, 0)) / seconds for name, count in counts.items()}
+        return {name: (count - counts_before.get(name, 0)) / seconds for name, count in counts.items()}
 
 
 class Where(TypedDict, total=False):
@@ -272,25 +272,17 @@ class Component:
             )
 
     def _compose(self, fields: StatusFields) -> Status:
-        self._hangs = fields.hangs
+        sent = vars(fields) | {"message": shown(fields.message)}
+        self._hangs = sent.pop("hangs")
+        sent["feature_names"] = fields.feature_names or None
         return Status(
             component=self.name,
             role=self.role,
             session=self.session_id,
             stamp_ns=time.time_ns(),
-            state=fields.state,
-            rates=fields.rates,
-            ages=fields.ages,
-            counters=fields.counters,
-            rejected=fields.rejected,
-            message=shown(fields.message),
-            problems=fields.problems,
             version=_version(),
             host=socket.gethostname(),
-            replica=fields.replica,
-            epoch=fields.epoch,
-            clock_offsets=fields.clock_offsets,
-            feature_names=fields.feature_names or None,
+            **sent,
         )
 
     def _connect(self) -> zenoh.Session:

@@ -31,9 +31,9 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
     ------
     One sentence each: millimetres for metres, or ids that change hands.
     """
-    some = positions[:, np.unique(np.linspace(0, positions.shape[1] - 1, _MOST_FEATURES).astype(np.intp))]
+    sampled = positions[:, np.unique(np.linspace(0, positions.shape[1] - 1, _MOST_FEATURES).astype(np.intp))]
     instants = np.unique(np.linspace(0, len(positions) - 1, _MOST_INSTANTS).astype(np.intp))
-    seen = some[instants]
+    seen = sampled[instants]
     seen = seen[np.isfinite(seen[..., 0])]
     spread = 2 * float(np.quantile(np.linalg.norm(seen - np.median(seen, axis=0), axis=1), 0.9))
     if unit == "m" and spread > _WIDEST_M:
@@ -41,7 +41,7 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
             f"positions span {spread:.4g} m; if they are millimetres, divide them by 1000: all lengths and "
             "velocities found are in the unit given"
         )
-    trades = [k for k in instants[:-1].tolist() if trading(some[k], some[k + 1]) > _JUMPING]
+    trades = [k for k in instants[:-1].tolist() if trading(sampled[k], sampled[k + 1]) > _JUMPING]
     if len(trades) >= _LEAST_TRADES:
         yield (
             f"at {len(trades)} of {len(instants) - 1} steps, first after instant {trades[0]}, features jump "

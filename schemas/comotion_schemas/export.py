@@ -68,9 +68,9 @@ def files() -> dict[str, str]:
 
 def stale(folder: Path) -> list[str]:
     """List the files in a folder that are missing, outdated or do not belong to a message."""
-    wanted = files()
+    current = files()
     present = {path.name: path.read_text(encoding="utf-8") for path in folder.glob(f"*{_SUFFIX}")}
-    return sorted(name for name in wanted | present if wanted.get(name) != present.get(name))
+    return sorted(name for name in current | present if current.get(name) != present.get(name))
 
 
 def export(folder: Path) -> None:

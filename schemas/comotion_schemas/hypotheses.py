@@ -290,9 +290,9 @@ class HypothesisUpdate:
     def _check_joints(self) -> None:
         if not self.joints:
             return
-        found = {h.id: (h.space, len(h.centroid)) for h in self.hypotheses}
+        spaces = {h.id: (h.space, len(h.centroid)) for h in self.hypotheses}
         for joint in self.joints:
-            parent, child = found.get(joint.parent), found.get(joint.child)
+            parent, child = spaces.get(joint.parent), spaces.get(joint.child)
             if parent is None or child is None:
                 raise reject("range", "a joint names a hypothesis that is not listed")
             if not parent[0] == child[0] == joint.space:

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import lz4.frame
 import zstandard
@@ -18,6 +18,7 @@ from mcap.summary import Summary
 from .codec import DecodeError, Message, decode_on
 from .errors import RecordingError
 from .keys import DEFAULT_SCENE, Kind, kind_of, publisher_of
+from .messages import ObservationBatch, TruthBatch
 from .recording import MESSAGE_ENCODING
 from .types import is_name
 
@@ -88,6 +89,9 @@ class MessageLog:
         raise it.
     """
 
+    gap_s = 0.1
+    """About the time between two messages, between two passes of a replay."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.invalid = 0
@@ -134,8 +138,8 @@ class MessageLog:
         """
         topics = [key for key, kind in self._topics.items() if kinds is None or kind in kinds]
         try:
-            found = self._reader.iter_messages(topics, starting_at=start_ns, ending_at=end_ns)
-            for _, channel, message in found:
+            records = self._reader.iter_messages(topics, starting_at=start_ns, ending_at=end_ns)
+            for _, channel, message in records:
                 yield Logged(self._topics[channel.topic], channel.topic, message.log_time, message.data)
         except _DAMAGED as error:
             raise self._damaged(error) from None
@@ -205,3 +209,16 @@ def _unpacked(compression: bytes, start: bytes) -> int:
     except (zstandard.ZstdError, RuntimeError):
         pass
     return 0
+
+
+def logged_batches(path: str | Path) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
+    """Yield (receipt in ns, message) for all valid observations and truth of a recording.
+
+    Raises
+    ------
+    RecordingError
+        As :class:`MessageLog`.
+    """
+    with MessageLog(Path(path)) as log:
+        # Of these kinds there are no other messages.
+        yield from cast("Iterator[tuple[int, TruthBatch | ObservationBatch]]", log.decoded({"obs", "truth"}))

@@ -85,9 +85,9 @@ def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
     """Symmetric matrices [N, dim, dim] of their upper triangles [N, 6] (3-D) or [N, 3] (2-D), row by row."""
     dim = 3 if upper.shape[1] == 6 else 2
     rows, columns = np.triu_indices(dim)
-    found = np.zeros((len(upper), dim, dim))
-    found[:, rows, columns] = found[:, columns, rows] = upper
-    return found
+    matrices = np.zeros((len(upper), dim, dim))
+    matrices[:, rows, columns] = matrices[:, columns, rows] = upper
+    return matrices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)

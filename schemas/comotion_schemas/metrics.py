@@ -134,8 +134,8 @@ def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> 
         _process.histograms[name] = _process.library.Histogram(
             f"comotion_{name}", _HELP[name], _LABELS, registry=_process.registry, buckets=_BUCKETS
         )
-    found: Histogram = _process.histograms[name].labels(scene, component, role)
-    return found
+    labelled: Histogram = _process.histograms[name].labels(scene, component, role)
+    return labelled
 
 
 class _Collector:

@@ -46,12 +46,12 @@ def joint_words(joint: Joint, names: Names | None = None) -> str:
     words = _WORDS.get(joint.kind)
     if words is None:
         return f"{named(joint.child, names)} and {named(joint.parent, names)}: not known yet"
-    found = f"{named(joint.child, names)} {words} {named(joint.parent, names)}"
+    words_of_kind = f"{named(joint.child, names)} {words} {named(joint.parent, names)}"
     if joint.lower is None or joint.upper is None or joint.kind not in {"prismatic", "revolute"}:
-        return found
+        return words_of_kind
     if joint.kind == "revolute":
-        return f"{found}, {_whole(math.degrees(joint.lower))} to {_whole(math.degrees(joint.upper))}°"
-    return f"{found}, {joint.lower:.2f} to {joint.upper:.2f} m"
+        return f"{words_of_kind}, {_whole(math.degrees(joint.lower))} to {_whole(math.degrees(joint.upper))}°"
+    return f"{words_of_kind}, {joint.lower:.2f} to {joint.upper:.2f} m"
 
 
 def _whole(value: float) -> str:

@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-from .errors import KnownError
+from .errors import InputError
 
 # vision_msgs 4. The hash of a type depends on names and types of its fields alone.
 _VISION = {
@@ -38,14 +38,10 @@ def store() -> Any:
     """
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - an extra
 
-    found = get_typestore(Stores.ROS2_JAZZY)
+    types = get_typestore(Stores.ROS2_JAZZY)
     for name, text in (_VISION | _MOCAP).items():
-        found.register(get_types_from_msg(text, name))
-    return found
-
-
-class CdrError(KnownError):
-    """Bytes that are not a message of a type; one line."""
+        types.register(get_types_from_msg(text, name))
+    return types
 
 
 def from_cdr(raw: bytes, kind: str) -> Any:
@@ -53,15 +49,15 @@ def from_cdr(raw: bytes, kind: str) -> Any:
 
     Raises
     ------
-    CdrError
+    InputError
         If the bytes are not a message of this type.
     ImportError
         If rosbags is not installed.
     """
     types = store()
     if len(raw) < 4 or raw[0] != 0 or raw[1] not in (0, 1):
-        raise CdrError("not a CDR payload")
+        raise InputError("not a CDR payload")
     try:
         return types.deserialize_cdr(raw, kind)
     except Exception as error:  # rosbags raises many types on malformed bytes
-        raise CdrError(f"not a {kind}: {type(error).__name__}") from None
+        raise InputError(f"not a {kind}: {type(error).__name__}") from None

@@ -93,11 +93,11 @@ def usable_rows(
     if not drop:
         _refuse(numbers, bad)
     kept = np.flatnonzero(usable & ~negative)
-    found = numbers[kept].astype(np.uint64)
-    if not instants and len(np.unique(found)) != len(found):
+    identities = numbers[kept].astype(np.uint64)
+    if not instants and len(np.unique(identities)) != len(identities):
         raise KnownError("an id is used twice in one instant")
     return Rows(
-        found,
+        identities,
         states[kept].astype(np.float32),
         _sigma(sigma, len(states), kept),
         {reason: int(rows.sum()) for reason, rows in bad.items() if rows.any()},

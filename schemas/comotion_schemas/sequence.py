@@ -109,7 +109,7 @@ class SequenceCounter:
         runs = self._sessions[key] = self._sessions.pop(key, [])
         if len(self._sessions) > MAX_SESSIONS:
             del self._sessions[next(iter(self._sessions))]
-        run = next((one for one in reversed(runs) if one.is_near(seq)), None)
+        run = next((known for known in reversed(runs) if known.is_near(seq)), None)
         if run is not None:
             if runs[-1] is not run:
                 runs.remove(run)

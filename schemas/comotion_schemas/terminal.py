@@ -61,7 +61,7 @@ def keyboard() -> Iterator[Callable[[float], str]]:
     import tty  # noqa: PLC0415
 
     descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
+    attributes = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
 
     def read_key(timeout: float) -> str:
@@ -71,7 +71,7 @@ def keyboard() -> Iterator[Callable[[float], str]]:
     try:
         yield read_key
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, attributes)
 
 
 def _no_key(timeout: float) -> str:

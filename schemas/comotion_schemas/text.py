@@ -21,7 +21,7 @@ def shown(text: str, most: int = MOST) -> str:
     """
     if not text.isprintable():
         text = " ".join(
-            "".join(one if one.isprintable() else "\0" for one in text).replace("\0", " ").split()
+            "".join(glyph if glyph.isprintable() else "\0" for glyph in text).replace("\0", " ").split()
         )
     return text if len(text) <= most else f"{text[: most - 1]}…"
 

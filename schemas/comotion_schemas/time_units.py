@@ -106,7 +106,9 @@ def _numbers(times: object) -> tuple[NDArray[np.float64], bool]:
         if array.dtype.kind == "O" and array.size and isinstance(array.flat[0], datetime.timedelta):
             array = array.astype("timedelta64[us]")
         if array.dtype.kind == "O" and array.size and hasattr(array.flat[0], "timestamp"):
-            return np.array([_of_datetime(one) for one in array.flat], np.float64).reshape(array.shape), True
+            return np.array([_of_datetime(time) for time in array.flat], np.float64).reshape(
+                array.shape
+            ), True
         if array.dtype.kind in "mM":
             lost, kind = np.isnat(array), "datetime64[ns]" if array.dtype.kind == "M" else "timedelta64[ns]"
             return np.where(lost, np.nan, array.astype(kind).astype(np.int64) / 1e9), True

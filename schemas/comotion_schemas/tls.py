@@ -11,7 +11,6 @@ The router trusts only the certificate. `component.json` lets a process report a
 because Zenoh drops what the router denies without an error.
 """
 
-import json
 import logging
 import os
 import stat
@@ -19,10 +18,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from pydantic import TypeAdapter
 
 from .errors import KnownError
-from .types import is_name
+from .types import Name
 
 CA_FILE = "ca.crt"
 CERTIFICATE_FILE = "component.crt"
@@ -56,7 +56,7 @@ class Identity:
     """
 
     role: str
-    name: str
+    name: Name
     scene: str
     sources: tuple[str, ...]
     expires_s: int
@@ -69,17 +69,20 @@ class Identity:
         ValueError
             If the certificate is for another role, name or scene; one line that says which.
         """
-        own = f"the certificate of {self.role} {self.name!r}"
+        certificate = f"the certificate of {self.role} {self.name!r}"
         # A robot that publishes joint states has a viewer's token: it publishes no observations.
         if role != self.role and not (self.role == "source" and role == "viewer"):
-            raise KnownError(f"{own} is not for a {role}")
+            raise KnownError(f"{certificate} is not for a {role}")
         names = self.sources if self.role == "source" else (self.name,)
         # An agent numbers the services that it starts.
         derived = self.role == "service" and name.startswith(f"{self.name}-")
         if name not in names and not derived:
-            raise KnownError(f"{own} is for the name {' or '.join(names)}, not {name!r}")
+            raise KnownError(f"{certificate} is for the name {' or '.join(names)}, not {name!r}")
         if self.scene not in (ANY_SCENE, scene):
-            raise KnownError(f"{own} is for the scene {self.scene!r}, not {scene!r}")
+            raise KnownError(f"{certificate} is for the scene {self.scene!r}, not {scene!r}")
+
+
+_IDENTITY = TypeAdapter(Identity)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,8 +118,8 @@ def load_tls(folder: Path) -> TlsFiles:
         if not file.is_file():
             raise KnownError(f"{folder} is not the folder of a component: there is no {file.name}")
     try:
-        identity = _identity(json.loads(files[3].read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        identity = _IDENTITY.validate_json(files[3].read_bytes())
+    except (OSError, ValueError) as error:
         raise KnownError(f"{files[3]}: malformed ({type(error).__name__})") from None
     tls = TlsFiles(root_ca=files[0], certificate=files[1], key=files[2], identity=identity)
     if identity.expires_s <= time.time():
@@ -168,18 +171,4 @@ def warn_of_expiry(tls: TlsFiles) -> None:
 
 def identity_as_json(identity: Identity) -> str:
     """Content of `component.json`."""
-    content = vars(identity) | {"sources": list(identity.sources)}
-    return json.dumps(content, indent=2) + "\n"
-
-
-def _identity(content: dict[str, Any]) -> Identity:
-    identity = Identity(
-        role=str(content["role"]),
-        name=str(content["name"]),
-        scene=str(content["scene"]),
-        sources=tuple(map(str, content["sources"])),
-        expires_s=int(content["expires_s"]),
-    )
-    if not is_name(identity.name):
-        raise KnownError(identity.name)
-    return identity
+    return _IDENTITY.dump_json(identity, indent=2).decode() + "\n"

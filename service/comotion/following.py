@@ -6,8 +6,8 @@ trajectories are the same body. When it takes over, it publishes under the ids t
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from .arrays import Ints, Labels
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
+from .saving import NOT_KEPT, plain, restored
 
 # ns; so long after its last update the bodies of another service are recognised by their trajectories.
 _TAKEOVER_NS = 10_000_000_000
@@ -33,14 +34,14 @@ class _Origin:
     shift: list[float] | None = None
 
 
+@dataclass
 class PublishedIds:
     """The ids and births under which the hypotheses of this service are published."""
 
-    def __init__(self) -> None:
-        self._names: dict[int, int] = {}
-        self._origins: dict[int, _Origin] = {}
-        self._ids = IdAllocator()
-        self._leader: HypothesisUpdate | None = None
+    _names: dict[int, int] = field(default_factory=dict)
+    _origins: dict[int, _Origin] = field(default_factory=dict)
+    _ids: IdAllocator = field(default_factory=IdAllocator)
+    _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
         """Take over the ids of a published update.
@@ -93,19 +94,13 @@ class PublishedIds:
 
     def state(self) -> dict[str, Any]:
         """As plain values."""
-        return {
-            "names": [[one, name] for one, name in self._names.items()],
-            "origins": [[one, dict(vars(origin))] for one, origin in self._origins.items()],
-            "following": self._ids.following,
-        }
+        return cast("dict[str, Any]", plain(self))
 
     @classmethod
     def load(cls, state: Mapping[str, Any]) -> Self:
         """From :meth:`state`."""
-        made = cls()
-        made._names = {int(one): int(name) for one, name in state["names"]}
-        made._origins = {int(one): _Origin(**values) for one, values in state["origins"]}
-        made._ids.following = int(state["following"]) + ID_GAP
+        made: Self = restored(cls, state)
+        made._ids.following += ID_GAP
         return made
 
     def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate, unnamed: set[int]) -> None:

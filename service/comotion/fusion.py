@@ -9,14 +9,16 @@ with the time that it takes for now.
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Event, HypothesisUpdate, Keys, ObservationBatch, RejectionReason
+from comotion_schemas.messages import ProblemKind
 
 from . import snapshot
 from .assembly import Header, assemble, at_rest, moved
@@ -25,7 +27,6 @@ from .event_time.budget import Budget, CostClock
 from .event_time.faults import Fault, Faults
 from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
-from .event_time.steps import ClockTrouble
 from .event_time.timeline import Timeline
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
@@ -35,7 +36,6 @@ from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
-from .source_checks import TroubleKind
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
 
@@ -57,33 +57,6 @@ class AffinitySnapshot:
 
     tracks: list[TrackKey]
     matrix: NDArray[np.float32]
-
-
-class Troubles(NamedTuple):
-    """What is wrong with sources, by name.
-
-    Attributes
-    ----------
-    clocks
-        Whose clock is wrong.
-    data
-        Whose ids or unit cannot be right, as :meth:`.source_checks.SourceChecks.troubles` says.
-    rivalled
-        Of which a second process sends too.
-    costly
-        Whose data waits or is dropped because of what it costs.
-    contradictions
-        What contradicts what a space is, in words.
-    drifting
-        Whose offset from the others changes, so that they tell no more which bodies there are.
-    """
-
-    clocks: dict[str, ClockTrouble]
-    data: dict[str, dict[TroubleKind, float]]
-    rivalled: list[str]
-    costly: list[str]
-    contradictions: dict[str, str]
-    drifting: list[str]
 
 
 class Fusion:
@@ -132,7 +105,13 @@ class Fusion:
         self._ids = IdAllocator(first_id)
         self._grouping = Budget(_GROUPING, to_ns(self.config.period))
         self._spaces = Spaces(
-            self.config, self._ids, self.stats, self._faults, self.make_method, self._grouping
+            self.config,
+            self._ids,
+            self.stats,
+            self._faults,
+            self.make_method,
+            self._grouping,
+            self.timeline.troubles,
         )
         self._linker = Linker(self.config.linking)
         self._joints = Joints(self.config)
@@ -290,19 +269,32 @@ class Fusion:
         """Errors of the fusion itself since the last call, with their traces."""
         return self._faults.take()
 
-    def troubles(self) -> Troubles:
-        """What the sources do wrong, as of the last :meth:`advance`."""
+    def guard(self, what: str) -> AbstractContextManager[None]:
+        """Go on behind a block of the caller that does `what` if it fails: a fault as any other."""
+        return self._faults.guard(what)
+
+    def troubles(self) -> dict[ProblemKind, dict[str, Any]]:
+        """What the sources do wrong, as of the last :meth:`advance`.
+
+        Returns
+        -------
+        dict
+            By kind, and by name of the source, what shows it: for clocks a :class:`.steps.ClockTrouble`, for
+            ids and scale the number of :meth:`.source_checks.SourceChecks.troubles`, for `contradicts-space`
+            what it contradicts, in words; None for the others.
+        """
         timeline, at_ns = self.timeline, self.timeline.at_ns
         sessions = timeline.sessions
-        found = self._spaces.checks.troubles(at_ns)
-        return Troubles(
-            clocks=timeline.steps.troubles(at_ns),
-            data={sessions[number][0]: kinds for number, kinds in found.items() if number in sessions},
-            rivalled=timeline.sources.rivalled(at_ns),
-            costly=sorted({*timeline.budget.over(at_ns), *self._grouping.over(at_ns)}),
-            contradictions=self._spaces.contradictions(),
-            drifting=sorted({sessions[one][0] for one in self._spaces.drifting() if one in sessions}),
-        )
+        found = timeline.troubles.lately(at_ns)
+        drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
+        found["drifts"] = dict.fromkeys(sorted(drifting))
+        found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})
+        for name, one in timeline.steps.troubles(at_ns).items():
+            found.setdefault(one.kind, {})[name] = one
+        for number, kinds in self._spaces.checks.troubles(at_ns).items():
+            for kind, value in kinds.items() if number in sessions else ():
+                found.setdefault(kind, {})[sessions[number][0]] = value
+        return {kind: sources for kind, sources in found.items() if sources}
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba.core.caching import (
@@ -73,34 +72,8 @@ class _UserWide(_ByDigest, UserWideCacheLocator):
     pass
 
 
-@cache
-def _no_bitcode() -> bytes:
-    module: bytes = llvm.parse_assembly("").as_bitcode()
-    return module
-
-
 class _KernelCacheImpl(CompileResultCacheImpl):
     _locator_classes = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012 - as in the base class
-
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Make a kernel of what was saved.
-
-        Numba reads a kernel's bitcode at once, which takes longer than to link the machine code. It is only
-        needed when another kernel that calls this one is compiled. All of this is private to numba: where a
-        version has it otherwise, kernels are read as numba reads them.
-        """
-        try:
-            (name, kind, (machine_code, bitcode)), description, *rest = payload
-            # Numba would find the kernel's symbols in the bitcode; this one is looked up.
-            symbols: set[str] = target_context.codegen()._engine._defined_symbols
-            symbol = description.llvm_cpython_wrapper_name
-        except (AttributeError, TypeError, ValueError):
-            return super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
-        symbols.add(symbol)
-        library = name, kind, (machine_code, _no_bitcode())
-        result = super().rebuild(target_context, (library, description, *rest))  # type: ignore[no-untyped-call]
-        result.library._get_module_for_linking = cache(lambda: llvm.parse_bitcode(bitcode))
-        return result
 
 
 class KernelCache(FunctionCache):
@@ -113,19 +86,6 @@ class KernelCache(FunctionCache):
     """
 
     _impl_class = _KernelCacheImpl
-    _contexts: ClassVar[set[int]] = set()
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load what was compiled for a signature; None if it is not on the disk.
-
-        The base class looks for new types and functions before each, which takes as long as the loading. The
-        compiler looks for itself.
-        """
-        if id(target_context) not in self._contexts:
-            target_context.refresh()
-            self._contexts.add(id(target_context))
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save what was compiled, and remove what other versions of the sources have left."""

@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
-from .trajectories.kernels import fill_recent_steps
+from .trajectories.interpolation import recent_steps
 from .trajectories.window import Window
 
 Ids = NDArray[np.uint64]
@@ -148,9 +148,7 @@ def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Int
 
 def _states(window: Window, slots: Slots) -> tuple[Floats, Floats]:
     """Newest positions and recent velocities, float64 [n, dim], in the unit of the space and per second."""
-    step, elapsed = np.zeros((len(slots), window.dim)), np.zeros(len(slots), np.int64)
-    columns = window.times, window.positions, window.start, window.stop
-    fill_recent_steps(*columns, slots, _RECENT_NS, step, elapsed)
+    step, elapsed = recent_steps(window, slots, _RECENT_NS)
     return window.positions[slots, window.stop[slots] - 1], step / np.maximum(elapsed, 1)[:, None] * 1e9
 
 

@@ -10,8 +10,7 @@ hypothesis.
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -20,6 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
+from .saving import NOT_KEPT
 
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
@@ -40,10 +40,11 @@ class Relative:
     frame: Pose | None
 
 
+@dataclass
 class MovingFrame:
     """The frame of one space over time.
 
-    Parameters
+    Attributes
     ----------
     dim
         2 or 3.
@@ -51,15 +52,15 @@ class MovingFrame:
         Whether poses are in the unit of the space: without, only the states are known.
     """
 
-    def __init__(self, dim: int, *, metric: bool) -> None:
-        self._dim, self._metric = dim, metric
-        self._world: int | None = None
-        self._anchor = RigidTransform.identity()
-        self._frame = RigidTransform.identity()
-        self._past: deque[tuple[int, RigidTransform]] = deque()
-        self._births: dict[int, RigidTransform] = {}
-        # Before the first world: stamp, poses by hypothesis.
-        self._before: list[tuple[int, dict[int, RigidTransform]]] = []
+    dim: int = field(metadata=NOT_KEPT)
+    metric: bool = field(metadata=NOT_KEPT)
+    _world: int | None = None
+    _anchor: RigidTransform = field(default_factory=RigidTransform.identity)
+    _frame: RigidTransform = field(default_factory=RigidTransform.identity)
+    _births: dict[int, RigidTransform] = field(default_factory=dict)
+    _past: deque[tuple[int, RigidTransform]] = field(default_factory=deque, metadata=NOT_KEPT)
+    # Before the first world: stamp, poses by hypothesis.
+    _before: list[tuple[int, dict[int, RigidTransform]]] = field(default_factory=list, metadata=NOT_KEPT)
 
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
@@ -92,24 +93,8 @@ class MovingFrame:
         listed = {h.id for h in hypotheses}
         self._births = {one: born for one, born in self._births.items() if one in listed}
         found = [h if h.absent else self._described(h, world) for h in hypotheses]
-        known = self._metric and world is not None and world.pose is not None
-        return Relative(found, pose_of(self._frame, self._dim) if known else None)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values and arrays."""
-        return {
-            "world": self._world,
-            "anchor": self._anchor.as_matrix(),
-            "frame": self._frame.as_matrix(),
-            "births": [[one, born.as_matrix()] for one, born in self._births.items()],
-        }
-
-    def load(self, state: Mapping[str, Any]) -> None:
-        """Take up :meth:`state`."""
-        self._world = None if state["world"] is None else int(state["world"])
-        self._anchor = RigidTransform.from_matrix(state["anchor"])
-        self._frame = RigidTransform.from_matrix(state["frame"])
-        self._births = {int(one): RigidTransform.from_matrix(born) for one, born in state["births"]}
+        known = self.metric and world is not None and world.pose is not None
+        return Relative(found, pose_of(self._frame, self.dim) if known else None)
 
     def _choose(
         self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats
@@ -118,7 +103,7 @@ class MovingFrame:
         sizes = {
             one: _size(positions[labels == one])
             for one, h in present.items()
-            if h.pose is not None or not self._metric
+            if h.pose is not None or not self.metric
         }
         if not sizes:
             return
@@ -147,8 +132,8 @@ class MovingFrame:
 
     def _described(self, one: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if one.id == self._world:
-            still = None if one.twist is None else _twist(np.zeros(3), np.zeros(3), self._dim)
-            pose = None if one.pose is None else pose_of(RigidTransform.identity(), self._dim)
+            still = None if one.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
+            pose = None if one.pose is None else pose_of(RigidTransform.identity(), self.dim)
             return replace(one, state="static", pose=pose, twist=still)
         # What rests in the frame of a moving camera is carried with it.
         state = "moving" if one.state == "static" and world is not None else one.state
@@ -156,7 +141,7 @@ class MovingFrame:
             return replace(one, state=state)
         moved = self._frame * transform(one.pose) * self._births[one.id].inv()
         return replace(
-            one, state=state, pose=pose_of(moved, self._dim), twist=_relative_twist(one, world, self._dim)
+            one, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(one, world, self.dim)
         )
 
 

@@ -1,8 +1,8 @@
 """Kernels of a method compiled before they are called, by a process on every core; the result is on disk.
 
 A first call would compile one kernel after the other, in one process. `kernel_list.json` names the
-signatures that each kind of scene needs, and :mod:`comotion.runtime.kernel_list` makes it again. What it
-does not name, or names wrongly, is compiled where it is called: the list costs no correctness.
+signatures that each kind of scene needs, and ``make schemas`` makes it again. What it does not name, or
+names wrongly, is compiled where it is called: the list costs no correctness.
 """
 
 import json

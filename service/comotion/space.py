@@ -4,14 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Labels, Slots, Stamps
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
@@ -24,6 +24,7 @@ from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
 from .partition import Method, Partition, Rows, SpaceSpec
+from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import Stored
 from .trajectories.track_index import Ids, TrackIndex
@@ -94,8 +95,14 @@ class Space:
 
     Attributes
     ----------
+    index
+        Who the trajectories are.
     contradicting
         Sources that say that the frame moves, where not all do.
+    owner
+        The source that was the first to observe something here; empty where nobody knows.
+    fed_ns, updated
+        When something came in last on the clock of arrivals, and in which update the space was updated last.
     """
 
     def __init__(
@@ -104,7 +111,7 @@ class Space:
         self.spec = spec
         self._stats = stats
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
-        self._index = TrackIndex(self._window)
+        self.index = TrackIndex(self._window)
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
@@ -114,6 +121,7 @@ class Space:
         # Keys and update of what was listed last.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.contradicting: list[str] = []
+        self.owner, self.fed_ns, self.updated = "", 0, -1
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self.drift = DriftCheck()
         self._groupings = 0
@@ -128,7 +136,7 @@ class Space:
         if not moving:
             self._frame = None
         elif self._frame is None:
-            self._frame = MovingFrame(self.spec.dim, metric=self.spec.unit == "m")
+            self._frame = MovingFrame(self.spec.dim, self.spec.unit == "m")
 
     def _follow_sources(self) -> None:
         """Take the frame for one that moves where the configuration, or all current sources, say so."""
@@ -160,83 +168,74 @@ class Space:
             What became of them.
         """
         batch, session = instants.batch, instants.session
-        columns = _Columns.of(instants) if taken is None else _Columns.of(instants).where(~taken)
-        near = self.extent.fits(session, columns.of_batch(batch.positions)) if len(columns.rows) else None
-        if near is not None and not near.any():
-            return Stored(fits=False, factor=self.extent.refused[session])
-        columns = columns if near is None else columns.where(near)
-        self._stats.refused_rows += len(instants.rows) - len(columns.rows)
-        slots, fresh, ended = self._find_or_open(columns.of_batch(batch.ids), session, allowance)
+        rows, stamps = instants.rows, instants.stamps[: len(instants.rows)]
+        if taken is not None:
+            rows, stamps = rows[~taken], stamps[~taken]
+        places: NDArray[Any] = batch.positions[rows]
+        near = self.extent.fits(session, places) if len(rows) else None
+        if near is not None:
+            if not near.any():
+                return Stored(fits=False, factor=self.extent.refused[session])
+            rows, stamps = rows[near], stamps[near]
+        slots, fresh, ended = self._find_or_open(batch.ids[rows], session, allowance)
         known = slots >= 0
         # An id that its source has declared lost for good must not come back.
         keep = known.copy()
         keep[known] = ~self._window.ended[slots[known]]
         ended += int(np.count_nonzero(known & ~keep))
-        self._stats.refused_rows += int(np.count_nonzero(known & ~keep))
-        if not keep.all():
-            slots, columns = slots[keep], columns.where(keep)
-        if len(slots):
-            self._insert(instants, slots, columns)
+        self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(keep))
+        if keep.any():
+            self._insert(instants, slots[keep], rows[keep], stamps[keep])
         return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0))
 
-    def _insert(self, instants: Instants, slots: Slots, columns: "_Columns") -> None:
-        batch, rows = instants.batch, columns.rows
+    def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
+        """Put rows of a batch into the window, each with its slot and stamp."""
+        batch = instants.batch
         self._said[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
-            sigma[:] = columns.of_batch(batch.sigma) if isinstance(batch.sigma, np.ndarray) else batch.sigma
+            sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
-        quaternions = None
-        if batch.quaternions is not None:
-            quaternions = columns.of_batch(batch.quaternions).astype(np.float64)
-        positions = columns.of_batch(batch.positions).astype(np.float64)
-        stamps = columns.stamps if batch.stamps_ns is not None else instants.stamp_ns
-        stored = self._window.insert(slots, stamps, positions, sigma, quaternions)
+        quaternions = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
+        at_once = instants.stamp_ns if batch.stamps_ns is None else stamps
+        positions = batch.positions[rows].astype(np.float64)
+        stored = self._window.insert(slots, at_once, positions, sigma, quaternions)
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
             declared = np.zeros((len(slots), 6))
-            declared[:, entries] = columns.of_batch(batch.covariance)
+            declared[:, entries] = batch.covariance[rows]
             self._window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        slots, at_ns = slots[stored], columns.stamps[stored]
-        cuts = np.flatnonzero(at_ns[1:] != at_ns[:-1]) + 1
-        for first, stop in pairwise([0, *cuts.tolist(), len(at_ns)]):
+        slots, stamps = slots[stored], stamps[stored]
+        cuts = np.flatnonzero(stamps[1:] != stamps[:-1]) + 1
+        for first, stop in pairwise([0, *cuts.tolist(), len(stamps)]):
             if stop > first:
-                rows_of_one = Rows(int(at_ns[first]), slots[first:stop], instants.in_order)
+                rows_of_one = Rows(int(stamps[first]), slots[first:stop], instants.in_order)
                 self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(
         self, ids: Ids, session: int, allowance: Callable[[int], int]
     ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
-        slots = self._index.find(ids, session)
+        slots = self.index.find(ids, session)
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
             _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
             # By first appearance: the oldest trajectory has the lowest number.
             new = fresh[np.sort(first)]
-            gone = self._index.has_ended(ids[new], session)
+            gone = self.index.has_ended(ids[new], session)
             opened, ended = new[~gone], int(gone.sum())
             opened = opened[: allowance(len(opened)) if len(opened) else 0]
-            slots[opened] = self._index.open(ids[opened], session)
+            slots[opened] = self.index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
-            self._stats.refused_rows += int(np.count_nonzero(slots < 0))
             self._stats.tracks += len(opened)
             self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
-        self._index.expect(ids, session, slots)
+        self.index.expect(ids, session, slots)
         return slots, len(fresh), ended
-
-    def end(self, ids: Ids, session: int) -> None:
-        """Mark trajectories of a session as ended for good."""
-        self._index.end(ids, session)
-
-    def end_session(self, session: int) -> None:
-        """Mark all trajectories of a session as ended for good."""
-        self._index.end_session(session)
 
     def occupied(self) -> int:
         """Trajectories that count against the limit: those current at the last update or opened since.
@@ -257,10 +256,6 @@ class Space:
         slots = np.concatenate([self._current, *self._opened])
         numbers, counts = np.unique(self._window.source[slots], return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
-
-    def holds(self, ids: Ids, session: int) -> Bools:
-        """Which ids of a session have a trajectory here, bool [n]."""
-        return np.asarray(self._index.find(ids, session) >= 0)
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
@@ -318,7 +313,7 @@ class Space:
             window.key[current],
             SpaceUpdate(
                 sessions=owners,
-                ids=self._index.ids[current],
+                ids=self.index.ids[current],
                 positions=newest,
                 labels=labels,
                 confidence=partition.confidence * explained(labels, present, newest, owners),
@@ -344,7 +339,7 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
-        previous = self._hypotheses.previous(window)
+        previous = self._hypotheses.labels.previous(window)
         if not grouped and self._last is not None and len(self._last.current):
             return self._last.extended(window, current, previous.labels)
         self._method.searching = self._groupings % effort.search_every == 0
@@ -357,7 +352,7 @@ class Space:
             few = len(some) < np.count_nonzero(steady[current])
             part = window.of(some if few else np.flatnonzero(steady))
         found = self._method.partition(part, some, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, some, self._index.ids[some])
+        self._last = LastGrouping.of(window, found, some, self.index.ids[some])
         if len(some) == len(current):
             return found
         return self._last.extended(window, current, previous.labels)
@@ -390,7 +385,7 @@ class Space:
         window = self._window
         self._method.forgetting(window, gone)
         self._hypotheses.labels.forget(window, gone)
-        self._index.close(gone)
+        self.index.close(gone)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""
@@ -413,48 +408,24 @@ class Space:
             "name": self.spec.name,
             "unit": self.spec.unit,
             "dim": self.spec.dim,
-            "ids": self._index.ids[self._window.slots()],
+            "ids": self.index.ids[self._window.slots()],
             "window": self._window.state(),
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
-            "frame": None if self._frame is None else self._frame.state(),
-            "ended": [[number, ids] for number, ids in self._index.ended()],
+            "frame": plain(self._frame),
+            "ended": [[number, ids] for number, ids in self.index.ended()],
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
         """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         slots = self._window.load(state["window"])
-        self._index.load(state["ids"], slots, state["ended"])
+        self.index.load(state["ids"], slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state["frame"] is not None:
             self._carry(moving=True)
             if keep_method and self._frame is not None:
-                self._frame.load(state["frame"])
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Rows of a batch, intp [n], and their stamps, int64 [n]; `every`: they are all, in their order."""
-
-    rows: NDArray[np.intp]
-    stamps: Stamps
-    every: bool
-
-    @classmethod
-    def of(cls, instants: Instants) -> Self:
-        """All rows of some instants."""
-        rows, batch = instants.rows, instants.batch
-        every = len(rows) == len(batch.ids) and batch.stamps_ns is None
-        return cls(rows, instants.stamps[: len(rows)], every)
-
-    def where(self, keep: Bools) -> "_Columns":
-        """Some of them."""
-        return _Columns(self.rows[keep], self.stamps[keep], every=False)
-
-    def of_batch(self, column: NDArray[Any]) -> NDArray[Any]:
-        """Their part of a column of the batch."""
-        return column if self.every else column[self.rows]
+                refill(self._frame, state["frame"])
 
 
 def _newest(window: Window, slots: Slots) -> Floats:

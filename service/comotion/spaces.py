@@ -20,14 +20,13 @@ from .event_time.budget import Budget
 from .event_time.faults import Faults
 from .event_time.instants import Instants
 from .event_time.stats import Key, Stats
+from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
 from .space import Space, SpaceUpdate
 
-# How long a contradiction is reported, and of how many sources.
-_TOLD_NS, _MOST_TOLD = 3_000_000_000, 256
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
 MakeMethod = Callable[[SpaceSpec], Method]
@@ -45,6 +44,8 @@ class Spaces:
         The clock of arrivals.
     budget
         What spaces may cost, by source.
+    troubles
+        What sources do wrong.
     checks
         What is wrong with the ids and units of sources.
     """
@@ -55,18 +56,10 @@ class Spaces:
     faults: Faults
     make_method: MakeMethod
     budget: Budget
+    troubles: Troubles
     at_ns: int = 0
     checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
-    _fed_ns: dict[str, int] = field(default_factory=dict)
-    # Number of the update in which each space was updated last.
-    _updated: dict[str, int] = field(default_factory=dict)
-    # Who was the first to observe something in each space.
-    _owners: dict[str, str] = field(default_factory=dict)
-    # By source: how it contradicts, and when.
-    _contradictions: dict[str, tuple[str, int]] = field(default_factory=dict)
-    # Spaces of each session number that has published in any.
-    _homes: dict[int, set[str]] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Space]:
         return iter(self._spaces.values())
@@ -78,7 +71,8 @@ class Spaces:
         """Take note of the time on the clock of arrivals."""
         if not self.at_ns:
             # Spaces of a snapshot are as if somebody had just published in them.
-            self._fed_ns = dict.fromkeys(self._fed_ns, at_ns)
+            for space in self:
+                space.fed_ns = at_ns
         self.at_ns = at_ns
 
     def names(self) -> list[str]:
@@ -91,34 +85,31 @@ class Spaces:
         unit, dim = self._known(name)
         if unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
-        self._contradictions.pop(batch.source, None)
-        if len(self._contradictions) >= _MOST_TOLD:
-            del self._contradictions[next(iter(self._contradictions))]
         declared = self.config.spaces.get(name, SpaceConfig())
         configured = declared.unit is not None or declared.dim is not None
-        owner = "the configuration" if configured else self._owners.get(name, "the first source")
+        first = self._spaces[name].owner if name in self._spaces else ""
+        owner = "the configuration" if configured else first or "the first source"
         text = (
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
             f"{unit or batch.unit} and {dim or batch.dim}"
         )
-        self._contradictions[batch.source] = text, self.at_ns
+        self.troubles.note("contradicts-space", batch.source, self.at_ns, text)
         return "space-mismatch"
 
     def _known(self, name: str) -> tuple[Unit | None, int | None]:
         """Unit and dim of a space; None where nobody has said, or nobody who did is there any more."""
         declared, space = self.config.spaces.get(name, SpaceConfig()), self._spaces.get(name)
-        if space is None or self._is_released(name):
+        if space is None or self._is_released(space):
             return declared.unit, declared.dim
         return declared.unit or space.spec.unit, declared.dim or space.spec.dim
 
     def contradictions(self) -> dict[str, str]:
-        """Sources that have lately contradicted what a space is, and how."""
-        oldest_ns = self.at_ns - _TOLD_NS
-        found = {name: text for name, (text, at_ns) in self._contradictions.items() if at_ns >= oldest_ns}
-        for space in self:
-            for source in space.contradicting:
-                found.setdefault(source, f"that {space.spec.name} is carried, which others do not say")
-        return found
+        """Sources that say of a space that it is carried, where others do not."""
+        return {
+            source: f"that {space.spec.name} is carried, which others do not say"
+            for space in self
+            for source in space.contradicting
+        }
 
     def drifting(self) -> set[int]:
         """Numbers of the sessions that drift away from the others of a space."""
@@ -143,8 +134,7 @@ class Spaces:
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session number as ended for good."""
         for space in self:
-            space.end_session(session)
-        self._homes.pop(session, None)
+            space.index.end_session(session)
 
     def update(
         self,
@@ -166,7 +156,7 @@ class Spaces:
             (source, session) by session number.
         """
         shares = {name: self._shares(name, sessions) for name in self._spaces}
-        waiting = sorted(self._spaces, key=lambda name: (self._updated.get(name, -1), name))
+        waiting = sorted(self._spaces, key=lambda name: (self._spaces[name].updated, name))
         self.budget.begin(self.at_ns, set().union(*shares.values()))
         updates: dict[str, SpaceUpdate] = {}
         while waiting:
@@ -183,7 +173,7 @@ class Spaces:
                 break
         for name in waiting:
             for source in shares[name]:
-                self.budget.refused(source, self.at_ns)
+                self.troubles.note("over-budget", source, self.at_ns)
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
@@ -199,14 +189,14 @@ class Spaces:
         }
         total = sum(held.values())
         if not total:
-            return {self._owners.get(name, ""): 1.0}
+            return {self._spaces[name].owner: 1.0}
         return {source: count / total for source, count in held.items()}
 
     def _updated_space(
         self, name: str, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort
     ) -> dict[str, SpaceUpdate]:
         """The update of a space by its name; none where it fails even when it is empty."""
-        self._updated[name] = self.stats.updates
+        self._spaces[name].updated = self.stats.updates
         for keep in (True, False, False):
             with self.faults.guard(f"updating space {name!r}"):
                 return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
@@ -222,25 +212,17 @@ class Spaces:
         """Forget spaces that are empty and that nobody has long published in, and sessions without tracks."""
         expiry_ns = to_ns(max(self.config.limits.expiry, self.config.hypotheses.memory))
         for name, space in list(self._spaces.items()):
-            if not space.sessions_in_use() and self.at_ns - self._fed_ns.get(name, 0) > expiry_ns:
-                self.drop(name)
-        self._homes = {number: homes for number, homes in self._homes.items() if number in in_use}
+            if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
+                del self._spaces[name]
         self.checks.keep(in_use)
-
-    def drop(self, name: str) -> None:
-        """Forget a space."""
-        self._spaces.pop(name, None)
-        self._fed_ns.pop(name, None)
-        self._owners.pop(name, None)
-        self._updated.pop(name, None)
-        for homes in self._homes.values():
-            homes.discard(name)
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        self.drop(spec.name)
         space = Space(self.config, spec, self.make_method(spec), self.ids, self.stats)
-        self._spaces[spec.name], self._fed_ns[spec.name] = space, self.at_ns
+        space.fed_ns = self.at_ns
+        # In the order in which they were opened.
+        self._spaces.pop(spec.name, None)
+        self._spaces[spec.name] = space
         return space
 
     def _rebuild(self, name: str, *, keep: bool) -> None:
@@ -248,18 +230,12 @@ class Spaces:
         old = self._spaces.get(name)
         if old is None:
             return
-        fed_ns, owner = self._fed_ns.get(name, 0), self._owners.get(name)
-        homes = {number for number, names in self._homes.items() if name in names}
         fresh = self.open(old.spec)
-        self._fed_ns[name] = fed_ns
-        if owner is not None:
-            self._owners[name] = owner
+        fresh.fed_ns, fresh.owner = old.fed_ns, old.owner
         if not keep:
             return
         with self.faults.guard(f"keeping the trajectories of space {name!r}"):
             fresh.load(old.state() | {"method": {}}, keep_method=True)
-            for number in homes:
-                self._homes[number].add(name)
             return
         self.open(old.spec)
 
@@ -272,36 +248,34 @@ class Spaces:
         if space is None or not space.spec.suits(batch):
             if space is None and not self._admit_space(batch.source):
                 return "limit"
-            self.open(SpaceSpec(name, batch.unit, batch.dim))
-            self._owners[name] = batch.source
-        self._fed_ns[name] = self.at_ns
+            space = self.open(SpaceSpec(name, batch.unit, batch.dim))
+            space.owner = batch.source
+        space.fed_ns = self.at_ns
         return None
 
-    def _is_released(self, name: str) -> bool:
-        return self.at_ns - self._fed_ns.get(name, 0) > to_ns(self.config.limits.release)
+    def _is_released(self, space: Space) -> bool:
+        return self.at_ns - space.fed_ns > to_ns(self.config.limits.release)
 
     def _admit_space(self, source: str) -> bool:
         """Whether a source may open one more; of too many, the one without data for longest goes."""
         most = self.config.limits.spaces
-        names = [name for name, owner in self._owners.items() if owner == source]
-        if len(names) < max(_OF_ONE_SOURCE * most, 1):
-            names = list(self._spaces)
-            if len(names) < most:
+        some = [space for space in self if space.owner == source]
+        if len(some) < max(_OF_ONE_SOURCE * most, 1):
+            some = list(self)
+            if len(some) < most:
                 return True
-        name = min(names, key=lambda one: self._fed_ns.get(one, 0))
-        if not self._is_released(name):
+        oldest = min(some, key=lambda space: space.fed_ns)
+        if not self._is_released(oldest):
             return False
-        self.drop(name)
+        del self._spaces[oldest.spec.name]
         return True
 
     def _store(self, space: Space, instant: Instants) -> bool:
         """Returns False if all its rows are too far out."""
-        number, name = instant.session, space.spec.name
-        homes = self._homes.setdefault(number, set())
-        elsewhere = self._elsewhere(instant, homes - {name})
-        homes.add(name)
+        number = instant.session
+        elsewhere = self._elsewhere(instant, space)
         stored = space.store(instant, lambda wanted: self._allowance(number, wanted), elsewhere)
-        where = number, name
+        where = number, space.spec.name
         self.checks.note(where, stored, self.at_ns)
         some = instant.rows[:MOST_ROWS]
         ids, positions = instant.batch.ids[some], instant.batch.positions[some].astype(np.float64)
@@ -312,17 +286,17 @@ class Spaces:
     def _end(self, instant: Instants) -> None:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
         if instant.last and instant.batch.ended is not None:
-            for home in self._homes.get(instant.session, ()):
-                self._spaces[home].end(instant.batch.ended, instant.session)
+            for space in self:
+                if space.index.knows(instant.session):
+                    space.index.end(instant.batch.ended, instant.session)
 
-    def _elsewhere(self, instant: Instants, homes: set[str]) -> Bools | None:
+    def _elsewhere(self, instant: Instants, home: Space) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
-        if not homes:
+        others = [space for space in self if space is not home and space.index.knows(instant.session)]
+        if not others:
             return None
         ids = instant.batch.ids[instant.rows]
-        found = np.zeros(len(ids), np.bool_)
-        for home in homes:
-            found |= self._spaces[home].holds(ids, instant.session)
+        found: Bools = np.any([space.index.find(ids, instant.session) >= 0 for space in others], axis=0)
         return found if found.any() else None
 
     def _allowance(self, session: int, wanted: int) -> int:

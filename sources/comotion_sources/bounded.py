@@ -46,15 +46,15 @@ def parse_toml(text: str) -> dict[str, Any]:
     if _LONG_KEY.search(text):
         raise KnownError("a key has more than 20 parts")
     try:
-        found = tomllib.loads(text)
-        deep = _is_deeper(found, _DEPTH)
+        content = tomllib.loads(text)
+        deep = _is_deeper(content, _DEPTH)
     except RecursionError:
         deep = True
     if deep:
         raise KnownError(f"nested more than {_DEPTH} times")
-    return found
+    return content
 
 
 def _is_deeper(value: object, depth: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return depth < 0 or any(_is_deeper(one, depth - 1) for one in inner)
+    return depth < 0 or any(_is_deeper(item, depth - 1) for item in inner)

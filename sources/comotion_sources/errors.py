@@ -1,9 +1,8 @@
-"""Errors of sources that a user can correct; each message is one line."""
+"""The error of sources: an input that cannot be used; each message is one line."""
 
 from comotion_schemas.errors import InputError, RecordingError
 
 __all__ = ["InputError", "RecordingError", "SceneError"]
 
-
-class SceneError(InputError):
-    """A scene does not exist or is malformed."""
+SceneError = InputError
+"""The error of a scene that does not exist or is malformed."""

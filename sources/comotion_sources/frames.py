@@ -1,11 +1,6 @@
-"""Frames of one source -> its messages.
+"""Frames, and the messages of one session of a source. Pure."""
 
-Simulations and recordings yield :class:`Frame`; :class:`Batcher` builds the messages of one source.
-Both are pure, so a live process and an offline evaluation send the same content.
-"""
-
-import heapq
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.types import Unit
 
-NANOSECONDS = 1_000_000_000
 AMBIGUOUS = -1
 """Object number of a feature that is never scored."""
 
@@ -115,83 +109,3 @@ class MessageBuilder:
         return TruthBatch(
             source=self.source, session=self.session, ids=np.asarray(ids), objects=numbers, names=named
         )
-
-
-class Batcher:
-    """Builds the messages of one session of a source from its frames.
-
-    The truth of a feature is sent once, before its first observation.
-
-    Parameters
-    ----------
-    builder
-        The source and its session.
-    objects
-        Names of the objects by number.
-    epoch_ns
-        Acquisition time of t = 0, nanoseconds since the Unix epoch.
-    publish_sigma
-        Publish the noise if a frame has it.
-    """
-
-    def __init__(
-        self,
-        builder: MessageBuilder,
-        *,
-        objects: Mapping[int, str],
-        epoch_ns: int = 0,
-        publish_sigma: bool = False,
-    ) -> None:
-        self._builder = builder
-        self._objects = objects
-        self.epoch_ns = epoch_ns
-        self._publish_sigma = publish_sigma
-        self._known: set[int] = set()
-        self._ended: list[NDArray[np.uint64]] = []
-
-    def messages(self, frame: Frame) -> Iterator[TruthBatch | ObservationBatch]:
-        """Build the messages of a frame: the truth of newborn features if any, then the batch."""
-        newborn = np.array([identity not in self._known for identity in frame.ids.tolist()], bool)
-        self._known.update(frame.ids[newborn].tolist())
-        if frame.objects is not None and newborn.any():
-            yield self._builder.truth(
-                ids=frame.ids[newborn], objects=frame.objects[newborn], names=self._objects
-            )
-        ended = np.concatenate([*self._ended, frame.ended])
-        self._ended.clear()
-        yield self._builder.observation(
-            stamp_ns=self.epoch_ns + round(frame.t * NANOSECONDS),
-            ids=frame.ids,
-            positions=frame.positions,
-            sigma=_sigma(frame) if self._publish_sigma else None,
-            quaternions=frame.quaternions,
-            ended=ended if ended.size else None,
-        )
-
-    def skip(self, frame: Frame) -> None:
-        """Leave a frame out; the next frame reports the features that ended in it."""
-        self._ended.append(frame.ended)
-
-
-def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
-    """Noise of a frame: one number if all features have the same; None if unknown or zero."""
-    sigma = frame.sigma
-    if sigma is None or not sigma.size or not (sigma > 0).all():
-        return None
-    return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
-
-
-def in_time_order(sources: Sequence[Iterable[Frame]]) -> Iterator[tuple[int, Frame]]:
-    """Merge the frames of several sources by time; equal times in the order of the sources.
-
-    Yields
-    ------
-    Index of the source, and frame.
-    """
-
-    def tagged(index: int, frames: Iterable[Frame]) -> Iterator[tuple[float, int, Frame]]:
-        return ((frame.t, index, frame) for frame in frames)
-
-    streams = [tagged(index, frames) for index, frames in enumerate(sources)]
-    for _, index, frame in heapq.merge(*streams, key=lambda item: item[:2]):
-        yield index, frame

@@ -1,89 +1,19 @@
-"""Plays what was recorded or is simulated in real time. The clock and the keyboard are injected."""
+"""Plays a tape in real time. The clock and the keyboard are injected."""
 
 import itertools
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable
 
-from comotion_schemas.errors import KnownError
+from .tape import Schedule, Tape
 
 LATE_S = 0.2
-"""A live item that is later than this, s, is left out: it would arrive after the allowed lateness."""
+"""A live entry that is later than this, s, is left out: it would arrive after the allowed lateness."""
 _TICK_S = 0.1  # longest wait between two looks at the keyboard
 
-Item = TypeVar("Item")
 Progress = Callable[[int, float], None]
-"""Called with the number of the pass and the time within it at every item."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Schedule:
-    """When items are due, and which stamps they get.
-
-    Attributes
-    ----------
-    start_at
-        Time of t = 0 of the first pass: Unix time in seconds, ``now``, or ``aligned``: when the
-        wall clock is a multiple of the length, so that processes that loop the same scene are in phase.
-    loop
-        Repeat the tape; each pass is a new session.
-    pace
-        Seconds of the tape per second.
-    live_stamps
-        Stamp an item with the wall clock time at which it is due; False: with its own time, continued
-        over the passes, and leave nothing out.
-    duration
-        Seconds after which playback stops; None: at the end of the tape.
-    """
-
-    start_at: float | str = "now"
-    loop: bool = False
-    pace: float = 1.0
-    live_stamps: bool = True
-    duration: float | None = None
-
-
-def parse_start(text: str) -> float | str:
-    """Parse a start time: ``now``, ``aligned`` or Unix time in seconds.
-
-    Raises
-    ------
-    ValueError
-        If the text is none of these.
-    """
-    if text in {"now", "aligned"}:
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    # Later times in nanoseconds do not fit in int64.
-    if not 0 <= value < 9e9:
-        raise KnownError(f"start {text!r} is neither 'now', 'aligned' nor a Unix time in seconds")
-    return value
-
-
-class Tape(Protocol[Item]):
-    """What is played, and where it goes."""
-
-    @property
-    def length(self) -> float:
-        """Seconds after which a pass may be repeated; then items at or after this time are left out."""
-
-    def begin(self, number: int, first: bool, start: float) -> Iterator[tuple[float, Item]]:
-        """Begin a pass, which the wall clock sees at `start`; yield (seconds within it, item) in order."""
-
-    def put(self, item: Item) -> None:
-        """Publish an item."""
-
-    def skip(self, item: Item) -> None:
-        """Leave an item out because it is late."""
-
-    def delay(self, seconds: float) -> None:
-        """Stamp all further items of the pass later, after a pause."""
+"""Called with the number of the pass and the time within it at every entry."""
 
 
 class Clock:
@@ -102,13 +32,13 @@ class Clock:
         return stop.wait(seconds)
 
 
-class Player(Generic[Item]):
+class Player:
     """Plays a tape.
 
     Parameters
     ----------
     tape
-        The items and their output.
+        The entries and their output.
     schedule
         When they are due.
     stop
@@ -116,14 +46,14 @@ class Player(Generic[Item]):
     read_key
         Returns a key that was pressed, or ""; the space bar pauses and resumes.
     progress
-        Called at every item.
+        Called at every entry.
     clock
         Clocks of the machine, or of a test.
     """
 
     def __init__(
         self,
-        tape: Tape[Item],
+        tape: Tape,
         schedule: Schedule,
         stop: threading.Event,
         *,
@@ -135,7 +65,7 @@ class Player(Generic[Item]):
         self._read_key = read_key
         self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - no progress
         self._clock = clock or Clock()
-        self._period = tape.length / schedule.pace
+        self._period = tape.length / schedule.speed
         self._paused_s = 0.0
         self._ahead = self._clock.monotonic() - self._clock.wall()
         limit = math.inf if schedule.duration is None else schedule.duration
@@ -167,18 +97,20 @@ class Player(Generic[Item]):
             # Compare the clocks once per pass, so that a step of the wall clock does not change the pacing.
             self._ahead = joined - self._clock.wall()
         begin = start + self._ahead - self._paused_s
-        for t, item in self._tape.begin(number, first, start):
+        live = self._schedule.stamps == "now"
+        for t, entry in self._tape.begin(number, first, start):
             if self._schedule.loop and t >= self._tape.length - 1e-9:
                 break
-            due = begin + t / self._schedule.pace
+            due = begin + t / self._schedule.speed
             if due + self._paused_s < joined - LATE_S:  # the pass started before this process
+                self._tape.skip(entry, counted=False)
                 continue
             if self._wait(due):
                 return
-            if self._schedule.live_stamps and self._clock.monotonic() > due + self._paused_s + LATE_S:
-                self._tape.skip(item)
+            if live and self._clock.monotonic() > due + self._paused_s + LATE_S:
+                self._tape.skip(entry, counted=True)
                 continue
-            self._tape.put(item)
+            self._tape.put(entry)
             self._progress(number, t)
         if self._schedule.loop:
             self._wait(begin + self._period)

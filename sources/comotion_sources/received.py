@@ -3,8 +3,11 @@
 import queue
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 
 import zenoh
+
+from comotion_schemas.transport import SessionSettings, open_session
 
 from .runtime import SourcePublisher
 
@@ -38,3 +41,27 @@ class Received:
                 yield self._queue.get(timeout=_IDLE_S)
             except queue.Empty:
                 yield None
+
+
+@contextmanager
+def subscribed(
+    source: SourcePublisher, key: str, settings: SessionSettings | None = None
+) -> Iterator[Received]:
+    """Subscribe to a key expression for a source that is entered; yields what is received.
+
+    Parameters
+    ----------
+    source
+        Counts what is lost.
+    key
+        The key expression.
+    settings
+        How to connect to the router of another network; None: in the session of the source.
+    """
+    received = Received(source)
+    with ExitStack() as stack:
+        session = source.component.session
+        if settings is not None:
+            session = stack.enter_context(open_session(settings))
+        stack.callback(session.declare_subscriber(key, received.receive).undeclare)
+        yield received

@@ -1,34 +1,167 @@
-"""The publisher of one source: observations and truth -> messages on its keys, with its presence."""
+"""One source of a scene: its messages on their keys, with its presence and Status."""
 
 import logging
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Self
+from typing import Self, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from comotion_schemas import DEFAULT_SCENE, ObservationBatch, TruthBatch, encode, metrics
-from comotion_schemas.component import Component, Rates, StatusFields, new_session_id
+from comotion_schemas import DEFAULT_SCENE, Message, ObservationBatch, TruthBatch, encode, metrics
+from comotion_schemas.component import Component, Rates, StatusFields, Where, new_session_id
 from comotion_schemas.errors import KnownError, one_line_errors
+from comotion_schemas.keys import StreamKind
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import check_space, usable_rows
-from comotion_schemas.transport import SessionSettings, client_settings, stream_publisher
+from comotion_schemas.transport import Publisher, SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
 
-_MOST_SAID = 20  # different texts of rejected input in the log
+_MOST_LOGGED = 20  # different texts of rejected input in the log
 _log = logging.getLogger(__name__)
 
 STALLED_S = 1.0
 """A source without a batch for this time, or 3 periods if longer, reports the state ``stalled``."""
 
 
-class SourcePublisher:
+class Source:
+    """One source of a scene: its presence, the publishers of its streams, its counters and its Status.
+
+    Parameters
+    ----------
+    name
+        Name of the source, one chunk of ``[a-z0-9_-]{1,64}``.
+    kinds
+        What it publishes.
+    rate
+        Nominal rate of its batches in Hz, for detecting a stall; 0: unknown.
+    message
+        One line for Status that describes the source.
+    feature_names
+        Names of features by id.
+    session_id
+        16 hexadecimal digits; None: random.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
+
+    Raises
+    ------
+    ValueError
+        If the name of the scene or source is not valid.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        kinds: Collection[StreamKind] = ("obs", "truth"),
+        rate: float = 0.0,
+        message: str = "",
+        feature_names: Mapping[int, str] | None = None,
+        session_id: str | None = None,
+        **where: Unpack[Where],
+    ) -> None:
+        self.name = name
+        self.component = Component(
+            role="source", name=name, status=self._status, session_id=session_id, **where
+        )
+        self._kinds = sorted(kinds)
+        self._publishers: dict[StreamKind, Publisher] = {}
+        self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
+        self._message = message
+        self._feature_names = {str(number): name for number, name in (feature_names or {}).items()}
+        self._exit = ExitStack()
+        # `sent` counts the batches of the present session: the service learns what of its end never came.
+        self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
+        self._rejected: dict[RejectionReason, int] = {}
+        self._logged: set[str] = set()
+        self._rates = Rates()
+        self._last_put: float | None = None
+        scene = self.component.scene
+        self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
+
+    @property
+    def stop(self) -> threading.Event:
+        """Set when the process is to stop."""
+        return self.component.stop
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            component = stack.enter_context(self.component)
+            for kind in self._kinds:
+                publisher = stream_publisher(component.session, component.keys, kind, self.name)
+                stack.callback(publisher.undeclare)
+                self._publishers[kind] = publisher
+            self._exit = stack.pop_all()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._exit.close()
+
+    def ready(self) -> None:
+        """Signal that the source is ready, by the ready file or the line ``ready``."""
+        self.component.ready()
+
+    def send(self, kind: StreamKind, payload: bytes, message: Message | None = None) -> None:
+        """Publish a payload on the stream of a kind; `message` is what it holds, where that is known."""
+        self._publishers[kind].put(payload)
+        if isinstance(message, TruthBatch):
+            self._counters["tracks"] += len(message.ids)
+        if kind != "obs":
+            return
+        self._counters["batches"] += 1
+        self._last_put = time.monotonic()
+        if isinstance(message, ObservationBatch):
+            self._begin_session(message.session)
+            self._counters["sent"] += 1
+            self._counters["observations"] += len(message.ids)
+            if self._lag is not metrics.OFF:
+                self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
+
+    def count(self, name: str, amount: int = 1) -> None:
+        """Add to a counter that appears in Status."""
+        self._counters[name] = self._counters.get(name, 0) + amount
+
+    def reject(self, reason: RejectionReason, text: str = "") -> None:
+        """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + 1
+        if text and text not in self._logged and len(self._logged) < _MOST_LOGGED:
+            self._logged.add(text)
+            _log.warning("%s: such messages are left out", text)
+
+    def overrun(self) -> None:
+        """Count a frame or message that was due and is left out."""
+        self._counters["overruns"] += 1
+
+    @property
+    def overruns(self) -> int:
+        """How many were due and are left out."""
+        return self._counters["overruns"]
+
+    def _begin_session(self, session: str) -> None:
+        if session != self.component.session_id:
+            self._counters["sent"] = 0
+            self.component.session_id = session
+
+    def _status(self) -> StatusFields:
+        age = None if self._last_put is None else time.monotonic() - self._last_put
+        return StatusFields(
+            state="stalled" if age is not None and age > self._stalled_after_s else "ok",
+            rates=self._rates.of({"obs": self._counters["batches"]}),
+            ages={} if age is None else {"obs": age},
+            counters=dict(self._counters),
+            rejected=dict(self._rejected),
+            message=self._message,
+            feature_names=self._feature_names,
+        )
+
+
+class SourcePublisher(Source):
     """Publishes one source until its :attr:`stop` is set, by a signal or otherwise.
 
     ::
@@ -94,69 +227,36 @@ class SourcePublisher:
             raise KnownError("give connect or settings, not both")
         check_space(unit, dim)
         endpoints = (connect,) if isinstance(connect, str) else connect
-        self.name = name
-        self._drop_invalid = drop_invalid
-        self._moving = moving
-        self.component = Component(
-            role="source",
-            name=name,
+        super().__init__(
+            name,
+            rate=rate,
+            message=message,
+            feature_names=feature_names,
             scene=scene,
             settings=settings or client_settings(endpoints, tls),
-            status=self._status,
             ready_file=ready_file,
         )
-        self.builder = MessageBuilder(
-            source=name, session=self.component.session_id, space=space, unit=unit, dim=dim, moving=moving
-        )
+        self._drop_invalid = drop_invalid
+        self._moving = moving
         self._space: tuple[str, Unit, int] = (space, unit, dim)
-        self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
-        self._message = message
-        self._feature_names = {str(number): name for number, name in (feature_names or {}).items()}
-        self._exit = ExitStack()
-        # `sent` counts the batches of the present session: the service learns what of its end never came.
-        self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
-        self._rejected: dict[RejectionReason, int] = {}
-        self._said: set[str] = set()
-        self._rates = Rates()
-        self._last_put: float | None = None
-        self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
+        self.builder = self._builder()
 
     @property
     def dropped(self) -> dict[RejectionReason, int]:
         """Rows that were left out, by reason."""
         return dict(self._rejected)
 
-    @property
-    def stop(self) -> threading.Event:
-        """Set when the process is to stop."""
-        return self.component.stop
-
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            component = stack.enter_context(self.component)
-            self._obs = stream_publisher(component.session, component.keys, "obs", self.name)
-            stack.callback(self._obs.undeclare)
-            self._truth = stream_publisher(component.session, component.keys, "truth", self.name)
-            stack.callback(self._truth.undeclare)
-            self._exit = stack.pop_all()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._exit.close()
-
-    def ready(self) -> None:
-        """Signal that the source is ready, by the ready file or the line ``ready``."""
-        self.component.ready()
+    def _builder(self) -> MessageBuilder:
+        space, unit, dim = self._space
+        session = self.component.session_id
+        return MessageBuilder(
+            source=self.name, session=session, space=space, unit=unit, dim=dim, moving=self._moving
+        )
 
     def new_session(self) -> None:
         """Start a new session: all trajectories end, and ids and sequence numbers start again."""
-        space, unit, dim = self._space
-        session = new_session_id()
-        self.builder = MessageBuilder(
-            source=self.name, session=session, space=space, unit=unit, dim=dim, moving=self._moving
-        )
-        self._counters["sent"] = 0
-        self.component.session_id = session
+        self._begin_session(new_session_id())
+        self.builder = self._builder()
 
     def observe(
         self,
@@ -240,41 +340,4 @@ class SourcePublisher:
 
     def put(self, message: ObservationBatch | TruthBatch) -> None:
         """Publish a message that :attr:`builder` has built."""
-        if isinstance(message, TruthBatch):
-            self._counters["tracks"] += len(message.ids)
-            self._truth.put(encode(message))
-            return
-        self._obs.put(encode(message))
-        self._counters["batches"] += 1
-        self._counters["sent"] += 1
-        self._counters["observations"] += len(message.ids)
-        self._last_put = time.monotonic()
-        if self._lag is not metrics.OFF:
-            self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
-
-    def count(self, name: str, amount: int = 1) -> None:
-        """Add to a counter that appears in Status."""
-        self._counters[name] = self._counters.get(name, 0) + amount
-
-    def reject(self, reason: RejectionReason, text: str = "") -> None:
-        """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
-        self._rejected[reason] = self._rejected.get(reason, 0) + 1
-        if text and text not in self._said and len(self._said) < _MOST_SAID:
-            self._said.add(text)
-            _log.warning("%s: such messages are left out", text)
-
-    def overrun(self) -> None:
-        """Count a frame that was due and is left out."""
-        self._counters["overruns"] += 1
-
-    def _status(self) -> StatusFields:
-        age = None if self._last_put is None else time.monotonic() - self._last_put
-        return StatusFields(
-            state="stalled" if age is not None and age > self._stalled_after_s else "ok",
-            rates=self._rates.of({"obs": self._counters["batches"]}),
-            ages={} if age is None else {"obs": age},
-            counters=dict(self._counters),
-            rejected=dict(self._rejected),
-            message=self._message,
-            feature_names=self._feature_names,
-        )
+        self.send("truth" if isinstance(message, TruthBatch) else "obs", encode(message), message)

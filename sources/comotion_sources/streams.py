@@ -1,19 +1,52 @@
-"""Streams: the frames of sources -> the messages that live processes would publish, in time order."""
+"""Streams: the frames of sources -> the messages that they publish, in time order.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+Simulations and recordings of features are streams. They are pure, so a live process and an offline
+evaluation have the same content.
+"""
+
+import heapq
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from comotion_schemas import ObservationBatch, TruthBatch
+import numpy as np
+from numpy.typing import NDArray
+
+from comotion_schemas import ObservationBatch, TruthBatch, encode
+from comotion_schemas.keys import Kind
 from comotion_schemas.types import Unit
 
-from .frames import Batcher, Frame, MessageBuilder, in_time_order
+from .frames import Frame, MessageBuilder
 
 OFFLINE_SESSION = "0" * 16
+Published = TruthBatch | ObservationBatch
 
 
 def numbered(name: str, part: int, parts: int) -> str:
     """Name of one of several sources: ``name-1`` for part 0; with one source, `name` itself."""
     return name if parts == 1 else f"{name}-{part + 1}"
+
+
+@dataclass(frozen=True, slots=True)
+class StreamMessage:
+    """A message of a stream as an entry of a log; truth has the time of the frame that it goes with."""
+
+    kind: Kind
+    log_ns: int
+    message: Published
+
+    @property
+    def name(self) -> str:
+        """Name of the source."""
+        return self.message.source
+
+    @property
+    def payload(self) -> bytes:
+        """The message as bytes."""
+        return encode(self.message)
+
+    def decode(self) -> Published:
+        """The message."""
+        return self.message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +78,41 @@ class Stream:
     length: float
     frames: Iterable[Frame]
 
-    def builder(self, session: str) -> MessageBuilder:
-        """Return the message builder for one session of this source."""
-        return MessageBuilder(
+    def messages(self, session: str, epoch_ns: int, *, publish_sigma: bool) -> Iterator[StreamMessage]:
+        """Yield the messages of one session: the truth of features before their first observation.
+
+        The parameters are those of :func:`merged`.
+        """
+        builder = MessageBuilder(
             source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
+        known: set[int] = set()
+        for frame in self.frames:
+            newborn = np.array([identity not in known for identity in frame.ids.tolist()], bool)
+            known.update(frame.ids[newborn].tolist())
+            stamp_ns = epoch_ns + round(frame.t * 1e9)
+            if frame.objects is not None and newborn.any():
+                truth = builder.truth(
+                    ids=frame.ids[newborn], objects=frame.objects[newborn], names=self.objects
+                )
+                yield StreamMessage("truth", stamp_ns, truth)
+            batch = builder.observation(
+                stamp_ns=stamp_ns,
+                ids=frame.ids,
+                positions=frame.positions,
+                sigma=_sigma(frame) if publish_sigma else None,
+                quaternions=frame.quaternions,
+                ended=frame.ended if frame.ended.size else None,
+            )
+            yield StreamMessage("obs", stamp_ns, batch)
+
+
+def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
+    """Noise of a frame: one number if all features have the same; None if unknown or zero."""
+    sigma = frame.sigma
+    if sigma is None or not sigma.size or not (sigma > 0).all():
+        return None
+    return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
 def merged(
@@ -58,8 +121,8 @@ def merged(
     session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
     publish_sigma: bool = False,
-) -> Iterator[TruthBatch | ObservationBatch]:
-    """Yield the messages of all streams in time order.
+) -> Iterator[Published]:
+    """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
     Parameters
     ----------
@@ -72,14 +135,34 @@ def merged(
     publish_sigma
         Publish the noise if a frame has it.
     """
-    batchers = [
-        Batcher(
-            stream.builder(session),
-            objects=stream.objects,
-            epoch_ns=epoch_ns,
-            publish_sigma=publish_sigma,
+    for logged in StreamLog(streams, session, publish_sigma=publish_sigma, epoch_ns=epoch_ns).messages():
+        yield logged.message
+
+
+class StreamLog:
+    """Streams as a log for a tape; the parameters are those of :func:`merged`."""
+
+    gap_s = 0.0
+    """Seconds between two passes, beyond the length."""
+
+    def __init__(
+        self, streams: Sequence[Stream], session: str, *, publish_sigma: bool = False, epoch_ns: int = 0
+    ) -> None:
+        self._streams, self._session = streams, session
+        self._publish_sigma = publish_sigma
+        self.start_ns = epoch_ns
+        self.end_ns = epoch_ns + round(1e9 * max(stream.length for stream in streams))
+
+    def messages(
+        self, kinds: Collection[Kind] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[StreamMessage]:
+        """Yield the messages of some kinds in a range of time, in time order."""
+        streams = (
+            stream.messages(self._session, self.start_ns, publish_sigma=self._publish_sigma)
+            for stream in self._streams
         )
-        for stream in streams
-    ]
-    for index, frame in in_time_order([stream.frames for stream in streams]):
-        yield from batchers[index].messages(frame)
+        for entry in heapq.merge(*streams, key=lambda entry: entry.log_ns):
+            if end_ns is not None and entry.log_ns > end_ns:
+                return
+            if (kinds is None or entry.kind in kinds) and (start_ns is None or entry.log_ns >= start_ns):
+                yield entry

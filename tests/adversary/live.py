@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.evaluate import EvaluateOptions, evaluate
+from comotion_clients.evaluate import evaluate
 from comotion_clients.metrics import Score
 from comotion_clients.subscription import Subscription
 from comotion_deploy.demo import free_endpoint
@@ -175,8 +175,8 @@ def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> 
                 limited.start()
                 del heard.arrived_s[:-1]
                 heard.level, began = 0, time.monotonic()
-                options = EvaluateOptions(duration=seconds, quiet=quiet)
-                scores = evaluate(_NAME, SessionSettings(connect=(endpoint,)), options).scores
+                settings = SessionSettings(connect=(endpoint,))
+                scores = evaluate(_NAME, settings, duration=seconds, quiet=quiet).scores
                 arrived, took = list(heard.arrived_s), time.monotonic() - began
                 messages, level = list(heard.messages), heard.level
                 limited.end()

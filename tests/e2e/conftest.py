@@ -5,9 +5,10 @@ Fixtures
 ``start(*arguments)`` runs ``comotion ARGUMENTS`` and waits until it is ready; ``endpoint`` is that
 of a running router; ``session`` is a Zenoh client session there; ``listen(key, kind)`` subscribes
 and answers with a mailbox whose ``until(predicate)`` awaits a message; ``heard(publisher)`` waits until
-somebody subscribes to what it publishes.
+somebody subscribes to what it publishes; ``etcd`` is a cluster of one.
 """
 
+import itertools
 import os
 import queue
 import signal
@@ -31,6 +32,7 @@ from comotion_schemas.keys import Kind
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session, stream_publisher
 
 from ..builders import batch
+from .etcd_cluster import EtcdCluster
 
 DEADLINE = 120.0
 """s after which what is awaited counts as missing; long, for a loaded machine takes its time."""
@@ -185,32 +187,48 @@ def observe(name: str, session: str, seq: int, stamp_ns: int) -> ObservationBatc
     return batch(name, seq, stamp_ns, two_bodies(stamp_ns), session=session)
 
 
-class Tracker:
-    """A well-behaved source of :func:`two_bodies`, in a thread of the test."""
+@contextmanager
+def every(seconds: float, step: Callable[[int], object]) -> Iterator[None]:
+    """Call ``step(0)``, ``step(1)`` and so on, in a thread, for as long as the context lasts."""
+    over = threading.Event()
 
-    def __init__(self, endpoint: str, name: str, rate: float, scene: str) -> None:
-        self._endpoint, self._name, self._rate, self._scene = endpoint, name, rate, scene
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+    def run() -> None:
+        for seq in itertools.count():
+            if over.wait(seconds):
+                return
+            step(seq)
 
-    def _run(self) -> None:
-        settings = SessionSettings(connect=(self._endpoint,))
-        with Component(role="source", name=self._name, scene=self._scene, settings=settings) as component:
-            publisher = stream_publisher(component.session, component.keys, "obs", self._name)
-            seq = 0
-            while not self._stop.wait(1 / self._rate):
-                publisher.put(encode(observe(self._name, component.session_id, seq, time.time_ns())))
-                seq += 1
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    yield
+    over.set()
+    thread.join(DEADLINE)
 
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join(DEADLINE)
+
+@contextmanager
+def tracking(endpoint: str, name: str, rate: float, scene: str) -> Iterator[None]:
+    """A well-behaved source of :func:`two_bodies`."""
+    settings = SessionSettings(connect=(endpoint,))
+    with Component(role="source", name=name, scene=scene, settings=settings) as component:
+        publisher = stream_publisher(component.session, component.keys, "obs", name)
+
+        def step(seq: int) -> None:
+            publisher.put(encode(observe(name, component.session_id, seq, time.time_ns())))
+
+        with every(1 / rate, step):
+            yield
+
+
+@contextmanager
+def routing(endpoint: str) -> Iterator[zenoh.Session]:
+    """A router in the process of the test, there at once; `comotion router` opens the same session."""
+    with open_session(SessionSettings(mode="router", connect=(), listen=(endpoint,))) as router:
+        yield router
 
 
 Start = Callable[..., Process]
 Listen = Callable[..., Mailbox]
-Track = Callable[..., Tracker]
+Track = Callable[..., None]
 Connect = Callable[[str], zenoh.Session]
 KEYS = Keys()
 
@@ -224,38 +242,35 @@ class Service:
         self.statuses = listen(session, KEYS.stream("status", "fusion"), "status")
 
 
-@contextmanager
-def running() -> Iterator[Start]:
-    """Run commands, and stop them in the end; `ready=False` to not wait for one."""
-    with ExitStack() as stack:
+class Commands(ExitStack):
+    """Runs commands, and stops them in the end, the last one first; `ready=False` to not wait for one."""
 
-        def run(
-            *arguments: object,
-            ready: bool = True,
-            env: Mapping[str, str] | None = None,
-            cwd: Path | None = None,
-        ) -> Process:
-            process = Process(tuple(map(str, arguments)), env, cwd)
-            stack.callback(process.close)
-            if ready:
-                process.wait_ready()
-            return process
-
-        yield run
+    def __call__(
+        self,
+        *arguments: object,
+        ready: bool = True,
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+    ) -> Process:
+        process = Process(tuple(map(str, arguments)), env, cwd)
+        self.callback(process.close)
+        if ready:
+            process.wait_ready()
+        return process
 
 
 @pytest.fixture
-def start() -> Iterator[Start]:
+def start() -> Iterator[Commands]:
     """Run a command for one test."""
-    with running() as run:
-        yield run
+    with Commands() as commands:
+        yield commands
 
 
 @pytest.fixture(scope="module")
-def start_shared() -> Iterator[Start]:
+def start_shared() -> Iterator[Commands]:
     """Run a command for all tests of a module."""
-    with running() as run:
-        yield run
+    with Commands() as commands:
+        yield commands
 
 
 @pytest.fixture
@@ -277,13 +292,13 @@ def shared_endpoint() -> str:
 
 
 @pytest.fixture
-def router(start: Start, free_port_endpoint: str) -> Process:
-    """The router process of :func:`endpoint`."""
-    return start("router", "--listen", free_port_endpoint)
+def router(start: Commands, free_port_endpoint: str) -> zenoh.Session:
+    """The router of :func:`endpoint`; it outlives the commands that are started after it."""
+    return start.enter_context(routing(free_port_endpoint))
 
 
 @pytest.fixture
-def endpoint(router: Process, free_port_endpoint: str) -> str:
+def endpoint(router: zenoh.Session, free_port_endpoint: str) -> str:
     """Endpoint of a running router."""
     return free_port_endpoint
 
@@ -319,12 +334,17 @@ def track() -> Iterator[Track]:
     """Publish two bodies: ``track(endpoint, name, rate, scene)``."""
     with ExitStack() as stack:
 
-        def run(endpoint: str, name: str = "tracker", rate: float = 20.0, scene: str = "default") -> Tracker:
-            tracker = Tracker(endpoint, name, rate, scene)
-            stack.callback(tracker.close)
-            return tracker
+        def run(endpoint: str, name: str = "tracker", rate: float = 20.0, scene: str = "default") -> None:
+            stack.enter_context(tracking(endpoint, name, rate, scene))
 
         yield run
+
+
+@pytest.fixture
+def etcd(tmp_path: Path) -> Iterator[EtcdCluster]:
+    """One server of etcd."""
+    with EtcdCluster(tmp_path) as cluster:
+        yield cluster
 
 
 @pytest.fixture

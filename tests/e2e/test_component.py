@@ -11,9 +11,9 @@ import zenoh
 
 from comotion_schemas import Keys
 from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields
-from comotion_schemas.transport import SessionSettings, open_session
+from comotion_schemas.transport import SessionSettings
 
-from .conftest import DEADLINE
+from .conftest import DEADLINE, routing
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
@@ -24,12 +24,21 @@ def component(endpoint: str, **changes) -> Component:
     return Component(**(fields | changes))
 
 
-def test_a_component_is_present_while_it_is_open(endpoint, session) -> None:
+def test_a_component_is_present_and_its_ready_file_is_there_while_it_is_open(
+    endpoint, session, listen, tmp_path: Path
+) -> None:
     presence = session.liveliness().declare_subscriber(KEYS.all_live(), history=True)
-    with component(endpoint):
+    file = tmp_path / "ready"
+    with component(endpoint, ready_file=file) as one:
         sample = presence.recv()
         assert (str(sample.key_expr), sample.kind) == (KEYS.live("source", "cam"), zenoh.SampleKind.PUT)
+        # Who joins late gets the last Status.
+        assert listen(session, KEYS.streams("status"), "status").next().component == "cam"
+        assert not file.exists()
+        one.ready()
+        assert file.exists()
     assert presence.recv().kind == zenoh.SampleKind.DELETE
+    assert list(tmp_path.iterdir()) == []
     presence.undeclare()
 
 
@@ -45,11 +54,6 @@ def test_status_comes_at_once_and_then_every_second(endpoint, session, listen) -
         assert status.counters == {"batches": 3}
     # Never sooner than due: the schedule is kept on the same machine's clock.
     assert got[2].stamp_ns - got[0].stamp_ns >= 1.9 * STATUS_PERIOD_S * 1e9
-
-
-def test_a_late_joiner_gets_the_last_status(endpoint, session, listen) -> None:
-    with component(endpoint):
-        assert listen(session, KEYS.streams("status"), "status").next().component == "cam"
 
 
 def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen) -> None:
@@ -77,7 +81,7 @@ def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> No
     thread = threading.Thread(target=run)
     thread.start()
     assert not opened.wait(1.0)
-    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
+    with routing(free_port_endpoint) as router:
         assert opened.wait(DEADLINE)
         assert listen(router, KEYS.stream("status", "cam"), "status").next().component == "cam"
         close.set()
@@ -85,23 +89,11 @@ def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> No
         assert not thread.is_alive()
 
 
-def test_the_ready_file_is_there_while_it_is_open(endpoint, tmp_path: Path) -> None:
-    file = tmp_path / "ready"
-    with component(endpoint, ready_file=file) as one:
-        assert not file.exists()
-        one.ready()
-        assert file.exists()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_session_that_is_not_open_is_an_error(endpoint) -> None:
+def test_a_session_is_open_within_the_context_alone(endpoint) -> None:
     one = component(endpoint)
     with pytest.raises(RuntimeError, match="not open"):
         _ = one.session
-
-
-def test_an_error_inside_closes_the_session(endpoint) -> None:
-    with pytest.raises(RuntimeError, match="inside"), component(endpoint) as one:
+    with pytest.raises(RuntimeError, match="inside"), one:
         raise RuntimeError("inside")
     assert one.session.is_closed()
     assert one.stop.is_set()

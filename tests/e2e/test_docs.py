@@ -185,8 +185,6 @@ def test_code_that_subscribes(name: str, start: Callable, endpoint: str, run_blo
 def test_code_that_runs_to_its_end(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if name.startswith("docs/regions.md"):
-        pytest.importorskip("skimage", reason="needs the extra dense")
     script = tmp_path / "block.py"
     script.write_text(PYTHON[name])
     monkeypatch.chdir(tmp_path)

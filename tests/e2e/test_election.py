@@ -13,12 +13,6 @@ pytestmark = NEEDS_ETCD
 DEADLINE = 60.0
 
 
-@pytest.fixture
-def etcd(tmp_path):
-    with EtcdCluster(tmp_path) as cluster:
-        yield cluster
-
-
 class Candidate:
     """A service that takes part; `until` waits for a state of its election."""
 

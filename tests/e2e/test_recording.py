@@ -2,11 +2,8 @@
 
 import hashlib
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 import urllib.request
 from collections import Counter
 from collections.abc import Callable
@@ -17,6 +14,7 @@ import zenoh
 from mcap.reader import make_reader
 
 from comotion import FusionConfig
+from comotion_deploy.cli import run
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
@@ -90,41 +88,17 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
     assert len(updates) >= 10
     assert evaluated(recorded) == updates
     assert evaluated(recorded, as_received=True) == evaluated(recorded, as_received=True)
-    fresh = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "comotion_deploy",
-            "evaluate",
-            str(recorded),
-            "--json",
-            "--period",
-            str(PERIOD),
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONHASHSEED": "77"},
-    )
-    (run,) = json.loads(fresh.stdout)["runs"]
-    assert run["updates_sha256"] == hashlib.sha256(b"".join(updates)).hexdigest()
+    words = ("evaluate", recorded, "--json", "--period", PERIOD)
+    fresh = start(*words, ready=False, env={"PYTHONHASHSEED": "77"})
+    assert fresh.wait() == 0
+    (found,) = json.loads(fresh.output[fresh.output.index("{\n") :])["runs"]
+    assert found["updates_sha256"] == hashlib.sha256(b"".join(updates)).hexdigest()
 
     # Live: published again byte for byte, which a second recorder notes.
     again = tmp_path / "again.mcap"
     recorder = start("record", again, "--name", "second", "--connect", endpoint)
-    replay = start(
-        "source",
-        "replay",
-        recorded,
-        "--stamps",
-        "original",
-        "--speed",
-        "2",
-        "--connect",
-        endpoint,
-        ready=False,
-    )
-    assert replay.wait() == 0
+    how = ("--stamps", "original", "--speed", 2, "--connect", endpoint)
+    assert start("source", "replay", recorded, *how, ready=False).wait() == 0
     recorder.interrupt()
     assert recorder.wait() == 0
     second = of_sources(read(again))
@@ -211,10 +185,9 @@ def test_metrics_of_service_and_sources_feed_the_dashboard(
         assert len(ticks) == (page is pages[0])
 
 
-def test_a_scene_that_is_not_there_is_no_recording(start, endpoint, tmp_path) -> None:
-    process = start(
-        "record", tmp_path / "x.mcap", "--scene", "typo", "--duration", 0.3, "--connect", endpoint
-    )
-    assert process.wait() == 2
-    assert process.lines[-1] == "error: no message was received in scene 'typo': nothing was recorded"
+def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys) -> None:
+    options = ("--scene", "typo", "--duration", "0.3", "--connect", endpoint)
+    assert run(["record", str(tmp_path / "x.mcap"), *options]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == "error: no message was received in scene 'typo': nothing was recorded"
     assert list(tmp_path.iterdir()) == []

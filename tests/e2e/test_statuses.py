@@ -5,12 +5,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from comotion.runtime.statuses import Sent, Statuses
+from comotion.runtime.statuses import Statuses
 from comotion_schemas import Keys, Status, encode
-from comotion_schemas.transport import SessionSettings, open_session
 
 from .. import builders
-from ..builders import SESSION, S
 from .conftest import DEADLINE
 
 pytestmark = pytest.mark.e2e
@@ -38,16 +36,14 @@ class Reader:
 
 
 @pytest.fixture
-def reader(free_port_endpoint) -> Iterator[Reader]:
-    with open_session(SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))) as router:
-        statuses = Statuses(router, KEYS, most=100)
-        yield Reader(statuses)
-        statuses.close()
+def reader(router) -> Iterator[Reader]:
+    statuses = Statuses(router, KEYS, most=100)
+    yield Reader(statuses)
+    statuses.close()
 
 
 @pytest.fixture
-def put(reader, free_port_endpoint, connect) -> Callable[[str, Status], None]:
-    session = connect(free_port_endpoint)
+def put(reader, session) -> Callable[[str, Status], None]:
     return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
 
 
@@ -68,33 +64,11 @@ def test_a_status_about_another_component_is_refused_and_counted(reader, put) ->
     assert reader.got == [("cam", 5)]
 
 
-def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(
-    reader, put, free_port_endpoint, connect
-) -> None:
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(reader, put, session) -> None:
     put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
-    connect(free_port_endpoint).put(KEYS.stream("status", "cam"), b"\x00")
+    session.put(KEYS.stream("status", "cam"), b"\x00")
     reader.until(lambda: reader.statuses.refused == 2)
     for k in range(300):
         put(f"cam-{k}", status(f"cam-{k}"))
     reader.until(lambda: len(reader.got) + reader.statuses.refused == 302)
     assert len(reader.got) >= 100
-
-
-def test_a_claim_counts_once_the_batches_should_be_here() -> None:
-    sent = Sent(most=2)
-    sent.note(status("cam", 5), 0)
-    sent.note(status("viewer", 5, role="viewer"), 0)
-    sent.note(status("cam", 9), S)
-    assert sent.due(2 * S - 1) == []
-    assert sent.due(2 * S) == [(("cam", SESSION), 5)]
-    # What a session says last counts, though an earlier claim was pending.
-    assert sent.due(9 * S) == [(("cam", SESSION), 9)]
-    assert sent.due(9 * S) == []
-
-
-def test_sessions_of_an_earlier_run_are_unknown_until_they_speak() -> None:
-    other = "b" * 16
-    sent = Sent(2, before=[("cam", other), ("cam", SESSION), ("gone", other), ("gone", "")])
-    assert sent.unknown == {("cam", SESSION), ("gone", other)}
-    sent.note(status("cam", 5), 0)
-    assert sent.unknown == {("gone", other)}

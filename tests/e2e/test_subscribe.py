@@ -2,7 +2,6 @@
 
 import asyncio
 import secrets
-import socket
 import threading
 from collections.abc import Iterator
 
@@ -15,18 +14,15 @@ from comotion_schemas.transport import SessionSettings, declare_publisher, open_
 
 from .. import builders
 from ..builders import SESSION, batch, status
-from .conftest import DEADLINE
+from .conftest import DEADLINE, routing
 
 pytestmark = pytest.mark.e2e
 
 
 @pytest.fixture(scope="module")
-def endpoint() -> Iterator[str]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    with open_session(SessionSettings(mode="router", connect=(), listen=(address,))):
-        yield address
+def endpoint(shared_endpoint: str) -> Iterator[str]:
+    with routing(shared_endpoint):
+        yield shared_endpoint
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -21,6 +20,7 @@ from comotion_schemas.transport import declare_publisher
 
 from .. import builders
 from ..builders import SESSION
+from .conftest import every
 
 pytest.importorskip("rerun", reason="needs the extra view")
 pytestmark = pytest.mark.e2e
@@ -47,20 +47,9 @@ def update(seq: int) -> HypothesisUpdate:
 @pytest.fixture
 def scene(session: zenoh.Session) -> Iterator[None]:
     """A service, at 10 Hz."""
-    over = threading.Event()
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-
-    def publish() -> None:
-        seq = 0
-        while not over.wait(0.1):
-            hypotheses.put(encode(update(seq)))
-            seq += 1
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with every(0.1, lambda seq: hypotheses.put(encode(update(seq)))):
+        yield
 
 
 def test_a_live_scene_into_a_file(

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -85,26 +86,26 @@ def _used_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def first_hour(folder: Path) -> list[Step]:
-    """Do all steps in an empty folder."""
-    caches = {
-        name: str(folder / name.lower()) for name in ("NUMBA_CACHE_DIR", "XDG_STATE_HOME", "XDG_CACHE_HOME")
-    }
+def environment(folder: Path) -> dict[str, str]:
+    """That of a newcomer: nothing of a checkout, and empty caches in the folder."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COMOTION_"))}
-    environment = kept | caches | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    caches = ("NUMBA_CACHE_DIR", "XDG_STATE_HOME", "XDG_CACHE_HOME")
+    return (
+        kept
+        | {name: str(folder / name.lower()) for name in caches}
+        | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    )
+
+
+def commands(folder: Path) -> dict[str, list[str]]:
+    """The steps by their names, in order."""
     wheels, bin_ = folder / "wheels", folder / "venv" / "bin"
     python, comotion = str(bin_ / "python"), str(bin_ / "comotion")
-    steps = [
-        run("python -m venv", [sys.executable, "-m", "venv", str(folder / "venv")], folder, environment),
-        run(
-            "build the wheel",
-            [python, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(TOP)],
-            folder,
-            environment,
-        ),
-    ]
-    wheel = str(next(wheels.glob("comotion-*.whl")))
-    commands = {
+    version = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]["version"]
+    wheel = str(wheels / f"comotion-{version}-py3-none-any.whl")
+    return {
+        "python -m venv": [sys.executable, "-m", "venv", str(folder / "venv")],
+        "build the wheel": [python, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(wheels), str(TOP)],
         "pip install comotion-*.whl": [python, "-m", "pip", "install", "-q", wheel],
         "make data": [python, "-c", _DATA],
         "comotion --help": [comotion, "--help"],
@@ -116,8 +117,13 @@ def first_hour(folder: Path) -> list[Step]:
         "comotion segment mine.avi": [comotion, "segment", "mine.avi", "--out", "out.mp4"],
         "comotion demo --duration 10": [comotion, "demo", "--duration", "10"],
     }
-    for name, command in commands.items():
-        steps.append(run(name, command, folder, environment))
+
+
+def first_hour(folder: Path) -> list[Step]:
+    """Do all steps in an empty folder."""
+    steps, where = [], environment(folder)
+    for name, command in commands(folder).items():
+        steps.append(run(name, command, folder, where))
         if name.startswith("pip") and steps[-1].status:
             break  # what follows needs it
     return steps

@@ -131,6 +131,9 @@ def _npz(path: Path) -> None:
         encode(found)
 
 
+_TRACKS = "frame,track,x,y,visibility,confidence\n0,3,1.5,2,1,.9\n1,3,2,2,1,.8\n1,4,9,9,0,\n2,4,9,8,true,1\n"
+
+
 def _npz_seeds() -> list[bytes]:
     buffer = io.BytesIO()
     positions = np.random.default_rng(0).normal(size=(6, 3, 2))
@@ -243,6 +246,7 @@ TARGETS: dict[str, Target] = {
     "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
     "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
     "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
+    "tracks": _of_file("t.csv", _npz, _text(_TRACKS), _RECORDINGS),
     # Its valid inputs are files of the corpus, one for each processor.
     "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
     "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, "comotion_schemas.message_log", "mcap"),

@@ -14,7 +14,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0
+from ..builders import MS, T0, S
 
 CONFIG = FusionConfig(window=2.0)
 LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
@@ -205,7 +205,8 @@ def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
     assert restarts > 3
     for source, sent in network.sent.items():
         key = source, "0" * 16
-        service.ledger.sent(key, sent)
+        service.ledger.claim(key, sent, 0)
+        service.ledger.miss(2 * S)
         account = service.ledger.accounts()[key]
         assert account.duplicates == came[source] - len(seen[source])
         assert account.settled() - account.duplicates + account.lost == sent

@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from comotion_clients.scene_components import ComponentsModel
 from comotion_clients.scene_model import SceneModel
-from comotion_clients.scene_status import StatusModel
 from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
@@ -93,13 +93,13 @@ def test_a_space_whose_name_cannot_be_shown_is_refused(space) -> None:
 @given(texts)
 @example(MARKUP)
 def test_status_prints_texts_as_they_are_each_in_its_line(text) -> None:
-    model = StatusModel("lab")
+    model = ComponentsModel("lab")
     model.on_presence("service", "fusion", alive=True)
     model.on_status(status(text), 0.0)
     model.on_router(
         {"zid": text, "version": text, "metadata": {"name": text, "host": text}, "locators": [text] * 99}
     )
-    found = model.snapshot(0.0)
+    found = model.status(0.0)
     out = io.StringIO()
     show(found, Console(file=out, width=4000, color_system=None))
     lines = out.getvalue().split("\n")

@@ -64,12 +64,14 @@ def test_window_holds_exactly_what_lies_inside_it(steps, seed):
             window.close(slot_of.pop(track))
             del ever[track], held[track]
     for track, slot in slot_of.items():
-        series = window.series(int(slot[0]))
-        assert series.times.tolist() == sorted(held[track])
+        times, positions, speed = (
+            window.held(column, int(slot[0])) for column in (window.times, window.positions, window.speed)
+        )
+        assert times.tolist() == sorted(held[track])
         speeds = literal_speeds(ever[track])
-        for time, position, speed in zip(series.times, series.positions, series.speed, strict=True):
+        for time, position, fast in zip(times, positions, speed, strict=True):
             assert np.array_equal(position, held[track][time])
-            assert np.isclose(speed, speeds[time], rtol=1e-12)
+            assert np.isclose(fast, speeds[time], rtol=1e-12)
 
 
 def test_state_round_trip_keeps_every_view():
@@ -83,8 +85,9 @@ def test_state_round_trip_keeps_every_view():
     other = Window(3, SPAN, 10)
     twin = other.load(window.state())
     for mine, theirs in zip(window.slots(), twin, strict=True):
-        a, b = window.series(int(mine)), other.series(int(theirs))
-        for left, right in zip(vars(a).values(), vars(b).values(), strict=True):
+        for name in ("times", "positions", "speed", "sigma", "quaternions"):
+            left = window.held(getattr(window, name), int(mine))
+            right = other.held(getattr(other, name), int(theirs))
             assert np.array_equal(left, right, equal_nan=True)
     assert other.key[twin].tolist() == window.key[window.slots()].tolist()
     assert not set(other.open(1, 0).tolist()) & set(twin.tolist())

@@ -6,12 +6,15 @@ hardly any, if this process compiled them. With --warm-up it also compiles what 
 
 import hashlib
 import sys
+from pathlib import Path
 
 from comotion import Fusion, FusionConfig
 from comotion.runtime.known_kernels import kernels
 from comotion.runtime.warm_up import warm_up
-from comotion_experiments.bench.scene import Scene, SceneSpec
 from comotion_schemas import encode
+
+sys.path.append(str(Path(__file__).parents[1]))
+from comotion_tools.bench.scene import Scene, SceneSpec
 
 # Of so many features in metres the default method searches a subset.
 SCENES = {

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from comotion_sources.proprioception.cdr import JOINT_STATE, ros_types
+from comotion_schemas.ros_types import store
+from comotion_sources.proprioception.cdr import JOINT_STATE
 from comotion_sources.proprioception.samples import JointSample
 
 
 def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> bytes:
     """Encode a sample as a little-endian CDR JointState, as ROS 2 publishes it."""
-    types = ros_types().types
+    types = store().types
     sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
     time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     message = types[JOINT_STATE](
@@ -20,4 +21,4 @@ def encode_sample(sample: JointSample, velocities: Sequence[float] = ()) -> byte
         velocity=np.asarray(velocities, np.float64),
         effort=np.empty(0),
     )
-    return bytes(ros_types().serialize_cdr(message, JOINT_STATE))
+    return bytes(store().serialize_cdr(message, JOINT_STATE))

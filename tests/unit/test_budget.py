@@ -46,7 +46,7 @@ class TestInstants:
         assert found["many"].rejected["over-budget"] > 60
         assert found["many"].fused > 10, "he has his share"
         assert found["many"].waiting < 60
-        assert fusion.troubles().costly == ["many"]
+        assert list(fusion.troubles()["over-budget"]) == ["many"]
         assert ("many", "over-budget") in of_fusion(fusion)
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
         assert (update.track_source == honest[0]).sum() == 12
@@ -92,7 +92,7 @@ class TestSpaces:
         assert max(ages) < 1e-5, "the honest space is as of now in every update"
         assert max(grouped[1:]) <= 20, "within a period"
         assert len(update.track_id) == 12 + 120, "what waits is listed as it was"
-        assert fusion.troubles().costly == ["many"]
+        assert list(fusion.troubles()["over-budget"]) == ["many"]
         assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
 
 

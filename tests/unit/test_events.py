@@ -107,9 +107,9 @@ def test_each_event_follows_from_the_one_before(updates):
         kept = {h: n for h, n in sizes.items() if h not in gone}
         lost = {h: heir for h, heir in heirs.items() if h not in kept and heir in kept}
         for _ in range(repeat):
-            known = set(story.lifecycle.lives)
+            known = set(story.lifecycle.records)
             story.run(1, {h: n for h, n in kept.items() if h not in gone}, heirs=lost)
-            gone |= (known | set(kept)) - set(story.lifecycle.lives)
+            gone |= (known | set(kept)) - set(story.lifecycle.records)
     follows = {None: {"born", "split"}, "ended": set(), "merged": set(), "absent": {"returned", "ended"}}
     last = {}
     for event in story.events:

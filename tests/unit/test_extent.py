@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion
-from comotion.hypotheses.extent import _SMALLER, Extents, Members
+from comotion.hypotheses.extent import _SMALLER, measured
+from comotion.hypotheses.records import Current
 from comotion.partition import PoseReference
 
 from ..builders import S, batch
@@ -22,7 +23,7 @@ class Body:
     """Measures one hypothesis whose pose the test sets."""
 
     def __init__(self, dim=3):
-        self.dim, self.extents, self.reference = dim, Extents(), PoseReference.new(0)
+        self.dim, self.extent, self.reference = dim, None, PoseReference.new(0)
         self.posed = True
 
     def move(self, R, t):
@@ -35,8 +36,10 @@ class Body:
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
         sure = np.ones(count, bool) if sure is None else np.array(sure)
-        members = Members(keys, labels, points @ R.T + t, sure)
-        return self.extents.box(stamp_ns, 1, members, self.reference if self.posed else None)
+        current = Current(keys, np.arange(count), labels, points @ R.T + t, sure)
+        reference = self.reference if self.posed else None
+        self.extent, box = measured(self.extent, stamp_ns, 1, current, reference)
+        return box
 
 
 def matrix(box):
@@ -73,6 +76,17 @@ def test_lost_members_stay_and_those_of_others_leave():
     np.testing.assert_allclose(body.box(S, CORNERS[:4], keys=range(4)).half, whole.half, atol=1e-9)
     taken = body.box(2 * S, CORNERS, labels=[1] * 4 + [2] * 4)
     assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("count", [5, 12, 60])
+def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
+    body = Body(dim=2)
+    body.posed = False
+    points = np.random.default_rng(0).uniform([100, 100], [160, 130], (count, 2))
+    alone = body.box(0, points)
+    assert np.linalg.norm(alone.half) < 40
+    wrong = body.box(10**9, np.vstack([points, [600.0, 20.0]]))
+    np.testing.assert_allclose(wrong.half, alone.half, rtol=0.1)
 
 
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():

@@ -131,7 +131,7 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
     assert accounts["right", SESSION].fused >= 89
     wrong = accounts["wrong", SESSION]
     assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
-    assert fusion.troubles().clocks["wrong"].kind == ("clock-ahead" if step_s > 0 else "clock-behind")
+    assert "wrong" in fusion.troubles()["clock-ahead" if step_s > 0 else "clock-behind"]
     assert abs(update.stamp_ns - now) < S
 
 
@@ -143,7 +143,7 @@ def test_sources_that_are_all_a_second_behind_are_fused_and_told():
         update = fusion.update(now)
     assert len(update.track_id) == 12
     assert fusion.stats.fused >= 55
-    assert fusion.troubles().clocks["slow"].kind == "clock-behind"
+    assert "slow" in fusion.troubles()["clock-behind"]
 
 
 def test_a_scene_that_all_sources_have_left_does_not_look_alive():

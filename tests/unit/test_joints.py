@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import JointsConfig
 from comotion.joints.pair import Pair
 from comotion.partition import BodyMotion
 from comotion_schemas import decode, encode
@@ -52,12 +51,8 @@ def child(kind, q, seed=0, start=0):
     return motion(R, p + rng.normal(0, SHIFT_NOISE, p.shape), start=start)
 
 
-def pair(**changes):
-    return Pair(1, 2, np.zeros(3), JointsConfig(**changes))
-
-
 def judged(body, *, times=2):
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(times):
         found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
     return found
@@ -96,14 +91,15 @@ def test_bodies_that_move_as_one_are_fixed():
     rng = np.random.default_rng(0)
     held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
-    found = pair()
+    found = Pair(1, 2, np.zeros(3))
     for _ in range(2):
         found.judge(carrier, held)
     assert found.known.kind == "fixed"
 
 
-def test_a_joint_is_remembered_when_its_motion_has_left_the_window():
-    found = pair(key_states=10)
+def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
+    found = Pair(1, 2, np.zeros(3))
+    monkeypatch.setattr("comotion.joints.memory._MOST_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
         found.judge(world(150, first), child("revolute", q, seed=first, start=first))

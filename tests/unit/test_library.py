@@ -147,9 +147,9 @@ def test_a_source_takes_ordinary_data():
     source = SourcePublisher(
         "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
     )
-    source._obs = Sent()
+    source._publishers["obs"] = Sent()
     source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.inf, 0, 0]], sigma=[0.1, 0.2, 0.3])
-    (batch,) = map(decode, source._obs)
+    (batch,) = map(decode, source._publishers["obs"])
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
     strict = SourcePublisher("mine", space="world", unit="m", dim=3)
@@ -161,10 +161,10 @@ def test_a_source_takes_ordinary_data():
 
 def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
     source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
-    source._obs = Sent()
+    source._publishers["obs"] = Sent()
     points = [[0, 0, 0], [0, 0, 1], [0, np.nan, 2]]
     source.observe(ids=[5, 5, 5], positions=points, stamp_ns=30, stamps_ns=[10, 20, 30])
-    (batch,) = map(decode, source._obs)
+    (batch,) = map(decode, source._publishers["obs"])
     assert (batch.stamp_ns, batch.ids.tolist(), batch.stamps_ns.tolist()) == (20, [5, 5], [10, 20])
     with pytest.raises(ValueError, match="id is used twice"):
         source.observe(ids=[5, 5], positions=points[:2], stamp_ns=30)

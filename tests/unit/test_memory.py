@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from comotion.hypotheses.appearance import Appearance
-from comotion.hypotheses.memory import Newcomer, ObjectMemory
+from comotion.hypotheses.memory import Appearance, Newcomer, clear_pairs, recognised, seen
+from comotion.hypotheses.records import Trace
 from comotion.partition import PoseReference
+from comotion.saving import plain, restored
 from comotion_schemas import Hypothesis, Twist
 
 S = 1_000_000_000
@@ -22,16 +23,16 @@ def group(first, centre, scale=1.0, static=False):
     return Newcomer(np.arange(first, first + 8), CORNERS * scale + centre, static)
 
 
-def seen(seconds, centre, velocity=(0.0, 0.0, 0.0), scale=1.0):
+def appeared(seconds, centre, velocity=(0.0, 0.0, 0.0), scale=1.0):
     return Appearance(round(seconds * S), CORNERS * scale + centre, np.array(velocity))
 
 
-def memory(*seen):
+def memory(*bodies):
     """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
-    found, current = ObjectMemory(), np.arange(1000)
-    for one, centre, velocity, static in seen:
-        members = group(100 * one, centre, static=static)
-        found.see(0, members, current, described(one, velocity), PoseReference.new(0))
+    found = {}
+    for one, centre, velocity, static in bodies:
+        members, body = group(100 * one, centre, static=static), described(one, velocity)
+        found[one] = seen(None, 0, members, np.arange(1000), body, PoseReference.new(0))
     return found
 
 
@@ -42,21 +43,21 @@ MEETING = [(1, (0, 0, 0), (1.0, 0, 0), False), (2, (0.8, 0, 0), (-1.0, 0, 0), Fa
 RECOGNISED = {
     "at its place": (
         [HERE, (2, (1, 0, 0), STILL, False)],
-        {7: seen(1, (1.02, 0, 0)), 8: seen(1, (0, 0.03, 0))},
+        {7: appeared(1, (1.02, 0, 0)), 8: appeared(1, (0, 0.03, 0))},
         {7: 2, 8: 1},
     ),
-    "not elsewhere": ([HERE], {7: seen(1, (1, 0, 0))}, {}),
-    "not with another extent": ([HERE], {7: seen(1, (0, 0, 0), scale=10)}, {}),
+    "not elsewhere": ([HERE], {7: appeared(1, (1, 0, 0))}, {}),
+    "not with another extent": ([HERE], {7: appeared(1, (0, 0, 0), scale=10)}, {}),
     "where its motion leads": (
         MEETING,
-        {7: seen(0.5, (0.3, 0, 0), (-1.0, 0, 0)), 8: seen(0.5, (0.5, 0, 0), (1.0, 0, 0))},
+        {7: appeared(0.5, (0.3, 0, 0), (-1.0, 0, 0)), 8: appeared(0.5, (0.5, 0, 0), (1.0, 0, 0))},
         {7: 2, 8: 1},
     ),
-    "not far off soon after": ([SLOW], {7: seen(0.1, (-0.8, 0, 0))}, {}),
-    "farther off after a while": ([SLOW], {7: seen(3, (-0.8, 0, 0))}, {7: 1}),
+    "not far off soon after": ([SLOW], {7: appeared(0.1, (-0.8, 0, 0))}, {}),
+    "farther off after a while": ([SLOW], {7: appeared(3, (-0.8, 0, 0))}, {7: 1}),
     "not between two equal places": (
         [(1, (0, 0, 0.1), STILL, False), (2, (0, 0, -0.1), STILL, False)],
-        {7: seen(1, (0, 0, 0))},
+        {7: appeared(1, (0, 0, 0))},
         {},
     ),
     "the static body wherever it is": (
@@ -69,4 +70,57 @@ RECOGNISED = {
 
 @pytest.mark.parametrize(("known", "new", "expected"), RECOGNISED.values(), ids=RECOGNISED)
 def test_a_body_is_recognised(known, new, expected):
-    assert memory(*known).recognised([one[0] for one in known], new, 1.0) == expected
+    assert recognised(memory(*known), new, 1.0) == expected
+
+
+def test_a_body_is_expected_about_the_place_where_it_has_been():
+    def passed_by(to):
+        found, current = {}, np.arange(1000)
+        for second in range(11):
+            for one, place in ((1, (0.0, 0.0, 0.0)), (2, (1.0, 0.0, 0.0))):
+                at = to if second == 10 else place
+                members, reference = group(100 * one, at), PoseReference.new(0)
+                found[one] = seen(found.get(one), second * S, members, current, described(one), reference)
+        return found
+
+    new = {7: appeared(13, (0.9, 0, 0)), 8: appeared(13, (0.1, 0, 0))}
+    assert recognised(passed_by((0.5, 0.0, 0.0)), new, 1.0) == {7: 2, 8: 1}
+
+
+def test_the_heir_has_most_of_the_last_members():
+    found = memory(HERE)[1]
+    keys = np.arange(100, 108)
+    assert found.heir(keys, np.array([5, 5, 5, 5, 5, 6, 6, -1])) == 5
+    assert found.heir(keys[:4], np.array([5, 5, 5, 5])) is None
+
+
+def test_lost_features_are_remembered_for_a_while():
+    found = memory(HERE)[1]
+    few = Newcomer(np.arange(100, 103), CORNERS[:3], static=False)
+    found = seen(found, S, few, few.keys, described(1), PoseReference.new(0))
+    assert len(found.keys) == 8
+    found = seen(found, 4 * S, few, few.keys, described(1), PoseReference.new(0))
+    assert len(found.keys) == 3
+
+
+def test_state_survives():
+    found = memory((1, (0, 0, 0), (0.5, 0, 0), False))
+    twin = restored(dict[int, Trace], plain(found))
+    assert twin[1].description == found[1].description
+    np.testing.assert_array_equal(twin[1].brought_up, found[1].brought_up)
+    np.testing.assert_array_equal(twin[1].place, found[1].place)
+
+
+@pytest.mark.parametrize(
+    ("costs", "pairs"),
+    [
+        ([[0.0, 5.0], [5.0, 0.0]], [(0, 0), (1, 1)]),
+        ([[0.0, 0.5], [0.5, 0.0]], []),
+        ([[0.0], [1.0]], []),
+        ([[0.0], [9.0]], [(0, 0)]),
+        ([[np.inf, 3.0]], [(0, 1)]),
+        ([[np.inf]], []),
+    ],
+)
+def test_only_clear_pairs_are_matched(costs, pairs):
+    assert clear_pairs(np.array(costs), 2.0) == pairs

@@ -106,9 +106,13 @@ def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> No
     assert found["config"]["thesis"]["sigma_switch"] == 0.02
     assert [run["seed"] for run in found["runs"]] == [0, 1, None]
     text = io.StringIO()
-    Console(file=text, width=160).print(table(results))
+    Console(file=text, width=80).print(table(results))
     assert "overall" in text.getvalue()
     assert "± seeds" in text.getvalue()
+    assert "ms/update" in text.getvalue().splitlines()[0]  # all columns of the short table fit
+    everything = table(results, everything=True)
+    assert set(table(results).titles) < set(everything.titles)
+    assert {len(row) for row in everything.rows} == {len(everything.titles)}
 
 
 def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) -> None:

@@ -15,7 +15,7 @@ from comotion_sources.proprioception.samples import JointSample, joint_sample
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
-from comotion_sources.proprioception.packer import Packer, Packing  # noqa: E402
+from comotion_sources.proprioception.packer import Packer  # noqa: E402
 from comotion_sources.workcell import Scene, scene_names  # noqa: E402
 
 URDF = """<?xml version="1.0"?>
@@ -133,7 +133,7 @@ def test_a_wrong_model_or_link_is_one_clear_line(tmp_path: Path, urdf: Path) -> 
 
 def packer(rate: float = 200.0, span: float = 0.02) -> tuple[Packer, Callable[[float], JointSample]]:
     scene = Scene.named("arm")
-    made = Packer(Kinematics(scene.model, scene.robot), Packing(rate=rate, span=span))
+    made = Packer(Kinematics(scene.model, scene.robot), rate=rate, span=span)
     return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
 
 

@@ -10,8 +10,6 @@ from comotion_experiments.masks import MaskFolder
 from comotion_sources.cameras.types import Frame
 from comotion_sources.klt import Tracks
 
-pytest.importorskip("skimage")
-
 
 def picture():
     """A bright disc on a dark ground, and the true object of each pixel."""
@@ -33,6 +31,29 @@ def test_regions_end_at_the_edges_of_the_image():
     scores = intersection_over_union(found, true)
     assert scores[0] > 0.95
     assert scores[1] > 0.9
+
+
+def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
+    image = np.full((120, 160, 3), 90, np.uint8)
+    image[40:80, 10:50] = 200
+    on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
+    background = np.array([[x, y] for x in (4, 60, 155) for y in (4, 60, 115)])
+    pixels = np.vstack([on_body, background]).astype(np.float32)
+    true = np.zeros((120, 160), np.int32)
+    true[40:80, 10:50] = 1
+    found = regions(image, pixels, np.repeat([7, 3], [20, 9]))
+    assert intersection_over_union(found, true)[1] > 0.9
+
+
+def test_one_wrong_feature_has_no_region_of_its_own():
+    image, true = picture()
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([0, 0], [159, 119], (120, 2)).astype(np.float32)
+    labels = np.where(true[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] == 1, 7, 3)
+    pixels[-1], labels[-1] = (10, 110), 7
+    found = regions(image, pixels, labels)
+    assert not (found[90:, :30] == 7).any()
+    assert intersection_over_union(found, true)[1] > 0.9
 
 
 def test_the_overlap_ignores_ambiguous_pixels():

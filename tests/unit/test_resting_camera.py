@@ -105,6 +105,28 @@ def test_a_body_goes_on_while_its_features_live_for_a_third_of_a_second():
     assert len(bodies - wall_of(found[119])) == 1
 
 
+def test_a_newborn_feature_is_of_the_background_once_it_was_seen_to_rest():
+    renewed = np.arange(WALL + HAND)
+    renewed[[0, WALL]] = 998, 999
+    usual = np.arange(WALL + HAND)
+    found = play(
+        Fusion(FusionConfig()), Scene(), path(30, 60), ids=lambda number: renewed if number > 70 else usual
+    )
+    (background,), (body,) = wall_of(found[68]), hand_of(found[68])
+    assert found[71][998] == UNDETERMINED
+    assert (found[77][998], found[77][999]) == (background, body)
+
+
+def test_the_background_keeps_its_id_when_something_larger_begins_to_move():
+    scene = Scene()
+    scene.hand = scene.rng.uniform([100, 100], [300, 300], (90, 2))
+    ids = np.arange(WALL + 90)
+    found = play(Fusion(FusionConfig()), scene, path(30, 40), ids=lambda _: ids)
+    (background,) = wall_of(found[29])
+    assert wall_of(found[68]) == {background}
+    assert background not in {found[68][one] for one in range(WALL, WALL + 90)}
+
+
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
     found = play(Fusion(FusionConfig()), Scene(noise), path(150, 0))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
 from comotion_schemas import decode
+from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import store
 from comotion_sources.ros2.convert import (
     CLOUD,
@@ -15,7 +16,6 @@ from comotion_sources.ros2.convert import (
     NAMED_POSES,
     TF,
     Converter,
-    MessageError,
     _ids,
     kind_of,
 )
@@ -111,7 +111,7 @@ def test_a_cloud_has_ids_or_is_refused():
     (found,) = Converter().convert(CLOUD, cloud(), 0)
     assert (found.frame, found.ids.tolist()) == ("map", [10, 11, 12])
     assert found.positions[:, 0].tolist() == [0, 1, 2]
-    with pytest.raises(MessageError, match="one of id, track_id"):
+    with pytest.raises(InputError, match="one of id, track_id"):
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
 
 
@@ -130,7 +130,7 @@ def test_any_bytes_are_refused_or_read(kind, rest):
     for payload in (rest, b"\0\1\0\0" + rest, cloud()[: len(rest)]):
         try:
             Converter().convert(kind, payload, 0)
-        except MessageError:
+        except InputError:
             continue
 
 
@@ -140,13 +140,13 @@ class Sent(list):
 
 def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     source = SourcePublisher("ros2", space="world", unit="m", dim=3, drop_invalid=True)
-    source._obs = Sent()
+    source._publishers["obs"] = Sent()
     relay, key = _Relay(source, Ros2Source(topic="/tf")), "0/tf/tf2_msgs::msg::dds_::TFMessage_/H"
     relay.take(key, tf(transform("a", 1.0)), 0)
     relay.take(key, tf(transform("b", 1.0, frame="odom")), 0)
     relay.take(key, b"nonsense", 0)
     relay.take("0/tf/std_msgs::msg::dds_::String_/H", b"", 0)
     relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0, seconds=5)), 0)
-    batches = [decode(one) for one in source._obs]
+    batches = [decode(one) for one in source._publishers["obs"]]
     assert [b.ids.tolist() for b in batches] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 rosbags = pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
 
+from comotion_schemas.ros_types import store  # noqa: E402
 from comotion_sources.proprioception.cdr import (  # noqa: E402
     JOINT_STATE,
     decode_message,
     from_message,
     ros_key,
-    ros_types,
 )
 from comotion_sources.proprioception.joint_logs import read_bag  # noqa: E402
 from comotion_sources.proprioception.samples import JointSample, SampleError  # noqa: E402
@@ -45,7 +45,7 @@ def test_joint_states_round_trip_through_cdr(names: list[str], stamp_ns: int, da
 def test_what_rosbags_itself_serialises_big_endian_too_is_read() -> None:
     message = decode_message(encode_sample(sample()))
     for little in (True, False):
-        raw = ros_types().serialize_cdr(message, JOINT_STATE, little_endian=little)
+        raw = store().serialize_cdr(message, JOINT_STATE, little_endian=little)
         assert from_message(decode_message(bytes(raw)), 0).positions.tolist() == sample().positions.tolist()
 
 
@@ -67,7 +67,7 @@ def write_bag(path: Path, topics: dict[str, list[JointSample]], kind: str) -> Pa
     plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         for topic, samples in topics.items():
-            connection = writer.add_connection(topic, JOINT_STATE, typestore=ros_types())
+            connection = writer.add_connection(topic, JOINT_STATE, typestore=store())
             for one in samples:
                 writer.write(connection, one.stamp_ns, encode_sample(one))
     return path

@@ -15,13 +15,12 @@ from comotion.event_time.stats import Stats
 from comotion.runtime import known_kernels
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Arrivals, Health, Watchdog
-from comotion.runtime.intake import Rejection
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import Ticker
 from comotion.runtime.warm_up import STEPS, prepare, warm_up
 from comotion.snapshot import FORMAT, Header
-from comotion_schemas import DecodeError, ObservationBatch
+from comotion_schemas import ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
 
@@ -82,7 +81,7 @@ def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
 
 class TestHealth:
     def report(self, health: Health, at_s: float, stats: Stats, **changes):
-        arrivals = {"received": {}, "present": {}, "rejection": None}
+        arrivals = {"received": {}, "present": {}, "rejection": ""}
         arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
         fields = {"sources": [], "stats": stats, "notes": []} | changes
         return health.report(int(at_s * SECOND), arrivals=Arrivals(**arrivals), **fields)
@@ -118,9 +117,8 @@ class TestHealth:
     def test_rejections_are_told_with_source_and_reason(self) -> None:
         health, stats = Health(), Stats()
         self.report(health, 0, stats)
-        stats.reject("length", 2)
-        rejection = Rejection(SECOND, "klt", DecodeError("length", "ids has 3 rows"))
-        fields = self.report(health, 1, stats, rejection=rejection)
+        stats.add("length", 2)
+        fields = self.report(health, 1, stats, rejection="obs/klt: length: ids has 3 rows")
         assert fields.state == "degraded"
         assert fields.rejected == {"length": 2}
         assert fields.message == "2 rejected, last on obs/klt: length: ids has 3 rows"

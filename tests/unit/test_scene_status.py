@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from comotion_clients.scene_status import SILENT_S, StatusModel
+from comotion_clients.scene_components import SILENT_S, ComponentsModel
 from comotion_clients.status import missing
 from comotion_schemas import Status
 
@@ -20,33 +20,33 @@ def status(name: str, role: str = "source", at: float = NOW, **changes) -> Statu
 
 
 @pytest.fixture
-def model() -> Iterator[StatusModel]:
+def model() -> Iterator[ComponentsModel]:
     """A scene with a service and a source at 30 Hz, both well."""
-    found = StatusModel("cell")
+    found = ComponentsModel("cell")
     add(found, status("fusion", "service", rates={"cam": 30.0}))
     add(found, status("cam"))
     return found
 
 
-def add(model: StatusModel, one: Status, ahead: float = 0.0, trip: float = 0.002) -> None:
+def add(model: ComponentsModel, one: Status, ahead: float = 0.0, trip: float = 0.002) -> None:
     """A component whose clock is ahead, and its Status, which takes half of a round trip."""
     sent = status(
         one.component, one.role, NOW + ahead, **{k: v for k, v in vars(one).items() if k not in _KEPT}
     )
     model.on_presence(one.role, one.component, alive=True)
-    model.on_status(sent, NOW + trip / 2)
+    model.on_status(sent, NOW + trip / 2, NOW + trip / 2)
     model.on_cache_answer(one.component, trip)
 
 
 _KEPT = {"component", "role", "stamp_ns", "schema"}
 
 
-def rows(model: StatusModel) -> dict[str, object]:
-    return {row.name: row for row in model.snapshot(NOW).components}
+def rows(model: ComponentsModel) -> dict[str, object]:
+    return {row.name: row for row in model.status(NOW).components}
 
 
 def test_a_scene_that_is_well_has_no_problems(model) -> None:
-    found = model.snapshot(NOW)
+    found = model.status(NOW)
     assert (found.overall, found.problems) == ("ok", [])
     assert rows(model)["cam"].rate_hz == 30.0
 
@@ -60,8 +60,8 @@ def test_who_only_says_that_it_is_the_service_is_not_believed(model) -> None:
             rates={"cam": 1e9},
             problems=[{"kind": "limit", "since_ns": 0, "text": "pay"}],
         )
-        model.on_status(lie, NOW)
-    found = model.snapshot(NOW)
+        model.on_status(lie, NOW, NOW)
+    found = model.status(NOW)
     assert "pay" not in found.problems
     assert next(row for row in found.components if row.name == "cam").role == "source"
     assert next(row for row in found.components if row.name == "cam").rate_hz == 30.0
@@ -70,42 +70,42 @@ def test_who_only_says_that_it_is_the_service_is_not_believed(model) -> None:
 @pytest.mark.parametrize("ahead", [-0.08, -0.005, 0.0, 0.012, 0.08])
 @pytest.mark.parametrize("service_ahead", [0.0, 0.3, -2.0])
 def test_clocks_are_told_against_the_service_within_the_error_stated(ahead, service_ahead) -> None:
-    model = StatusModel("cell")
+    model = ComponentsModel("cell")
     add(model, status("fusion", "service", rates={"cam": 30.0}), ahead=service_ahead)
     add(model, status("cam"), ahead=service_ahead + ahead)
     row = rows(model)["cam"]
     assert abs(row.clock_s - ahead) <= row.clock_error_s + 1e-6
     assert row.clock_error_s < 0.005
     # Half a frame at 30 Hz is 16.7 ms.
-    warned = any("the clock of source cam" in problem for problem in model.snapshot(NOW).problems)
+    warned = any("the clock of source cam" in problem for problem in model.status(NOW).problems)
     assert warned == (abs(ahead) == 0.08)
 
 
 def test_a_component_that_falls_silent_is_said_and_one_that_leaves_is_not(model) -> None:
     add(model, status("other"))
     model.on_presence("source", "other", alive=False)
-    found = model.snapshot(NOW + SILENT_S + 1)
+    found = model.status(NOW + SILENT_S + 1)
     assert found.overall == "stalled"
     assert [row.name for row in found.components] == ["fusion", "cam"]
     assert "source cam is silent" in found.problems
 
 
 def test_a_scene_without_a_speaking_service_is_stalled(model) -> None:
-    assert StatusModel("cell").snapshot(NOW).overall == "stalled"
+    assert ComponentsModel("cell").status(NOW).overall == "stalled"
     add(model, status("fusion", "service", replica="standby"))
-    found = model.snapshot(NOW)
+    found = model.status(NOW)
     assert found.overall == "stalled"
     assert "none speaks" in found.problems[0]
 
 
 def test_replicas_are_shown_with_their_epoch(model) -> None:
     add(model, status("fusion", "service", replica="active", epoch=7))
-    assert "service fusion has no standby" in model.snapshot(NOW).problems
+    assert "service fusion has no standby" in model.status(NOW).problems
     add(model, status("fusion-b", "service", replica="standby"))
-    assert model.snapshot(NOW).problems == []
+    assert model.status(NOW).problems == []
     assert (rows(model)["fusion"].replica, rows(model)["fusion"].epoch) == ("active", 7)
     add(model, status("fusion-b", "service", replica="active", epoch=8))
-    assert "several services speak" in model.snapshot(NOW).problems[0]
+    assert "several services speak" in model.status(NOW).problems[0]
 
 
 def test_links_clocks_and_versions_are_said_before_their_effects(model) -> None:
@@ -121,13 +121,13 @@ def test_links_clocks_and_versions_are_said_before_their_effects(model) -> None:
         "versions differ",
         "source slow is stalled",
     )
-    problems = model.snapshot(NOW).problems
+    problems = model.status(NOW).problems
     assert len(problems) == len(beginnings)
     assert all(one.startswith(words) for one, words in zip(problems, beginnings, strict=True))
 
 
 def test_what_is_expected_and_missing_is_a_problem(model) -> None:
-    found = missing(model.snapshot(NOW), ("cam", "door"))
+    found = missing(model.status(NOW), ("cam", "door"))
     assert (found.overall, found.problems) == ("degraded", ["door is not there"])
 
 
@@ -137,4 +137,4 @@ def test_what_is_expected_and_missing_is_a_problem(model) -> None:
 )
 def test_a_router_that_says_nonsense_is_shown_as_far_as_possible(model, described) -> None:
     model.on_router(described)
-    assert len(model.snapshot(NOW).routers) == 1
+    assert len(model.status(NOW).routers) == 1

@@ -70,6 +70,13 @@ def test_the_video_is_what_browsers_play_and_bodies_have_colours(folder, tmp_pat
     assert max(int((one < 40).sum()) for one in away) > 50
 
 
+def test_a_body_is_drawn_by_the_name_that_it_is_given(folder, tmp_path):
+    for out, names in (("ids", ()), ("named", ("--name", "2=drawer"))):
+        segment(folder, "--out", tmp_path / out, *names)
+    plain, called = (cv2.imread(str(max((tmp_path / out).glob("*.png")))) for out in ("ids", "named"))
+    assert (plain != called).any()
+
+
 def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, capsys):
     out = tmp_path / "frames"
     out.mkdir()

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comotion_schemas.sequence import MAX_JUMP, SequenceCounter, Sighting
+from comotion_schemas.sequence import MAX_GAPS, MAX_JUMP, MAX_SESSIONS, SequenceCounter, Sighting
 
 A, B = "a" * 16, "b" * 16
 
@@ -51,3 +51,21 @@ def test_every_number_is_new_exactly_once_and_what_is_missing_was_lost(numbers):
     assert sorted(fresh) == sorted(set(numbers))
     never = set(range(numbers[0], max(numbers) + 1)) - set(numbers)
     assert sum(s.lost for s in sightings) == len(never)
+
+
+def test_a_flood_of_sessions_leaves_those_seen_last():
+    counter = SequenceCounter()
+    sight([0], counter)
+    counter.sight("idle", A, 0)
+    for k in range(MAX_SESSIONS - 1):
+        counter.sight("flood", f"{k:016x}", 0)
+        sight([0], counter)
+    assert sight([0], counter) == [Sighting(0, "repeated")]
+    assert counter.sight("idle", A, 0) == Sighting(0, "newest")
+
+
+def test_more_gaps_than_are_remembered_count_their_oldest_numbers_as_repeated():
+    counter = SequenceCounter()
+    sight(range(0, 2 * MAX_GAPS + 4, 2), counter)
+    assert sight([1, 3, 5], counter)[0] == Sighting(0, "repeated")
+    assert sight([2 * MAX_GAPS - 1], counter) == [Sighting(-1, "overtaken")]

@@ -103,6 +103,20 @@ class TestLoad:
         assert updates(Load(PERIOD), 0.4, 0.0, 1) == [5]
         assert updates(Load(PERIOD), 7.0, 0.0, 3) == [MOST, MOST, MOST]
 
+    def test_a_level_that_was_slow_is_tried_again_now_and_then(self) -> None:
+        """Done in full an update takes 0.4 s after a while, at any other level 5 ms."""
+        load, slow = Load(PERIOD), []
+        updates(load, 0.02, 0.0, 10)
+        for k in range(10, 800):
+            took = round((0.005 if load.level else 0.4) * SECOND)
+            slow += [] if load.level else [k / 10]
+            load.note(took, took, k * PERIOD)
+        # Three times before it is believed.
+        waits = np.diff(slow)
+        assert waits[:2].max() < 1
+        assert waits[2:].min() > 5
+        assert len(waits) > 3
+
     def test_after_a_pause_of_the_machine_all_is_done_again_within_a_second(self) -> None:
         load = Load(PERIOD)
         for start_s in range(0, 100, 2):

@@ -151,12 +151,28 @@ class TestVerdict:
         assert len(found) == 1
         assert words in found[0]
 
-    @pytest.mark.parametrize(("most", "said"), [(450, []), (900, ["memory reached 900 MB"])])
-    def test_what_an_attack_leaves_is_bounded_and_no_leak(self, most, said) -> None:
-        samples = [(k, 1, usage(300 if k < 40 else most)) for k in range(90)]
+    @pytest.mark.parametrize(
+        ("most", "kept", "said"),
+        [
+            (700, 340, []),
+            (900, 340, ["memory reached 900 MB"]),
+            (700, 380, ["memory was 300 MB, and 380 after the attack at 35 s"]),
+        ],
+    )
+    def test_what_an_attack_takes_is_bounded_and_given_back(self, most, kept, said) -> None:
+        """The attack ends at 45 s; 25 s later little of it is left."""
+        samples = [(k, 1, usage(300 if k < 40 else most if k < 69 else kept)) for k in range(90)]
         attacked = Fault(35.0, "hostile", "hostile", 10.0)
         found = violations(Soak(faults=[(35.0, attacked)], usage={"service": samples}), 1.0)
-        assert [text.partition(": ")[2] for text in found] == said
+        assert [text.partition(": ")[2] for text in found if "grew" not in text] == said
+
+    def test_what_each_attack_leaves_adds_up(self) -> None:
+        samples = [(k, 1, usage(300 + 40 * (k > 20) + 40 * (k > 60))) for k in range(100)]
+        attacks = [(at_s, Fault(at_s, "hostile", "hostile", 2.0)) for at_s in (20.0, 60.0)]
+        found = violations(Soak(faults=attacks, usage={"service": samples}), 1.0)
+        assert [text.partition(": ")[2] for text in found] == [
+            "memory was 300 MB, and 380 after the attack at 60 s"
+        ]
 
     def test_a_leak_between_attacks_is_said(self) -> None:
         samples = [(k, 1, usage(300 + 10 * max(k - 60, 0))) for k in range(120)]

@@ -155,13 +155,67 @@ def test_sequence_gaps_are_counted_as_loss_from_the_first_number_on(clock):
 
 def test_what_a_source_says_it_has_sent_and_never_came_is_lost(clock):
     clock.feed(batch("a", 0, T0))
-    clock.timeline.ledger.sent(("a", "a" * 16), 4)
-    clock.timeline.ledger.sent(("b", "b" * 16), 2)
+    claim(clock, ("a", "a" * 16), 4)
+    claim(clock, ("b", "b" * 16), 2)
     assert clock.stats.lost == 5
     clock.feed(batch("a", 3, T0 + MS), batch("a", 5, T0 + 2 * MS))
     assert clock.stats.lost == 5
-    clock.timeline.ledger.sent(("a", "a" * 16), 2**64 - 1)
+    claim(clock, ("a", "a" * 16), 2**64 - 1)
     assert clock.stats.lost == 5
+
+
+def claim(clock, key, count):
+    clock.timeline.ledger.claim(key, count, 0)
+    clock.timeline.ledger.miss(2 * S)
+
+
+def test_a_claim_counts_once_the_batches_should_be_here(clock):
+    ledger, key = clock.timeline.ledger, ("cam", "a" * 16)
+    ledger.claim(key, 5, 0)
+    ledger.claim(key, 9, S)
+    ledger.miss(2 * S - 1)
+    assert clock.stats.lost == 0
+    ledger.miss(2 * S)
+    assert clock.stats.lost == 5
+    # What a session says last counts, though an earlier claim was pending.
+    ledger.miss(9 * S)
+    assert clock.stats.lost == 9
+
+
+class TestAcrossRestarts:
+    """What sessions have sent while the service was away."""
+
+    def restarted(self, clock):
+        state, clock = clock.timeline.state(), Clockwork()
+        clock.timeline.load(state)
+        return clock
+
+    def test_what_the_newest_sessions_have_sent_is_unknown_until_they_speak(self, clock):
+        for session in ("b", "a"):
+            clock.feed(batch("cam", 0, T0, session=session * 16))
+        clock.feed(batch("gone", 0, T0))
+        clock = self.restarted(clock)
+        assert clock.timeline.ledger.unknown == {("cam", "a" * 16), ("gone", "a" * 16)}
+        clock.timeline.ledger.claim(("cam", "a" * 16), 1, 0)
+        assert clock.timeline.ledger.unknown == {("gone", "a" * 16)}
+        clock.feed(batch("gone", 1, T0 + MS))
+        assert not clock.timeline.ledger.unknown
+
+    def test_a_session_that_has_ended_unheard_stays_unknown_when_another_follows_it(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock = self.restarted(clock)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        assert ("cam", "a" * 16) in clock.timeline.ledger.unknown
+
+    def test_what_was_claimed_right_before_the_end_of_the_service_counts(self, clock):
+        clock.feed(batch("cam", 0, T0))
+        clock.timeline.ledger.claim(("cam", "a" * 16), 4, 0)
+        clock.feed(batch("cam", 0, T0 + S, session="b" * 16))
+        clock = self.restarted(clock)
+        clock.timeline.ledger.miss(0)
+        # The first one waited for the watermark, and did not survive.
+        assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
 
 
 def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
@@ -177,7 +231,7 @@ def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
             clock.feed(batch("a", k - 5, T0 + k * 30 * MS, session="b" * 16))
         clock.at(k * 30 * MS)
     assert {session for _, session in clock.timeline.sessions.values()} == {"a" * 16}
-    assert clock.timeline.sources.rivalled(T0 + 1_200 * MS) == ["a"]
+    assert list(clock.timeline.troubles.lately(T0 + 1_200 * MS)["duplicate-name"]) == ["a"]
     refused = clock.stats.rejected["duplicate-name"]
     assert 25 <= refused <= 33
     # The first leaves: the second gets the name, and what it sent since then.
@@ -214,28 +268,6 @@ def test_one_source_too_many_is_refused_while_all_others_send():
     assert clock.stats.rejected == {"limit": 2}
     clock.feed(batch("s1", 1, T0 + 2 * S), batch("s2", 1, T0 + 2 * S), batch("s4", 1, T0 + 2 * S))
     assert {row[1] for row in clock.at(2 * S)} == {"s1", "s2", "s4"}
-
-
-def test_of_batches_that_wait_so_many_are_kept_for_each_source():
-    clock = Clockwork(limits={"waiting_batches": 2})
-    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
-    assert clock.stats.rejected == {"limit": 1}
-    assert len(clock.at(15 * MS)) == 2
-    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
-    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
-
-
-def test_large_batches_that_wait_are_bounded_by_their_bytes_for_each_source_and_for_all():
-    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
-    many = range(20_000)  # 0.3 MB
-    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
-    assert clock.stats.rejected == {"limit": 1}
-    # Beyond 1.5 MB each of two has 0.75.
-    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
-    assert clock.stats.rejected == {"limit": 3}
-    clock.at(S)
-    clock.feed(*(batch(name, 4 + k, T0 + S, ids=many) for k, name in enumerate("baaa")))
-    assert clock.stats.rejected == {"limit": 3}, "what came out waits no more"
 
 
 def test_a_batch_of_too_many_instants_is_refused(clock):
@@ -293,3 +325,24 @@ def test_a_slow_source_gives_its_trajectories_three_periods():
     clock.at(1_610 * MS)
     timeouts = {name: clock.timeline.track_timeout_ns(n) for n, (name, _) in clock.timeline.sessions.items()}
     assert timeouts == {"slow": 1_200 * MS, "quick": 500 * MS}
+
+
+def test_more_than_a_source_may_let_wait_is_refused():
+    clock = Clockwork(limits={"waiting_batches": 2})
+    clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
+    assert clock.stats.rejected == {"limit": 1}
+    assert len(clock.at(15 * MS)) == 2
+    clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
+    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
+
+
+def test_large_batches_that_wait_are_bounded_by_their_bytes():
+    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+    many = range(20_000)  # 0.3 MB
+    clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 1}
+    clock.feed(*(batch("b", k, T0 + k * MS, ids=many) for k in range(4)))
+    assert clock.stats.rejected == {"limit": 3}
+    clock.at(S)
+    clock.feed(*(batch(name, 4 + k, T0 + S, ids=many) for k, name in enumerate("baaa")))
+    assert clock.stats.rejected == {"limit": 3}, "what came out waits no more"

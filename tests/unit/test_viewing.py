@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pytest
 
 from comotion_clients.scoring import SETTLE_S
 from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
@@ -25,6 +26,8 @@ from comotion_schemas.colours import GREY, Palette, colour
 
 from .. import builders
 from ..builders import SESSION, S, hypothesis
+
+UP = (0.0, 0.0, 1.0)
 
 
 def update(labels: list[int], stamp_ns: int = S, sources: tuple[str, ...] = ("a",), **fields):
@@ -83,11 +86,44 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
     assert not any(path.startswith("spaces/world") for path in gone)
 
 
+def test_labels_stand_above_their_bodies_and_none_covers_another() -> None:
+    box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
+    bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
+    far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
+    words = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), Points, "p/hypotheses")
+    heights = words.positions[:, 2]
+    assert heights[0] == pytest.approx(1.4)
+    assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
+    assert heights[4] == pytest.approx(1.0)
+
+
+def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view() -> None:
+    rng, features = np.random.default_rng(0), Features()
+    for scale, sources in ((1.0, ("a",)), (1.1, ("a",)), (1.1, ("a", "b")), (5.0, ("a", "b"))):
+        count = 200 * len(sources)
+        positions = (scale * rng.uniform(-1, 1, (count, 3)) + (3, 0, 0)).astype(np.float32)
+        seen = update(
+            [1] * count,
+            sources=sources,
+            track_position=positions,
+            track_source=np.repeat(np.arange(len(sources), dtype=np.uint16), 200),
+        )
+        before = features.views.get("world")
+        features.draw(seen, {})
+        eye = features.views["world"].eye
+        assert np.linalg.norm(np.subtract(eye.target, (3, 0, 0))) < 0.2 * scale
+        away = np.linalg.norm(np.subtract(eye.position, eye.target)) / scale
+        assert 2 < away < 4  # the corners of the scene are at 1.7
+        # Who has turned the view keeps it until a source comes or the scene is of another size.
+        same = before is not None and before.eye == eye
+        assert same == (scale == 1.1 and len(sources) == 1)
+
+
 def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    found = one(draw_hypotheses("p", bodies, 0.5, Palette()), Boxes, "p/boxes")
+    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), Boxes, "p/boxes")
     assert found.centers.tolist() == [[1, 2, 3]]
     assert found.colours.tolist() == [list(colour(4))]
     np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)

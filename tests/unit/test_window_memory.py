@@ -15,7 +15,7 @@ def fill(window: Window, slots: np.ndarray, instants: int, first: int = 0) -> No
 
 
 def held(window: Window, slots: np.ndarray) -> list[np.ndarray]:
-    return [window.series(int(one)).positions.copy() for one in slots]
+    return [window.held(window.positions, int(one)).copy() for one in slots]
 
 
 def size(window: Window) -> int:

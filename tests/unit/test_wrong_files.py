@@ -52,11 +52,11 @@ WRONG = {
         (changed(ROS, "image_width: 640", "image_width: wide"), "not a whole number"),
     ],
     "camera.toml": [
-        (b"[intrinsics]\nwidth = 3", "missing key 'height'"),
+        (b"[intrinsics]\nwidth = 3", "intrinsics.height: Field required"),
         (b"x = 1", "neither"),
         (f"[extrinsics]\ntranslation = [0, 0]\n{TURN}".encode(), "translation"),
         (b"[extrinsics]\ntranslation = [0, 0, 0]\nquaternion = [0, 0, 0, 0]", "quaternion"),
-        (f"[extrinsics]\ntranslation = [0, 0, 0]\n{TURN}\nscale = 2".encode(), "'scale'"),
+        (f"[extrinsics]\ntranslation = [0, 0, 0]\n{TURN}\nscale = 2".encode(), "extrinsics.scale"),
     ],
     "scene.toml": [
         (b"\xff\xfe\x00", "not a text file"),

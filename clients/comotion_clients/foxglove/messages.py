@@ -155,7 +155,7 @@ def joints(
 ) -> SceneUpdate | None:
     """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
     bodies = {h.id: h for h in update.hypotheses if h.space == space}
-    found = [
+    placed = [
         (j, bodies[j.child], j.point) for j in update.joints if j.child in bodies and j.point is not None
     ]
     entities = [
@@ -173,7 +173,7 @@ def joints(
                 )
             ],
         )
-        for joint, body, point in found
+        for joint, body, point in placed
     ]
     return SceneUpdate(entities=entities) if entities else None
 
@@ -190,7 +190,7 @@ def image(preview: Preview) -> CompressedImage:
 
 def event_line(event: Event, names: Names) -> Log:
     """Format an event."""
-    others = ", ".join(named(one, names) for one in event.others)
+    others = ", ".join(named(other, names) for other in event.others)
     text = f"{named(event.hypothesis, names)} {event.kind}" + (f" ({others})" if others else "")
     return Log(timestamp=_time(event.stamp_ns), level=LogLevel.Info, message=text, name="comotion")
 
@@ -208,7 +208,7 @@ def health_line(status: Status) -> Log:
 def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: float | None) -> dict[str, Any]:
     """Counts, lag and scores of an update, for plots; what is unknown is left out."""
     confidence = update.track_confidence
-    found = {
+    values = {
         "hypotheses": len(current(update)),
         "moving": sum(h.state == "moving" for h in current(update)),
         "tracks": len(update.track_id),
@@ -218,7 +218,7 @@ def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: floa
         "nmi": nmi,
         "misclassification": misclassification,
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _time(stamp_ns: int) -> Timestamp:

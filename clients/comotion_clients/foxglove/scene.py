@@ -23,13 +23,11 @@ import numpy as np
 from foxglove import channels
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
-from comotion_schemas.colours import Palette
-from comotion_schemas.hypotheses import OF_BODIES
 from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
-from ..feature_names import HypothesisNames
 from ..metrics import Truth, score_update
+from ..scene_model import SceneModel
 from ..scoring import Observed, spaces_of
 from . import messages
 
@@ -43,7 +41,6 @@ _NUMBERS_SCHEMA = {
         **{name: {"type": "number"} for name in _VALUES},
     },
 }
-_EVENTS_KEPT = 4096
 
 
 class FoxgloveScene:
@@ -65,15 +62,14 @@ class FoxgloveScene:
     def __init__(self, context: foxglove.Context, names: Names | None = None) -> None:
         self.logged: dict[str, int] = {}
         self._context = context
-        self._names = HypothesisNames(names)
+        self._model = SceneModel("", names)
         self._channels: dict[str, Any] = {}
         self._observed = Observed()
-        self._palette = Palette()
         self._truth = Truth()
-        self._logged_events: dict[tuple[int, str, int], None] = {}
 
     def add(self, log_ns: int, message: Message) -> None:
         """Log what one message shows; `log_ns` is the time of receipt."""
+        events = self._model.on_message(message, log_ns / 1e9, log_ns)
         match message:
             case ObservationBatch():
                 self._observed.add(message)
@@ -84,26 +80,24 @@ class FoxgloveScene:
             case Preview():
                 self._log(f"/images/{message.source}", log_ns, messages.image(message))
             case Status():
-                self._names.on_status(message)
                 self._log("/health", log_ns, messages.health_line(message))
+        for event in events:
+            self._log("/events", log_ns, messages.event_line(event, self._model.names))
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
-        self._palette.see(update.hypotheses)
-        self._names.on_update(update)
         update = poses_in_space(update)
         score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
-        found = (score.nmi, score.misclassification) if scored else (None, None)
-        self._log("/numbers", log_ns, messages.numbers(update, *found))
+        scores = (score.nmi, score.misclassification) if scored else (None, None)
+        self._log("/numbers", log_ns, messages.numbers(update, *scores))
         space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         scales = {h.space: self._scale(h.space) for h in update.hypotheses}
         self._log("/tf", log_ns, messages.transforms(update, scales))
-        self._events(log_ns, update)
 
     def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
-        scale, palette, names = self._scale(space), self._palette, self._names
+        scale, palette, names = self._scale(space), self._model.palette, self._model.names
         members = np.array([name == space for name in space_of], bool)
         rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
         cloud = messages.point_cloud(update, space, rows, scale, palette)
@@ -115,16 +109,6 @@ class FoxgloveScene:
     def _scale(self, space: str) -> float:
         units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
         return messages.PIXEL_M if units == {"px"} else 1.0
-
-    def _events(self, log_ns: int, update: HypothesisUpdate) -> None:
-        """Log each event once, although updates repeat it for 2 s."""
-        for event in update.events:
-            key = (event.stamp_ns, event.kind, event.hypothesis)
-            if event.kind in OF_BODIES and key not in self._logged_events:
-                self._logged_events[key] = None
-                self._log("/events", log_ns, messages.event_line(event, self._names))
-        while len(self._logged_events) > _EVENTS_KEPT:
-            del self._logged_events[next(iter(self._logged_events))]
 
     def _log(self, topic: str, log_ns: int, message: Any) -> None:
         """Log a message; None is nothing to log."""

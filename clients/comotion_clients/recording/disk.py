@@ -52,7 +52,11 @@ class ChunkStream:
         if not self._pending:
             return
         try:
-            write_all(self._descriptor, bytes(self._pending))
+            view = memoryview(bytes(self._pending))
+            while view:
+                view = view[os.write(self._descriptor, view) :]
+            # Some file systems report a full disk only here.
+            os.fdatasync(self._descriptor)
         except OSError:
             self._pending.clear()
             with contextlib.suppress(OSError):
@@ -81,24 +85,3 @@ def create(path: Path) -> int:
         return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise OSError(f"{path}: {error.strerror}") from None
-
-
-def write_all(descriptor: int, data: bytes) -> None:
-    """Write bytes and synchronise the file.
-
-    Raises
-    ------
-    OSError
-        If writing fails; part of the bytes may have been written.
-    """
-    view = memoryview(data)
-    while view:
-        view = view[os.write(descriptor, view) :]
-    # Some file systems report a full disk only here.
-    os.fdatasync(descriptor)
-
-
-def free_bytes(folder: Path) -> int:
-    """Bytes that an unprivileged user can still write to the disk of a folder."""
-    usage = os.statvfs(folder)
-    return usage.f_bavail * usage.f_frsize

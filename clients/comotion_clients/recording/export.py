@@ -4,9 +4,8 @@ Its topics are those of :mod:`comotion_clients.foxglove.scene`. Log times are th
 """
 
 import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import foxglove
 
@@ -24,10 +23,6 @@ class Exported:
 
     messages: dict[str, int] = field(default_factory=dict)
     invalid: int = 0
-
-    def as_json(self) -> dict[str, Any]:
-        """Convert to plain values."""
-        return asdict(self)
 
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""

@@ -1,6 +1,5 @@
 """Writes one MCAP file of a scene: payloads -> one channel per key, complete chunks, an index."""
 
-import contextlib
 import json
 from collections.abc import Mapping
 from functools import cache
@@ -22,7 +21,6 @@ from comotion_schemas.recording import (
 )
 
 from .disk import ChunkStream
-from .repair import write_index
 from .topics import Definition, TopicWriter
 
 
@@ -52,8 +50,8 @@ class RecordingFile:
     OSError
         If the file exists or cannot be created.
     StorageError
-        From every method, if writing fails. Committed messages remain, with an index if there is
-        space for it; the file is closed.
+        From every method, if writing fails. Committed messages remain, without an index; the file is
+        closed.
     """
 
     def __init__(self, path: Path, *, scene: str, number: int = 1) -> None:
@@ -129,16 +127,12 @@ class RecordingFile:
         try:
             self._stream.commit()
         except OSError as error:
+            # There is no index: the writer's would list the chunk that could not be written.
             self._release()
-            indexed = False
-            # The writer's own index would list the chunk that could not be written.
-            with contextlib.suppress(OSError, ValueError):
-                write_index(self.path)
-                indexed = True
-            advice = "" if indexed else f"; it has no index: comotion record --repair {self.path}"
             raise StorageError(
                 f"{self.path}: {error.strerror or error}; the {self.messages} messages written before "
-                f"are intact, {self._uncommitted} newer ones are lost{advice}"
+                f"are intact, {self._uncommitted} newer ones are lost; it has no index: comotion record "
+                f"--repair {self.path}"
             ) from error
         self.messages += self._uncommitted
         self._uncommitted = 0

@@ -2,9 +2,9 @@
 
 import logging
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from comotion_schemas import DEFAULT_SCENE
 from comotion_schemas.component import Component, Rates, StatusFields
@@ -51,10 +51,6 @@ class Result:
     lost: dict[str, int] = field(default_factory=dict)
     dropped: dict[str, int] = field(default_factory=dict)
     invalid: dict[str, int] = field(default_factory=dict)
-
-    def as_json(self) -> dict[str, Any]:
-        """Convert to plain values."""
-        return asdict(self)
 
     def lines(self) -> list[str]:
         """Format the result as text."""

@@ -8,21 +8,20 @@ import mmap
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
 
-from .disk import create, write_all
+from .disk import create
 from .topics import Definition, TopicWriter
 
 _COMPRESSED = b"\x04\0\0\0zstd"
@@ -51,10 +50,6 @@ class RepairResult:
     def seconds(self) -> float:
         """Seconds between the first and the last message."""
         return (self.end_ns - self.start_ns) / 1e9
-
-    def as_json(self) -> dict[str, Any]:
-        """Convert to plain values."""
-        return asdict(self)
 
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""
@@ -108,65 +103,12 @@ def repair(source: Path, target: Path) -> RepairResult:
     return result
 
 
-def write_index(path: Path) -> None:
-    """Append the missing index to a recording that ends after a complete chunk, in place.
-
-    The file is written again by the same library, and what comes after its end is kept.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read or the disk is full; the file is then unchanged.
-    ValueError
-        If a record is damaged, or the file is not one that this version has written; use :func:`repair`.
-    """
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        end = len(data)
-        header, _ = _record(data, len(MCAP0_MAGIC))
-        if not isinstance(header, Header):
-            raise KnownError(f"{path}: it has no header")
-        index = _Index(data)
-        _copy(data, TopicWriter(index, profile=header.profile, library=header.library), RepairResult())
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-    try:
-        write_all(descriptor, bytes(index.content))
-    except OSError:
-        os.ftruncate(descriptor, end)
-        raise
-    finally:
-        os.close(descriptor)
-
-
-class _Index:
-    """The output of a writer that repeats a file; keeps what comes after the end of the file."""
-
-    def __init__(self, data: mmap.mmap) -> None:
-        self.content = bytearray()
-        self._data, self._at = data, 0
-
-    def write(self, added: bytes) -> int:
-        """Compare bytes with those of the file, and keep those beyond its end."""
-        known = self._data[self._at : self._at + len(added)]
-        if not added.startswith(known):
-            raise KnownError("the file differs from what would be written now")
-        self.content += added[len(known) :]
-        self._at += len(added)
-        return len(added)
-
-    def tell(self) -> int:
-        """Number of bytes written."""
-        return self._at
-
-    def flush(self) -> None:
-        """Do nothing."""
-
-
 def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
     """Write the messages and metadata of a file, chunk by chunk."""
     schemas: dict[int, Definition] = {}
     channels: dict[int, Channel] = {}
     # The end of a file repeats the definitions: they may be lost where they are used.
-    for record in (one for group in _groups(data, RepairResult()) for one in group):
+    for record in (member for group in _groups(data, RepairResult()) for member in group):
         if isinstance(record, Schema):
             schemas[record.id] = Definition(record.name, record.encoding, record.data)
         elif isinstance(record, Channel):
@@ -213,12 +155,12 @@ def _break_up(chunk: Chunk, result: RepairResult) -> list[McapRecord]:
     try:
         if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
             raise KnownError("the size of the chunk is not plausible")
-        found = breakup_chunk(chunk, validate_crc=True)
+        records = breakup_chunk(chunk, validate_crc=True)
     except Exception:  # decompression and parsing raise many types on damaged bytes
         result.damaged += 1
         return []
     result.chunks += 1
-    return found
+    return records
 
 
 def _record(data: mmap.mmap, position: int) -> tuple[McapRecord | None, int]:

@@ -1,6 +1,7 @@
 """A series of files: payloads -> one complete MCAP file after the other. The clock is injected."""
 
 import contextlib
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,6 @@ from comotion_schemas.keys import Kind, last_chunk
 from comotion_schemas.recording import LOSSES
 from comotion_schemas.sequence import SequenceCounter
 
-from .disk import free_bytes
 from .file import RecordingFile, StorageError
 
 MAX_KEYS = 10_000
@@ -112,9 +112,9 @@ class Series:
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
             self._keep_truth(arrival, message)
-        t = self.counts
-        t.messages[arrival.kind] = t.messages.get(arrival.kind, 0) + 1
-        t.newest[arrival.kind] = arrival.log_ns
+        counts = self.counts
+        counts.messages[arrival.kind] = counts.messages.get(arrival.kind, 0) + 1
+        counts.newest[arrival.kind] = arrival.log_ns
 
     def flush(self) -> None:
         """Write everything so far to the disk and check the free space."""
@@ -191,7 +191,7 @@ class Series:
         folder = self._options.path.parent
         size = self._file.size if self.paths else 0
         needed = self._options.reserve_bytes + round(_INDEX_SHARE * size)
-        if (free := free_bytes(folder)) < needed:
+        if (free := shutil.disk_usage(folder).free) < needed:
             raise StorageError(
                 f"{folder}: only {free / 2**20:.0f} MiB free, {needed / 2**20:.0f} MiB are to stay free"
             )

@@ -1,18 +1,12 @@
-"""Hypotheses -> frames in space: where a body is, how it is turned and how it moves in its own axes. Pure.
+"""Hypotheses -> frames in space: where a body is, how it is turned and how it moves in its own axes. Pure."""
 
-Plain numbers: for one vector at a time they are much faster than arrays.
-"""
-
-import math
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from comotion_schemas import Hypothesis
-
-Vector: TypeAlias = tuple[float, float, float]
-Quaternion: TypeAlias = tuple[float, float, float, float]
-"""(x, y, z, w)."""
+from comotion_schemas.rigid import rotation, spin, three
 
 
 @dataclass(frozen=True)
@@ -30,11 +24,11 @@ class Body:
         m/s of the origin and rad/s, in the axes of the frame; zero where unknown.
     """
 
-    one: Hypothesis
-    origin: Vector
-    quaternion: Quaternion
-    linear: Vector = (0.0, 0.0, 0.0)
-    angular: Vector = (0.0, 0.0, 0.0)
+    hypothesis: Hypothesis
+    origin: Sequence[float]
+    quaternion: Sequence[float]
+    linear: Sequence[float] = (0.0, 0.0, 0.0)
+    angular: Sequence[float] = (0.0, 0.0, 0.0)
 
 
 def bodies(hypotheses: Sequence[Hypothesis], spaces: Container[str]) -> list[Body]:
@@ -42,44 +36,14 @@ def bodies(hypotheses: Sequence[Hypothesis], spaces: Container[str]) -> list[Bod
     return [body(h) for h in hypotheses if h.space in spaces and not h.absent]
 
 
-def body(one: Hypothesis) -> Body:
+def body(hypothesis: Hypothesis) -> Body:
     """Frame of a hypothesis; in 2-D, in the plane z = 0."""
-    centroid = spatial(one.centroid)
-    origin = centroid if one.box is None else spatial(one.box.center)
-    turn = quaternion(0.0 if one.pose is None else one.pose.rotation)
-    if one.twist is None:
-        return Body(one, origin, turn)
-    spin = one.twist.angular
-    about = spatial(spin) if isinstance(spin, list) else (0.0, 0.0, spin)
-    arm = (origin[0] - centroid[0], origin[1] - centroid[1], origin[2] - centroid[2])
-    turned, shift = cross(about, arm), spatial(one.twist.linear)
-    moved = (shift[0] + turned[0], shift[1] + turned[1], shift[2] + turned[2])
-    back = (-turn[0], -turn[1], -turn[2], turn[3])
-    return Body(one, origin, turn, rotate(back, moved), rotate(back, about))
-
-
-def quaternion(given: list[float] | float) -> Quaternion:
-    """A quaternion (x, y, z, w) as it is, or that of an angle about z in rad."""
-    if isinstance(given, list):
-        x, y, z, w = given
-        return x, y, z, w
-    return 0.0, 0.0, math.sin(given / 2), math.cos(given / 2)
-
-
-def spatial(values: list[float]) -> Vector:
-    """Two or three coordinates as three."""
-    x, y, z = (*values, 0.0)[:3]
-    return x, y, z
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def rotate(q: Quaternion, v: Vector) -> Vector:
-    """Turn a vector: v + 2 u x (u x v + w v), u the vector part."""
-    u, w = q[:3], q[3]
-    inner = cross(u, v)
-    outer = cross(u, (inner[0] + w * v[0], inner[1] + w * v[1], inner[2] + w * v[2]))
-    return v[0] + 2 * outer[0], v[1] + 2 * outer[1], v[2] + 2 * outer[2]
+    centroid, box, twist = three(hypothesis.centroid), hypothesis.box, hypothesis.twist
+    origin = centroid if box is None else three(box.center)
+    turn = rotation(0.0 if hypothesis.pose is None else hypothesis.pose.rotation)
+    placed = Body(hypothesis, origin.tolist(), turn.as_quat().tolist())
+    if twist is None:
+        return placed
+    back, about = turn.inv(), spin(twist)
+    moved = three(twist.linear) + np.cross(about, origin - centroid)
+    return replace(placed, linear=back.apply(moved).tolist(), angular=back.apply(about).tolist())

@@ -6,7 +6,7 @@ frame of a hypothesis is ``comotion/<scene>/<id>``.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,15 @@ from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
 from comotion_schemas.naming import Names, joint_words
 from comotion_schemas.naming import named as called
-from comotion_schemas.rigid import transform
+from comotion_schemas.rigid import rotation, three, transform
 
 from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
-from .bodies import Body, Quaternion, Vector, bodies, quaternion, spatial
+from .bodies import Body, bodies
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, make
+
+Vector: TypeAlias = Sequence[float]
 
 _CUBE, _TEXT, _ADD = 1, 9, 0  # visualization_msgs/Marker
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/PointField
@@ -80,32 +82,32 @@ class Converter:
             return
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
         tracks = _tracks_by_space(update)
-        found = bodies(update.hypotheses, set(tracks))
+        placed = bodies(update.hypotheses, set(tracks))
         named = self._topics.named
         for space, rows in tracks.items():
-            here = [body for body in found if body.one.space == space]
+            here = [body for body in placed if body.hypothesis.space == space]
             yield named("features"), CLOUD, _cloud(update, space, rows)
             yield named("detections"), DETECTIONS, self._detections(update, space, here)
             yield named("markers"), MARKERS, self._markers(update, here)
-        for body in found:
+        for body in placed:
             yield named("odometry"), ODOMETRY, self._odometry(update, body)
-        if found:
-            yield "/tf", TF, make(TF)(transforms=list(self._transforms(update, found)))
+        if placed:
+            yield "/tf", TF, make(TF)(transforms=list(self._transforms(update, placed)))
         if any(joint.position is not None for joint in update.joints):
             yield named("joints"), JOINTS, self._joints(update)
 
     def _frame(self, hypothesis: int) -> str:
         return f"comotion/{self._scene}/{hypothesis}"
 
-    def _transforms(self, update: HypothesisUpdate, found: Sequence[Body]) -> Iterator[Any]:
+    def _transforms(self, update: HypothesisUpdate, placed: Sequence[Body]) -> Iterator[Any]:
         """Yield the frames of bodies, and the world in the frame of every space that moves.
 
         The world is the child: the frame of a space may already have a parent in the ROS network.
         """
-        for body in found:
-            space, child = body.one.space, self._frame(body.one.id)
+        for body in placed:
+            space, child = body.hypothesis.space, self._frame(body.hypothesis.id)
             yield _transform(update, space, child, body.origin, body.quaternion)
-        for space in {body.one.space for body in found} & update.frames.keys():
+        for space in {body.hypothesis.space for body in placed} & update.frames.keys():
             place, turn = transform(update.frames[space]).inv().as_components()
             child = f"comotion/{self._scene}/{space}/world"
             yield _transform(update, space, child, place.tolist(), turn.as_quat().tolist())
@@ -113,34 +115,38 @@ class Converter:
     def _odometry(self, update: HypothesisUpdate, body: Body) -> Any:
         twist = make("geometry_msgs/Twist")(linear=_vector(body.linear), angular=_vector(body.angular))
         return make(ODOMETRY)(
-            header=_header(update, body.one.space),
-            child_frame_id=self._frame(body.one.id),
+            header=_header(update, body.hypothesis.space),
+            child_frame_id=self._frame(body.hypothesis.id),
             pose=make("geometry_msgs/PoseWithCovariance")(
                 pose=_pose(body.origin, body.quaternion), covariance=_NO_COVARIANCE
             ),
             twist=make("geometry_msgs/TwistWithCovariance")(twist=twist, covariance=_NO_COVARIANCE),
         )
 
-    def _detections(self, update: HypothesisUpdate, space: str, found: Sequence[Body]) -> Any:
+    def _detections(self, update: HypothesisUpdate, space: str, placed: Sequence[Body]) -> Any:
         return make(DETECTIONS)(
-            header=_header(update, space), detections=[_detection(update, body) for body in found]
+            header=_header(update, space), detections=[_detection(update, body) for body in placed]
         )
 
-    def _markers(self, update: HypothesisUpdate, found: Sequence[Body]) -> Any:
+    def _markers(self, update: HypothesisUpdate, placed: Sequence[Body]) -> Any:
         markers = []
         words = {joint.child: joint_words(joint, self.names) for joint in update.joints if joint.point}
-        for body in found:
-            one, rgb = body.one, self._palette.colour(body.one.id)
-            if one.box is not None and one.state != "static" and rgb != BACKGROUND:
-                centre, turn, size = _box(one.box)
+        for body in placed:
+            hypothesis, rgb = body.hypothesis, self._palette.colour(body.hypothesis.id)
+            if hypothesis.box is not None and hypothesis.state != "static" and rgb != BACKGROUND:
+                centre, turn, size = _box(hypothesis.box)
                 look = _Look(_CUBE, _pose(centre, turn), size, rgb, _BOX_ALPHA)
-                markers.append(_marker(update, one, "box", look))
-            letters = 0.05 if one.box is None else 0.02 + 0.3 * min(one.box.half)
+                markers.append(_marker(update, hypothesis, "box", look))
+            letters = 0.05 if hypothesis.box is None else 0.02 + 0.3 * min(hypothesis.box.half)
             pose = _pose(body.origin, _UPRIGHT)
             look = _Look(
-                _TEXT, pose, (0.0, 0.0, letters), rgb, text=words.get(one.id, called(one.id, self.names))
+                _TEXT,
+                pose,
+                (0.0, 0.0, letters),
+                rgb,
+                text=words.get(hypothesis.id, called(hypothesis.id, self.names)),
             )
-            markers.append(_marker(update, one, "id", look))
+            markers.append(_marker(update, hypothesis, "id", look))
         return make(MARKERS)(markers=markers)
 
     def _joints(self, update: HypothesisUpdate) -> Any:
@@ -154,7 +160,7 @@ class Converter:
         )
 
 
-def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector, turn: Quaternion) -> Any:
+def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector, turn: Vector) -> Any:
     return make("geometry_msgs/TransformStamped")(
         header=_header(update, parent),
         child_frame_id=child,
@@ -165,15 +171,15 @@ def _transform(update: HypothesisUpdate, parent: str, child: str, place: Vector,
 def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:
     """Rows of the tracks of each space in metres; undetermined ones are in the space of their source."""
     dims = {h.id: (h.space, len(h.centroid)) for h in update.hypotheses}
-    found: dict[str, list[NDArray[np.intp]]] = {}
+    rows_by_space: dict[str, list[NDArray[np.intp]]] = {}
     for number in range(len(update.sources)):
         rows = np.flatnonzero(update.track_source == number)
         labels = np.unique(update.track_hypothesis[rows]).tolist()
-        spaces = [dims[one][0] for one in labels if one in dims]
+        spaces = [dims[label][0] for label in labels if label in dims]
         # The update has no units: spaces with two coordinates are in pixels by default.
         if spaces and not np.isnan(update.track_position[rows, 2]).any():
-            found.setdefault(spaces[0], []).append(rows)
-    return {space: np.concatenate(rows) for space, rows in sorted(found.items())}
+            rows_by_space.setdefault(spaces[0], []).append(rows)
+    return {space: np.concatenate(rows) for space, rows in sorted(rows_by_space.items())}
 
 
 def _cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp]) -> Any:
@@ -204,28 +210,34 @@ def _cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp]) -> Any:
 
 
 def _detection(update: HypothesisUpdate, body: Body) -> Any:
-    one = body.one
-    confidence = update.track_confidence[update.track_hypothesis == one.id]
+    hypothesis = body.hypothesis
+    confidence = update.track_confidence[update.track_hypothesis == hypothesis.id]
     result = make("vision_msgs/ObjectHypothesisWithPose")(
         hypothesis=make("vision_msgs/ObjectHypothesis")(
-            class_id=one.state, score=float(confidence.mean()) if len(confidence) else 0.0
+            class_id=hypothesis.state, score=float(confidence.mean()) if len(confidence) else 0.0
         ),
         pose=make("geometry_msgs/PoseWithCovariance")(
             pose=_pose(body.origin, body.quaternion), covariance=_NO_COVARIANCE
         ),
     )
-    centre, turn, size = (body.origin, body.quaternion, (0.0, 0.0, 0.0)) if one.box is None else _box(one.box)
+    centre, turn, size = (
+        (body.origin, body.quaternion, (0.0, 0.0, 0.0)) if hypothesis.box is None else _box(hypothesis.box)
+    )
     return make("vision_msgs/Detection3D")(
-        header=_header(update, one.space),
+        header=_header(update, hypothesis.space),
         results=[result],
         bbox=make("vision_msgs/BoundingBox3D")(center=_pose(centre, turn), size=_vector(size)),
-        id=str(one.id),
+        id=str(hypothesis.id),
     )
 
 
-def _box(box: Box) -> tuple[Vector, Quaternion, Vector]:
+def _box(box: Box) -> tuple[Vector, Vector, Vector]:
     """Centre, quaternion and size of a box; flat in 2-D."""
-    return spatial(box.center), quaternion(box.rotation), spatial([2 * half for half in box.half])
+    return (
+        three(box.center).tolist(),
+        rotation(box.rotation).as_quat().tolist(),
+        (2 * three(box.half)).tolist(),
+    )
 
 
 @dataclass(frozen=True)
@@ -240,16 +252,16 @@ class _Look:
     text: str = ""
 
 
-def _marker(update: HypothesisUpdate, one: Hypothesis, namespace: str, look: _Look) -> Any:
+def _marker(update: HypothesisUpdate, hypothesis: Hypothesis, namespace: str, look: _Look) -> Any:
     red, green, blue = (value / 255 for value in look.rgb)
     seconds, nanoseconds = divmod(_LIFETIMES * update.period_ns, 1_000_000_000)
     duration, colour = make("builtin_interfaces/Duration"), make("std_msgs/ColorRGBA")
     mesh, image = make("visualization_msgs/MeshFile"), make("sensor_msgs/CompressedImage")
     empty = np.empty(0, np.uint8)
     return make("visualization_msgs/Marker")(
-        header=_header(update, one.space),
+        header=_header(update, hypothesis.space),
         ns=namespace,
-        id=one.id & 0x7FFFFFFF,
+        id=hypothesis.id & 0x7FFFFFFF,
         type=look.kind,
         action=_ADD,
         pose=look.pose,
@@ -280,12 +292,12 @@ def _vector(values: Vector) -> Any:
     return make("geometry_msgs/Vector3")(x=x, y=y, z=z)
 
 
-def _quaternion(values: Quaternion) -> Any:
+def _quaternion(values: Vector) -> Any:
     x, y, z, w = values
     return make("geometry_msgs/Quaternion")(x=x, y=y, z=z, w=w)
 
 
-def _pose(place: Vector, turn: Quaternion) -> Any:
+def _pose(place: Vector, turn: Vector) -> Any:
     x, y, z = place
     point = make("geometry_msgs/Point")(x=x, y=y, z=z)
     return make("geometry_msgs/Pose")(position=point, orientation=_quaternion(turn))

@@ -39,7 +39,7 @@ def blueprint(layout: Layout) -> Any:
             ),
         ),
         rrb.TextDocumentView(origin="summary", name="Scene"),
-        column_shares=[2, 3],
+        column_shares=[1, 1],
     )
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -80,7 +80,8 @@ def _space(space: SpaceView) -> Any:
         "overrides": _trails(space.path),
     }
     if space.axes in _AXES:
-        return rrb.Spatial3DView(origin=space.path, line_grid=_LINES, **options)
+        eye = space.eye and rrb.EyeControls3D(position=space.eye.position, look_target=space.eye.target)
+        return rrb.Spatial3DView(origin=space.path, line_grid=_LINES, eye_controls=eye, **options)
     return rrb.Spatial2DView(origin="spaces", **options)
 
 
@@ -99,13 +100,15 @@ def _side(layout: Layout) -> Any:
     views = [_legend(), _curve("sizes", "Features per hypothesis", legend=False)]
     if layout.scored:
         views.append(_curve("scores", "Agreement with the truth", range_=(0.0, 1.02)))
-    views += [_curve("rates", "Rates, Hz"), _curve("lags", "Lags, ms")]
-    return rrb.Vertical(*views)
+    # Each source has the same colour in both; the legend needs the height of a line per source.
+    views += [_curve("rates", "Rates, Hz"), _curve("lags", "Lags, ms", legend=False)]
+    return rrb.Vertical(*views, row_shares=[4] * (len(views) - 2) + [6, 4])
 
 
 def _legend() -> Any:
     across = LEGEND.width * (LEGEND.columns - 0.5)
-    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=[-0.7, LEGEND.rows - 0.3])
+    down = [-2.2 * LEGEND.lift, LEGEND.height * (LEGEND.rows - 0.2)]
+    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=down)
     return rrb.Spatial2DView(
         origin="legend", name="Hypotheses: id, state, features", background=_GROUND, visual_bounds=bounds
     )

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview
 from comotion_schemas.colours import Palette
+from comotion_schemas.naming import Names, named
 
 from ..regions import regions
-from .hypotheses import labels
+from .hypotheses import apart, labels
 from .paths import Paths
 from .shapes import CameraView, Image, Moment, Points, Regions, Segments, Shape
 from .trails import Trails
@@ -24,6 +25,7 @@ MAX_DELAYED = 16
 MAX_DELAY_S = 1.5
 """Longest delay of an image."""
 _CLASSES = 65535
+_ROW_SHARE = 0.08  # height of a label as a share of that of the image
 _LABELLED = 3
 """A hypothesis with fewer features in an image gets no label there."""
 
@@ -35,12 +37,17 @@ class Cameras:
     ----------
     palette
         Has seen the updates.
+    names
+        Names of hypotheses by id.
     dense
         Whether to draw the regions of hypotheses too. Needs the extra `dense`.
     """
 
-    def __init__(self, palette: Palette | None = None, *, dense: bool = False) -> None:
+    def __init__(
+        self, palette: Palette | None = None, names: Names | None = None, *, dense: bool = False
+    ) -> None:
         self._palette = palette or Palette()
+        self._names_of = {} if names is None else names
         self._dense = dense
         self._paths = Paths("cameras")
         self._names: list[str] = []
@@ -105,13 +112,15 @@ class Cameras:
         return [Regions(path, classes, named)]
 
     def _labels(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
-        """Labels with hypothesis ids at the median position of their features."""
+        """Labels with names or ids of hypotheses at the median position of their features."""
         shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
         shown = shown[counts >= _LABELLED]
         middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
         positions = np.array(middles, np.float32).reshape(-1, 2)
         inks = [self._palette.legible(h) for h in shown.tolist()]
-        return labels(path, inks, positions, tuple(map(str, shown.tolist())))
+        words = tuple(named(h, self._names_of) for h in shown.tolist())
+        row = _ROW_SHARE * float(np.max(preview.pixels[:, 1], initial=1.0))
+        return labels(path, inks, apart(positions, (0, -1), row), words)
 
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:

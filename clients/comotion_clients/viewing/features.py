@@ -1,9 +1,10 @@
 """Update -> shapes: features by space and source, trails, and hypotheses. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion_schemas import HypothesisUpdate
 from comotion_schemas.colours import Palette
@@ -13,8 +14,19 @@ from ..carried import poses_in_space
 from ..scoring import SpaceRef, spaces_of
 from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
-from .shapes import Axes, Cleared, Colours, Points, Positions, Segments, Shape, SpaceView
+from .shapes import Axes, Cleared, Colours, Eye, Points, Positions, Segments, Shape, SpaceView
 from .trails import Trails
+
+_UP: Mapping[Axes, tuple[float, ...]] = {
+    "z-up": (0, 0, 1),
+    "optical": (0, -1, 0),
+    "y-up": (0, 1),
+    "image": (0, -1),
+}
+_SEEN_FROM: Mapping[Axes, tuple[float, ...]] = {"z-up": (-0.3, -0.85, 0.45), "optical": (0.2, -0.3, -0.95)}
+"""Direction of the eye from what it looks at."""
+_DISTANCE = 0.9
+"""Of the eye, as a multiple of the diagonal of the features."""
 
 
 @dataclass
@@ -22,6 +34,7 @@ class _Space:
     ref: SpaceRef
     view: SpaceView
     axis: float = 0.0
+    aimed: int = 0  # number of sources that the eye was chosen for
     sources: Paths = field(init=False)
 
     def __post_init__(self) -> None:
@@ -36,7 +49,7 @@ class Features:
 
     def __init__(self, palette: Palette | None = None, names: Names | None = None) -> None:
         self._palette = palette or Palette()
-        self._names = names or {}
+        self._names = {} if names is None else names  # they may still come
         self._spaces: dict[str, _Space] = {}
         self._paths = Paths("spaces")
         self._trails: dict[str, Trails] = {}
@@ -79,7 +92,7 @@ class Features:
     def _draw_space(self, update: HypothesisUpdate, space: _Space, sources: list[int]) -> list[Shape]:
         dim = space.ref.dim
         everything = update.track_position[np.isin(update.track_source, sources), :dim]
-        space.axis = axis_length(everything, space.axis)
+        _aim(space, everything, len(sources))
         shapes: list[Shape] = []
         ends: list[Positions] = [np.empty((0, 2, dim), np.float32)]
         shades: list[Colours] = [np.empty((0, 3), np.uint8)]
@@ -96,7 +109,24 @@ class Features:
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
         shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette, self._names)
-        return shapes + draw_hypotheses(space.view.path, here, space.axis, self._palette, self._names)
+        up = _UP[space.view.axes]
+        return shapes + draw_hypotheses(space.view.path, here, space.axis, up, self._palette, self._names)
+
+
+def _aim(space: _Space, positions: Positions, sources: int) -> None:
+    """Choose the length of the axes, and look at all features again if it changes or a source has come."""
+    before, space.axis = space.axis, axis_length(positions, space.axis)
+    if space.view.axes in _SEEN_FROM and space.axis > 0 and (sources > space.aimed or space.axis != before):
+        space.aimed = sources
+        space.view = replace(space.view, eye=look_at(positions, np.array(_SEEN_FROM[space.view.axes])))
+
+
+def look_at(positions: Positions, direction: NDArray[np.float64]) -> Eye:
+    """Place an eye so that features [N, 3] fill its view; `direction` points from them to it."""
+    low, high = np.percentile(positions, (5, 95), axis=0)
+    away = _DISTANCE * np.linalg.norm(high - low) / np.linalg.norm(direction)
+    target = (low + high) / 2
+    return Eye(tuple((target + away * direction).tolist()), tuple(target.tolist()))
 
 
 def _points(update: HypothesisUpdate, space: _Space, number: int, palette: Palette) -> Points:

@@ -127,10 +127,11 @@ def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:
         words[-1] += f" (+{len(rows) - len(shown)})"
     slots = np.arange(len(shown))
     column, row = slots % LEGEND.columns, slots // LEGEND.columns
-    positions = np.stack([LEGEND.width * column, row], axis=1).astype(np.float32)
+    positions = np.stack([LEGEND.width * column, LEGEND.height * row], axis=1).astype(np.float32)
+    dots = positions - np.array((0.0, LEGEND.lift), np.float32)
     shades = np.array([row.colour for row in shown], np.uint8).reshape(-1, 3)
     return [
-        Points("legend/dots", positions, shades, radius=7.0),
+        Points("legend/dots", dots, shades, radius=6.0),
         labels("legend/words", [legible(row.colour) for row in shown], positions, tuple(words)),
     ]
 

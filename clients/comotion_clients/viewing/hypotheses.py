@@ -19,6 +19,7 @@ SHOWN = 0.1
 """Arrows shorter than this share of an axis are left out."""
 LONGEST = 4.0
 """Arrows are cut at this multiple of an axis: the velocity of few features may be far too large."""
+_ROW_SHARE = 0.8  # height of a label as a share of an axis
 _AXIS_SHARE = 0.07  # length of an axis as a share of the extent of the features
 
 
@@ -42,9 +43,14 @@ def axis_length(positions: Positions, before: float) -> float:
 
 
 def draw_hypotheses(
-    path: str, hypotheses: Sequence[Hypothesis], axis: float, palette: Palette, names: Names | None = None
+    path: str,
+    hypotheses: Sequence[Hypothesis],
+    axis: float,
+    up: Sequence[float],
+    palette: Palette,
+    names: Names | None = None,
 ) -> list[Shape]:
-    """Draw the hypotheses of one space, with axes of length `axis`.
+    """Draw the hypotheses of one space, with axes of length `axis`, their labels above them where `up` is.
 
     The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
     velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
@@ -52,11 +58,13 @@ def draw_hypotheses(
     those of bodies: the box of what is at rest would surround the scene.
     """
     ids = np.array([h.id for h in hypotheses], np.uint32)
-    dim = len(hypotheses[0].centroid) if hypotheses else 3
+    dim = len(up)
     centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
     shades = palette.colours(ids)
     inks = [palette.legible(h.id) for h in hypotheses]
-    words = labels(f"{path}/hypotheses", inks, centroids, tuple(label(h, names) for h in hypotheses))
+    tops = centroids + np.outer([_height(h, up) for h in hypotheses], up).astype(np.float32)
+    places = apart(tops, up, _ROW_SHARE * axis)
+    words = labels(f"{path}/hypotheses", inks, places, tuple(label(h, names) for h in hypotheses))
     rows = [k for k, h in enumerate(hypotheses) if not h.absent]
     hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
     return [
@@ -112,6 +120,41 @@ def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[st
     """
     shades = np.array(inks, np.uint8).reshape(-1, 3)
     return Points(path, positions, shades, radius=0.0, labels=words)
+
+
+def apart(places: Positions, up: Sequence[float], row: float) -> Positions:
+    """Lift labels that would cover one another.
+
+    Parameters
+    ----------
+    places
+        float32 [N, dim].
+    up
+        Unit vector [dim].
+    row
+        Height of a label; most are not wider than four times that.
+    """
+    upward, lifted = np.array(up, np.float64), places.astype(np.float64)
+    for k in range(1, len(lifted)):
+        # Each lift clears at least one of the labels before it.
+        for _ in range(k):
+            away = lifted[:k] - lifted[k]
+            above = away @ upward
+            across = np.linalg.norm(away - np.outer(above, upward), axis=1)
+            covered = (np.abs(above) < 0.99 * row) & (across < 4 * row)
+            if not covered.any():
+                break
+            lifted[k] += (above[covered].max() + row) * upward
+    return lifted.astype(np.float32)
+
+
+def _height(hypothesis: Hypothesis, up: Sequence[float]) -> float:
+    """How far the box of a body reaches above its centroid."""
+    box = hypothesis.box
+    if box is None or hypothesis.absent or hypothesis.state == "static":
+        return 0.0
+    reach = np.abs(np.array(up) @ matrix(box.rotation)) @ np.array(box.half)
+    return max(0.0, float(np.dot(np.array(box.center) - hypothesis.centroid, up) + reach))
 
 
 def label(hypothesis: Hypothesis, names: Names | None = None) -> str:

@@ -43,7 +43,7 @@ class ScenePicture:
         self._agreement = ScoreCurves()
         self._observed = Observed()
         self._features = Features(self.model.palette, self.model.names)
-        self._cameras = Cameras(self.model.palette, dense=dense)
+        self._cameras = Cameras(self.model.palette, self.model.names, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
         self._drawn_ns: int | None = None

@@ -8,7 +8,6 @@ import logging
 import time
 from collections import deque
 from collections.abc import Iterable
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,12 +24,11 @@ from comotion_schemas import (
     Status,
     TruthBatch,
 )
-from comotion_schemas.component import Component, StatusFields, viewer_name
+from comotion_schemas.component import StatusFields, viewer
 from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings
 
-from ..presence import Presence
-from ..subscription import Subscription
+from ..feed import BATCHES_KEPT, SceneFeed
 from .picture import ScenePicture
 from .shapes import Layout, Moment
 
@@ -167,40 +165,35 @@ class _Shapes:
         self._picture.view_age = age_s
 
 
-class _Feed:
-    """Gives a display what the subscriptions of one scene bring."""
+# Truth and batches before the updates that are scored by them.
+_READ: dict[type[Any], int | None] = {
+    TruthBatch: None,
+    ObservationBatch: BATCHES_KEPT,
+    Status: None,
+    Preview: None,
+    HypothesisUpdate: UPDATES_KEPT,
+}
+
+
+class _Feed(SceneFeed):
+    """Gives a display what arrives of one scene."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        self._presence = Presence(session, scene)
-        self.updates = Subscription(session, HypothesisUpdate, scene, capacity=UPDATES_KEPT)
-        # Truth and batches before the updates that are scored by them.
-        self._subscriptions: list[Subscription[Any]] = [
-            Subscription(session, TruthBatch, scene),
-            Subscription(session, ObservationBatch, scene, capacity=8192),
-            Subscription(session, Status, scene),
-            Subscription(session, Preview, scene),
-            self.updates,
-        ]
+        super().__init__(session, scene, _READ)
+        self.updates = self.of[HypothesisUpdate]
         self.published_ns: int | None = None
 
     def pour(self, display: Display) -> None:
         """Give received messages to a display."""
-        now, wall_ns = time.monotonic(), time.time_ns()
+        now = time.monotonic()
         self.published_ns = None
-        for role, name, alive in self._presence.drain():
+        for role, name, alive in self.presence():
             display.on_presence(role, name, alive=alive, now=now)
-        for subscription in self._subscriptions:
-            for arrived, message in subscription.drain():
-                display.on_message(message, arrived, wall_ns - round((now - arrived) * 1e9))
-                if isinstance(message, HypothesisUpdate):
-                    self.published_ns = message.published_ns
+        for message, arrived, wall_ns in self.messages():
+            display.on_message(message, arrived, wall_ns)
+            if isinstance(message, HypothesisUpdate):
+                self.published_ns = message.published_ns
         display.refresh(now)
-
-    def close(self) -> None:
-        """Undeclare everything."""
-        self._presence.close()
-        for subscription in self._subscriptions:
-            subscription.close()
 
 
 def view(
@@ -234,15 +227,9 @@ def follow(display: Display, scene: str, settings: SessionSettings | None, optio
     """Give a display the messages of a scene, as :func:`view` does."""
     ages = Ages()
     feeds: list[_Feed] = []
-    presence = Component(
-        role="viewer",
-        name=viewer_name("view", settings),
-        scene=scene,
-        settings=settings,
-        ready_file=options.ready_file,
-        status=lambda: _status(feeds, ages),
-    )
-    with presence as component, closing(_Feed(component.session, scene)) as feed:
+    ready, status = options.ready_file, lambda: _status(feeds, ages)
+    presence = viewer("view", scene, settings, ready_file=ready, status=status)
+    with presence as component, _Feed(component.session, scene) as feed:
         feeds.append(feed)
         component.ready()
         end = None if options.duration is None else time.monotonic() + options.duration

@@ -129,12 +129,21 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Eye:
+    """Where a view in 3-D is looked at from, and at what, in the unit of the space."""
+
+    position: tuple[float, ...]
+    target: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class SpaceView:
-    """View of a coordinate space: the shapes under `path`."""
+    """View of a coordinate space: the shapes under `path`; without an `eye` the viewer chooses one."""
 
     path: str
     name: str
     axes: Axes
+    eye: Eye | None = None
 
 
 @dataclass(frozen=True)
@@ -147,14 +156,16 @@ class CameraView:
 
 @dataclass(frozen=True)
 class Grid:
-    """A grid for labels that starts at (0, 0), with columns `width` apart and rows 1 apart."""
+    """A grid for labels from (0, 0) on: columns are `width` apart, rows `height`; dots are `lift` higher."""
 
     columns: int
     rows: int
     width: float
+    height: float
+    lift: float
 
 
-LEGEND = Grid(columns=4, rows=3, width=3.3)
+LEGEND = Grid(columns=3, rows=3, width=4.8, height=1.3, lift=0.35)
 
 
 @dataclass(frozen=True)

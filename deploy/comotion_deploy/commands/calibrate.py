@@ -1,6 +1,5 @@
 """``comotion calibrate``: the extrinsics of a second camera."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,17 +76,15 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
             except OSError as error:
                 raise UserError(f"{self.output}: {error.strerror}") from None
         error_a, error_b = result.fit.error_a, result.fit.error_b
-        if self.json_:
-            values = {
-                "views": result.views,
-                "reprojection_error_px": {"a": error_a, "b": error_b},
-                "frame": result.extrinsics.frame,
-                "translation": result.extrinsics.translation.tolist(),
-                "quaternion": result.extrinsics.quaternion.tolist(),
-            }
-            print(json.dumps(values))
-            return
-        print(
-            f"# {result.views} views, reprojection error {error_a:.3f} px in A, {error_b:.3f} px in B (rms)"
+        values = {
+            "views": result.views,
+            "reprojection_error_px": {"a": error_a, "b": error_b},
+            "frame": result.extrinsics.frame,
+            "translation": result.extrinsics.translation.tolist(),
+            "quaternion": result.extrinsics.quaternion.tolist(),
+        }
+        self.show(
+            values,
+            f"# {result.views} views, reprojection error {error_a:.3f} px in A, {error_b:.3f} px in B (rms)",
+            text.removesuffix("\n") if self.output is None else f"# written to {self.output}",
         )
-        print(text if self.output is None else f"# written to {self.output}\n", end="")

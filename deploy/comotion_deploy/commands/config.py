@@ -1,6 +1,7 @@
 """``comotion config``: the fusion parameters in effect."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast, get_args, get_origin
 
@@ -28,29 +29,26 @@ Examples:
         from comotion import FusionConfig
 
         values = self.fusion_config().model_dump(mode="json")
-        if self.json_:
-            print(json.dumps(values, indent=2))
-            return
-        _print_table("fusion", FusionConfig, values)
+        self.show(values, *_table("fusion", FusionConfig, values))
 
 
-def _print_table(name: str, model: "type[BaseModel]", values: dict[str, Any]) -> None:
-    """Print the parameters of a model, those of nested ones as tables of their own after it."""
-    print(f"[{name}]")
+def _table(name: str, model: "type[BaseModel]", values: dict[str, Any]) -> Iterator[str]:
+    """Lines of the parameters of a model, those of nested ones as tables of their own after it."""
+    yield f"[{name}]"
     nested = []
     for key, field in model.model_fields.items():
         if isinstance(values[key], dict):
             nested.append(key)
             continue
-        print(f"# {field.description}")
+        yield f"# {field.description}"
         # JSON's strings, numbers and booleans are TOML's; only null is missing there.
-        print(f"{key} = {json.dumps('null' if values[key] is None else values[key])}")
+        yield f"{key} = {json.dumps('null' if values[key] is None else values[key])}"
     for key in nested:
         field = model.model_fields[key]
-        print(f"\n# {field.description}")
+        yield f"\n# {field.description}"
         if get_origin(field.annotation) is dict:
             # A map from names of the user's to models of one kind.
             for entry, content in values[key].items():
-                _print_table(f"{name}.{key}.{json.dumps(entry)}", get_args(field.annotation)[1], content)
+                yield from _table(f"{name}.{key}.{json.dumps(entry)}", get_args(field.annotation)[1], content)
         else:
-            _print_table(f"{name}.{key}", cast("type[BaseModel]", field.annotation), values[key])
+            yield from _table(f"{name}.{key}", cast("type[BaseModel]", field.annotation), values[key])

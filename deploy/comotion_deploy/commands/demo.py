@@ -33,7 +33,6 @@ Examples:
     def run(self) -> None:
         """Run the demo."""
         from ..demo import (
-            DemoOptions,
             demo_processes,
             free_endpoint,
             prepare,
@@ -43,11 +42,7 @@ Examples:
         )
         from ..launcher import launch
 
-        out, fusion = self.out, self._fusion_words()
-        how = DemoOptions(
-            simulated=self.simulated, duration=self.duration, seed=self.seed, fusion=fusion, out=out
-        )
-        scale = time_scale(how)
+        out, scale = self.out, time_scale(self.simulated, self.duration)
         if ignored := without_other_scenes():
             print(f"the demo has a router of its own and does not use {', '.join(ignored)}", flush=True)
         out.mkdir(parents=True, exist_ok=True)
@@ -60,7 +55,15 @@ Examples:
         print("preparing; the first time on a machine this compiles for a minute or two", flush=True)
         prepare()
         on_terminal = sys.stdout.isatty()
-        processes = demo_processes(how, free_endpoint(), scale=scale, on_terminal=on_terminal)
+        processes = demo_processes(
+            self.simulated,
+            free_endpoint(),
+            out,
+            fusion=self._fusion_words(),
+            scale=scale,
+            seed=self.seed,
+            on_terminal=on_terminal,
+        )
         launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=self.duration)
         show_summary(out)
 

@@ -1,17 +1,13 @@
 """``comotion evaluate``: scores of the hypotheses against the truth, live or offline."""
 
-import json
-import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..fusion_options import Fusion
-from ..options import Client, Json, Ready, argument, setting
+from ..options import Client, Json, Ready, argument, option, setting
 
-_OFFLINE_ONLY = ("method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
+_OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
@@ -57,6 +53,7 @@ Examples:
         "Score the affinity of Brox and Malik as well, with spectral clustering (number of objects "
         "given) and with divisive k-means.",
     )
+    all_: bool = option(False, "Show all columns; --json has all values.", "--all")
     plot: Path | None = setting(None, "Draw hypotheses, truth and NMI.", metavar="FILE.png")
     paths: Path | None = setting(
         None, "Write the paths of moving cameras and of bodies in the TUM format, for evo.", metavar="FOLDER"
@@ -66,8 +63,8 @@ Examples:
         """Score the files, or the running scene."""
         if self.duration is not None and not 0 < self.duration < float("inf"):
             raise UserError(f"--duration {self.duration:g} is not above 0")
-        if self.plot is not None and find_spec("matplotlib") is None:
-            raise UserError("matplotlib is not installed: pip install 'comotion[plot]'")
+        if self.plot is not None:
+            import matplotlib  # noqa: F401 - before the work
         if self.files:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILES")
             self._score_files(self.files)
@@ -76,8 +73,6 @@ Examples:
             self._score_scene()
 
     def _score_files(self, files: list[str]) -> None:
-        from rich.console import Console
-
         from comotion.library.compiling import report_compiling
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
@@ -87,12 +82,7 @@ Examples:
         report_compiling()
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
-        try:
-            inputs = find_inputs(
-                files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received
-            )
-        except ImportError as error:
-            raise missing_extra("record", error) from None
+        inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
         results = evaluate_inputs(
             inputs,
             config,
@@ -102,22 +92,26 @@ Examples:
             paths=self.paths,
             comparator=self.compare,
         )
-        if self.json_:
-            _print_json(as_json(results, config, self.period))
-            return
-        Console(width=None if sys.stdout.isatty() else 160).print(table(results))
-        if self.plot is not None:
-            for scored in inputs:
-                print(f"plot: {plot_path(self.plot, scored, several=len(inputs) > 1)}")
+        several = len(inputs) > 1
+        plots = (
+            [] if self.plot is None else [plot_path(self.plot, scored, several=several) for scored in inputs]
+        )
+        shown = table(results, everything=self.all_)
+        self.show(as_json(results, config, self.period), shown, *(f"plot: {path}" for path in plots))
 
     def _score_scene(self) -> None:
-        from comotion_clients.evaluate import EvaluateOptions, as_json, evaluate, summary_lines
+        from comotion_clients.evaluate import as_json, evaluate, summary_lines
         from comotion_clients.tum import save_paths
         from comotion_experiments.plot import Trace, save_plot
 
         trace = Trace()
-        how = EvaluateOptions(duration=self.duration, on_update=trace.add, ready_file=self.ready_file)
-        run = evaluate(self.scene, self.settings(), how)
+        run = evaluate(
+            self.scene,
+            self.settings(),
+            duration=self.duration,
+            on_update=trace.add,
+            ready_file=self.ready_file,
+        )
         if self.paths is not None:
             save_paths(self.paths, trace.updates)
         if self.plot is not None:
@@ -129,14 +123,5 @@ Examples:
                 truth=run.truth,
                 spaces=run.spaces,
             )
-        if self.json_:
-            _print_json(as_json(run))
-            return
-        for line in summary_lines(run):
-            print(line)
-        if self.plot is not None:
-            print(f"plot: {self.plot}")
-
-
-def _print_json(values: dict[str, Any]) -> None:
-    print(json.dumps(values, indent=2))
+        plots = [] if self.plot is None else [f"plot: {self.plot}"]
+        self.show(as_json(run), *summary_lines(run), *plots)

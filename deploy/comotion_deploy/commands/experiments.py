@@ -1,33 +1,15 @@
 """Options and checks of the commands of ``comotion dev reproduce``."""
 
 import json
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError, missing_extra
-from ..options import Command, Json, Tool, option
+from ..errors import UserError
+from ..options import Json, Tool
 
 Pictures = Mapping[str, Callable[[Path], object]]
-
-
-@dataclass(kw_only=True)
-class Cached(Command):
-    """The option of an experiment that renders or tracks what the next run needs again."""
-
-    cache: Path | None = option(
-        None,
-        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
-        env="COMOTION_CACHE",
-        metavar="DIR",
-    )
-
-    def cache_folder(self, name: str) -> Path:
-        """Return the folder that keeps the tracks of the experiment of this name."""
-        base = os.environ.get("XDG_CACHE_HOME")
-        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / name
 
 
 @dataclass(kw_only=True)
@@ -36,20 +18,6 @@ class Experiment(Json, Tool):
 
     log_level = "warning"
     out: Path
-
-    def show(self, values: str, *shown: object) -> None:
-        """Print the values as JSON, or tables and lines."""
-        from rich.console import Console
-
-        if self.json_:
-            print(values)
-            return
-        console = Console(width=max(170, Console().width))
-        for part in shown:
-            if isinstance(part, str):
-                print(part)
-            else:
-                console.print(part)
 
     def report(
         self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
@@ -69,35 +37,16 @@ class Experiment(Json, Tool):
         pictures
             What draws each picture, by its path in the folder.
         """
-        data, drawn = json.dumps(values, indent=2), pictures or {}
+        drawn = pictures or {}
         page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
         for path in (page, *images):
             path.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
-        numbers.write_text(data + "\n", encoding="utf-8")
+        numbers.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
         for path, draw in zip(images, drawn.values(), strict=True):
             draw(path)
         written = ", ".join(map(str, (page, numbers, *images)))
-        self.show(data, *(shown or (text,)), f"written: {written}")
-
-
-@dataclass(kw_only=True)
-class OnFamilies(Command):
-    """Options of an experiment on stress families."""
-
-    family: list[str] | None = option(
-        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
-    )
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
-
-
-@dataclass(kw_only=True)
-class OnWorkcell(Command):
-    """The option of an experiment on scenes of the workcell."""
-
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
-    )
+        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
 
 
 def check(out: Path) -> None:
@@ -105,13 +54,13 @@ def check(out: Path) -> None:
 
     Raises
     ------
+    ImportError
+        If matplotlib is not installed.
     UserError
-        If matplotlib is not installed, or `out` exists and is not a folder.
+        If `out` exists and is not a folder.
     """
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("plot", error) from None
+    import matplotlib  # noqa: F401
+
     check_folder(out)
 
 
@@ -125,20 +74,6 @@ def check_folder(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: not a folder")
-
-
-def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    """Check the parts of an experiment; none: all are meant.
-
-    Raises
-    ------
-    UserError
-        If there is no part of that name.
-    """
-    unknown = [one for one in parts or () if one not in known]
-    if unknown:
-        raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
-    return list(parts or ())
 
 
 @contextmanager

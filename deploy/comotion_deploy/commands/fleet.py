@@ -1,6 +1,5 @@
 """``comotion fleet``: many scenes over many hosts, by entries in etcd and one agent a host."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -162,12 +161,7 @@ class Listing(Json, Cluster):
         from ..fleet import entries, table
 
         fleet = entries.read_fleet(self.cluster())
-        if self.json_:
-            print(json.dumps(table.as_json(fleet), indent=2))
-            return
-        from rich.console import Console
-
-        Console().print(table.as_table(fleet))
+        self.show(table.as_json(fleet), table.as_table(fleet))
 
 
 app = typer.Typer(epilog=shown_epilog(EPILOG), help="Serve many scenes on many hosts.")

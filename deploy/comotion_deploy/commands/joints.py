@@ -1,12 +1,10 @@
 """``comotion joints``: how the bodies of a scene are connected, as a table, JSON or URDF."""
 
-import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Client, Json, argument, setting
 from .watch import BodyNames
@@ -53,7 +51,10 @@ Examples:
         else:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILE")
             update = self._offline(self.file)
-        self._print(update)
+        from comotion_clients.joint_rows import as_json
+        from comotion_clients.watch_columns import joint_table
+
+        self.show(as_json(update), joint_table(update.joints, self.names()), width=120)
         if self.urdf is not None:
             from comotion_clients.urdf import to_urdf
 
@@ -66,10 +67,7 @@ Examples:
         from comotion_experiments.offline import last_update
 
         config = self.fusion_config()
-        try:
-            (recording,) = find_inputs([file])
-        except ImportError as error:
-            raise missing_extra("record", error) from None
+        (recording,) = find_inputs([file])
         return last_update(recording.open(), config, self.duration)
 
     def _live(self) -> "HypothesisUpdate":
@@ -81,13 +79,3 @@ Examples:
                 return next(updates)
             except TimeoutError:
                 raise UserError(f"no update of scene {self.scene} within {self.timeout:g} s") from None
-
-    def _print(self, update: "HypothesisUpdate") -> None:
-        from comotion_clients.joint_rows import as_json, table
-
-        if self.json_:
-            print(json.dumps(as_json(update), indent=2))
-            return
-        from rich.console import Console
-
-        Console(width=None if sys.stdout.isatty() else 120).print(table(update.joints, self.names()))

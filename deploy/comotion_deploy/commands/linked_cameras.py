@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _WORKCELL = "workcell:"
 
 
-def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConfig":
+def with_cameras(config: "FusionConfig", texts: list[str] | None) -> "FusionConfig":
     """Add calibrated cameras to the fusion parameters.
 
     Raises
@@ -26,7 +26,7 @@ def with_cameras(config: "FusionConfig", given: list[str] | None) -> "FusionConf
     """
     from comotion.config import LinkingConfig
 
-    cameras = dict(_camera(text) for text in given or ())
+    cameras = dict(_camera(text) for text in texts or ())
     if not cameras:
         return config
     return config.model_copy(update={"linking": LinkingConfig(cameras=config.linking.cameras | cameras)})
@@ -39,8 +39,8 @@ def _camera(text: str) -> "tuple[str, Camera]":
     name, separator, where = text.partition("=")
     if not (name and separator and where):
         raise UserError(f"--camera {text}: expected NAME=FILE, or NAME=INTRINSICS,EXTRINSICS")
-    found = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
-    inner, outer = found.intrinsics, found.extrinsics
+    calibration = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
+    inner, outer = calibration.intrinsics, calibration.extrinsics
     if inner is None or outer is None:
         raise UserError(f"--camera {text}: has no {'intrinsics' if inner is None else 'extrinsics'}")
     return name if "/" in name else f"{name}/pixels", Camera(

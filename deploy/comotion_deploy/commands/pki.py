@@ -1,6 +1,5 @@
 """``comotion pki``: certificates of the components of a system, from a private authority in a folder."""
 
-import json
 import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from ..errors import missing_extra
 from ..options import Command, Json, add, argument, option, setting, shown_epilog
 
 if TYPE_CHECKING:
@@ -26,14 +24,14 @@ Example:
 
 
 @dataclass(kw_only=True)
-class Authority(Command):
+class Folder(Command):
     """The folder that each of these commands works on."""
 
     folder: Path = argument(..., "DIR", "Folder of the authority.")
 
 
 @dataclass(kw_only=True)
-class Init(Authority):
+class Init(Folder):
     """Make a private authority: a certificate that signs those of components."""
 
     epilog = """
@@ -45,13 +43,15 @@ Example:
 
     def run(self) -> None:
         """Make it."""
-        made = _authority().Authority.create(self.folder, self.days)
+        from ..pki.authority import Authority
+
+        made = Authority.create(self.folder, self.days)
         print(f"{self.folder}: authority made, valid until {made.certificate.not_valid_after_utc:%Y-%m-%d}")
         print(f"keep {self.folder / 'ca.key'} secret: whoever has it can be any component")
 
 
 @dataclass(kw_only=True)
-class Issue(Authority):
+class Issue(Folder):
     """Issue the certificate of one component to DIR/NAME, with a private key for it alone."""
 
     epilog = """
@@ -84,7 +84,7 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
 
     def run(self) -> None:
         """Issue it."""
-        made = _authority()
+        from ..pki.authority import Authority
         from ..pki.grants import DEFAULT_RATE, Grant
 
         is_router = self.role == "router"
@@ -98,14 +98,14 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
             rate=DEFAULT_RATE if self.max_rate is None else self.max_rate,
         )
         hosts = _hosts(self.host) if is_router else list(self.host or ())
-        issued = made.Authority(self.folder).issue(grant, hosts=hosts, days=self.days, renew=self.renew)
+        issued = Authority(self.folder).issue(grant, hosts=hosts, days=self.days, renew=self.renew)
         names = ", ".join(hosts or grant.sources or (self.name,))
         print(f"{issued}: certificate of {self.role} {self.name!r}; names: {names}")
         print(f"next: restart the routers, then run it with --tls {issued}")
 
 
 @dataclass(kw_only=True)
-class Listing(Json, Authority):
+class Listing(Json, Folder):
     """List the components of an authority, and when their certificates expire."""
 
     epilog = """
@@ -116,15 +116,14 @@ Examples:
 
     def run(self) -> None:
         """List them; exit status 1 if one needs attention."""
+        from ..pki.authority import Authority
+
         now = datetime.now(UTC)
-        authority = _authority().Authority(self.folder)
+        authority = Authority(self.folder)
         rows = [_row(entry, now) for entry in authority.issued()]
         expiry = authority.certificate.not_valid_after_utc
-        if self.json_:
-            print(json.dumps({"authority_expires": expiry.isoformat(), "components": rows}, indent=2))
-        else:
-            _print_rows(rows)
-            print(f"the authority expires on {expiry:%Y-%m-%d}")
+        values = {"authority_expires": expiry.isoformat(), "components": rows}
+        self.show(values, _table(rows), f"the authority expires on {expiry:%Y-%m-%d}", width=140)
         bad = [row["name"] for row in rows if row["problem"] or row["warning"]]
         if bad:
             print(f"look at: {', '.join(bad)}", file=sys.stderr)
@@ -132,7 +131,7 @@ Examples:
 
 
 @dataclass(kw_only=True)
-class Export(Authority):
+class Export(Folder):
     """Copy what the host of one component needs, without the keys of others."""
 
     epilog = """
@@ -146,7 +145,9 @@ Examples:
 
     def run(self) -> None:
         """Copy it."""
-        for written in _authority().export(self.folder, self.name, self.out):
+        from ..pki.authority import export
+
+        for written in export(self.folder, self.name, self.out):
             print(written)
 
 
@@ -154,14 +155,6 @@ app = typer.Typer(
     help="Make and list the certificates of a system.", epilog=shown_epilog(EPILOG), no_args_is_help=True
 )
 add(app, {"init": Init, "issue": Issue, "list": Listing, "export": Export})
-
-
-def _authority() -> Any:
-    try:
-        from ..pki import authority
-    except ImportError as error:
-        raise missing_extra("secure", error) from None
-    return authority
 
 
 def _hosts(given: list[str] | None) -> list[str]:
@@ -196,8 +189,7 @@ def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:
     }
 
 
-def _print_rows(rows: list[dict[str, Any]]) -> None:
-    from rich.console import Console
+def _table(rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table("name", "role", "scene", "publishes as", "expires", "days", "", box=None, pad_edge=False)
@@ -206,4 +198,4 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
         expires = (row["expires"] or "")[:10]
         note = row["problem"] or row["warning"]
         table.add_row(row["name"], row["role"], row["scene"], " ".join(row["sources"]), expires, days, note)
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    return table

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..options import Json, Process, argument, option, setting
 
 
@@ -41,7 +41,8 @@ To play a recording: comotion source replay take.mcap
 
     def run(self) -> None:
         """Record until stopped; or repair or export a file."""
-        _require_mcap()
+        import mcap  # noqa: F401 - before anything is checked or connected
+
         if self.repair is not None or self.export is not None:
             if self.file is not None or (self.repair is not None and self.export is not None):
                 raise UserError("--repair and --export take one file each and do not record")
@@ -64,7 +65,7 @@ To play a recording: comotion source replay take.mcap
             series=series, name=self.name, duration=self.duration, ready_file=self.ready_file
         )
         result = record(options, self.scene, self.settings())
-        self._print(result.as_json(), result.lines())
+        self.show(result, *result.lines())
 
     def _repair_or_export(self) -> None:
         if self.repair is not None:
@@ -72,21 +73,13 @@ To play a recording: comotion source replay take.mcap
 
             target = self.out or self.repair.with_name(f"{self.repair.stem}-repaired.mcap")
             saved = repair(self.repair, target)
-            self._print(saved.as_json(), saved.lines(target))
+            self.show(saved, *saved.lines(target))
         if self.export is not None:
-            try:
-                from comotion_clients.recording.export import export
-            except ImportError as error:
-                raise missing_extra("foxglove", error) from None
+            from comotion_clients.recording.export import export
 
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)
-            self._print(exported.as_json(), exported.lines(target))
-
-    def _print(self, values: dict[str, object], lines: list[str]) -> None:
-        import json
-
-        print(json.dumps(values, indent=2) if self.json_ else "\n".join(lines))
+            self.show(exported, *exported.lines(target))
 
 
 def _target(file: Path | None, scene: str) -> Path:
@@ -97,10 +90,3 @@ def _target(file: Path | None, scene: str) -> Path:
     if file.suffix != ".mcap":
         raise UserError(f"{file}: the name of a recording ends in .mcap")
     return file
-
-
-def _require_mcap() -> None:
-    try:
-        import mcap  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("record", error) from None

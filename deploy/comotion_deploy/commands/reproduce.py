@@ -5,16 +5,15 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from ..checkout import commands_of_checkout
 from ..options import add, shown_epilog
 from .reproduce_figures import Figures
-from .reproduce_scenes import Ablation, Accuracy, Pixels, Stress
-from .reproduce_workcell import FusionStudy, JointsStudy, Links, Regions
 
 EPILOG = """
 Examples:
   comotion dev reproduce --quick
   comotion dev reproduce figures --help
-  comotion dev reproduce fusion --quick
+  comotion dev reproduce stress --quick
 """
 
 
@@ -32,17 +31,4 @@ app = typer.Typer(
     help="Run the project's experiments again. Without a command: the figures of the thesis.",
     epilog=shown_epilog(EPILOG),
 )
-add(
-    app,
-    {
-        "figures": Figures,
-        "joints": JointsStudy,
-        "links": Links,
-        "regions": Regions,
-        "ablation": Ablation,
-        "stress": Stress,
-        "fusion": FusionStudy,
-        "pixels": Pixels,
-        "accuracy": Accuracy,
-    },
-)
+add(app, {"figures": Figures, **commands_of_checkout("STUDIES")})

@@ -1,6 +1,7 @@
 """``comotion dev reproduce figures``, also ``comotion dev reproduce``: the figures of the thesis."""
 
 import json
+import os
 import shlex
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -10,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 from ..errors import UserError
 from ..fusion_options import Assignments
 from ..options import option, setting
-from .experiments import Cached, Experiment, check, progress
+from .experiments import Experiment, check, progress
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Results
 
 
 @dataclass(kw_only=True)
-class Figures(Cached, Assignments, Experiment):
+class Figures(Assignments, Experiment):
     """Draw all figures of the thesis with the thesis method and the default method.
 
     Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
@@ -36,6 +37,12 @@ Examples:
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
     workcell_seeds: str | None = option(None, "Seeds of the workcell. Default: 0-1, quick 0.")
     quick: bool = option(False, "One seed each and smaller camera images.")
+    cache: Path | None = option(
+        None,
+        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
+        env="COMOTION_CACHE",
+        metavar="DIR",
+    )
     out: Path = option(Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR")
 
     def run(self) -> None:
@@ -56,15 +63,18 @@ Examples:
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
-        given = Options(simulated, filmed, self.quick, self.cache_folder("figures"), config)
+        given = Options(simulated, filmed, self.quick, self._cache(), config)
         with progress() as note:
             results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
-        values = json.dumps(results.as_json(), indent=2)
         data, html = self.out / "figures.json", self.out / "index.html"
-        data.write_text(values + "\n", encoding="utf-8")
+        data.write_text(json.dumps(results.as_json(), indent=2) + "\n", encoding="utf-8")
         html.write_text(page(results, self._command()), encoding="utf-8")
         missing = [left_out(results)] if left_out(results) else []
-        self.show(values, _table(results), *missing, f"written: {html}, {data}")
+        self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
+
+    def _cache(self) -> Path:
+        base = os.environ.get("XDG_CACHE_HOME")
+        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / "figures"
 
     def _command(self) -> str:
         """Return the command line that makes the same page."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..options import Client, Command, Ready, option, setting
 from .watch import BodyNames
 
@@ -32,15 +32,12 @@ class Ros(Command):
 
         Raises
         ------
-        UserError
+        ImportError
             If they are not.
         """
         from comotion_schemas.ros_types import store
 
-        try:
-            store()
-        except ImportError as error:
-            raise missing_extra("ros", error) from None
+        store()
 
 
 @dataclass(kw_only=True)
@@ -79,9 +76,6 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
             ready_file=self.ready_file,
             names=self.names(),
         )
-        try:
-            sent = run(self.scene, self.settings(), how)
-        except ImportError as error:
-            raise missing_extra("record", error) from None
+        sent = run(self.scene, self.settings(), how)
         for topic, count in sorted(sent.messages.items()):
             print(f"{topic}: {count}")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..config_file import file_table
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..network import session_settings
 from ..options import Ready, Tool, setting
 
@@ -69,10 +69,8 @@ SIGHUP restarts it in place, with the certificates that the folder then has.
 
         if has_table:
             raise UserError("--secure makes the tables of [zenoh] itself")
-        try:
-            from ..pki.secure_router import secure_setup
-        except ImportError as error:
-            raise missing_extra("secure", error) from None
+        from ..pki.secure_router import secure_setup
+
         run_router(
             lambda: secure_setup(
                 folder,

@@ -1,24 +1,28 @@
 """``comotion segment``: draws the objects of a video, offline."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, require_dense
+from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
+from .watch import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions
     from comotion_experiments.segment import Progress, Segmented
+    from comotion_sources.recordings import Recording
+
+_OWN_TRACKER = ("max_features", "respawn_every", "tracker", "calibration", "extrinsics")
+_ANY_RATE = 30.0
 
 
 @dataclass(kw_only=True)
-class Segment(Carried, Fusion, Json, Tool):
+class Segment(BodyNames, Carried, Fusion, Json, Tool):
     """Track and group every frame of a video, and draw the result.
 
     No router and no other process is needed. The same video gives the same labels on every run.
@@ -31,12 +35,26 @@ Examples:
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
+  comotion segment apple.mp4 --tracks apple.npz   # of CoTracker or TAPIR, in place of our own tracker
+  comotion segment --tracks apple.npz --fps 30 --csv labels.csv
+  comotion segment drawer.mp4 --name 3=drawer   # the same video has the same ids on every run
   comotion segment "workcell:truck/a?duration=5" --json
 """
     log_level = "warning"
 
-    what: str = argument(
-        ..., "WHAT", "A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA."
+    what: str | None = argument(
+        None,
+        "[WHAT]",
+        "A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA. With --tracks "
+        "it may be left out: they are drawn on black.",
+    )
+    tracks: Path | None = setting(
+        None,
+        "Tracks of the frames of WHAT by another tracker, .npz, .npy or .csv: CoTracker, TAPIR and the like.",
+        metavar="FILE",
+    )
+    fps: float | None = setting(
+        None, "Frames per second of --tracks without WHAT, if the file has no times.", min=0.01, max=10_000
     )
     out: Path | None = setting(
         None,
@@ -54,7 +72,7 @@ Examples:
     )
     masks: Path | None = setting(
         None,
-        "Write the hypothesis of every pixel, as PNG of 16 bits (0: none). Needs scikit-image.",
+        "Write the hypothesis of every pixel, as PNG of 16 bits (0: none).",
         metavar="DIR",
     )
     masks_every: float = setting(0.5, "s between them.", min=0, max=3600)
@@ -68,31 +86,26 @@ Examples:
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
         options = self._options()
-        with _progress(self.what, options.fusion.method) as progress:
-            found = segment(self.what, options, progress)
+        with _progress(str(self.what or self.tracks), options.fusion.method) as progress:
+            result = segment(self.what, options, progress)
         if self.trajectory is not None:
-            _write_trajectory(self.trajectory, found)
-        if self.json_:
-            print(json.dumps(found.as_json(), indent=2))
-            return
-        _print_summary(found)
-        for path in self._outputs():
-            print(f"wrote {path}")
-        if found.codec == "mpeg4":
-            print(f"the video is {NO_ENCODER}")
+            _write_trajectory(self.trajectory, result)
+        codec = [f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else []
+        self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
         from comotion_experiments.labelled import SegmentOptions
 
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
-        if self.masks is not None:
-            require_dense()
+        if self.what is None and self.tracks is None:
+            raise UserError("name a video, or tracks with --tracks FILE")
         if not self._outputs() and not self.json_:
-            self.out = Path(f"{_stem(self.what)}-segmented.mp4")
+            self.out = Path(f"{_stem(self.what or str(self.tracks))}-segmented.mp4")
         for path in self._outputs():
-            if path.exists() and Path(self.what).exists() and path.samefile(self.what):
-                raise UserError(f"{path}: is the input")
+            for given in (self.what, self.tracks):
+                if given is not None and path.exists() and Path(given).exists() and path.samefile(given):
+                    raise UserError(f"{path}: is the input")
         for folder in (self.out, self.masks):
             self.clear_frames(folder)
         return SegmentOptions(
@@ -105,17 +118,33 @@ Examples:
             rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
+            given=self._given(),
+            names=self.names(),
         )
+
+    def _given(self) -> "Recording | None":
+        """The tracks that take the place of those of our tracker."""
+        if self.tracks is None:
+            self.reject_flags(("fps",), "is of --tracks")
+            return None
+        from comotion_sources.recordings import read_recording
+
+        self.reject_flags(_OWN_TRACKER, "is of our own tracker, whose place --tracks takes")
+        if self.what is None:
+            return read_recording(self.tracks, self.fps)
+        self.reject_flags(("fps",), "is for --tracks without a video, which has a rate of its own")
+        # The frames of the video have times; any rate will do for the tracks.
+        return read_recording(self.tracks, _ANY_RATE)
 
     def _outputs(self) -> list[Path]:
         """The files and folders to write."""
         return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
 
 
-def _write_trajectory(path: Path, found: "Segmented") -> None:
+def _write_trajectory(path: Path, result: "Segmented") -> None:
     """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
     lines = ["# stamp tx ty tz qx qy qz qw"]
-    for stamp_ns, pose in found.path:
+    for stamp_ns, pose in result.path:
         if isinstance(pose.rotation, list):
             values = " ".join(f"{value:.6f}" for value in (*pose.translation, *pose.rotation))
             lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d} {values}")
@@ -130,11 +159,14 @@ def _stem(what: str) -> str:
     return name or Path(what).resolve().stem
 
 
-def _print_summary(found: "Segmented") -> None:
-    speed = found.frames / found.seconds
-    times = f", {found.duration / found.seconds:.1f} times real time" if found.duration else ""
-    print(f"{found.frames} frames in {found.seconds:.1f} s: {speed:.0f} frames/s{times}")
-    print(f"{len(found.hypotheses)} hypotheses, {len([h for h in found.last if not h.absent])} at the end")
+def _summary(result: "Segmented") -> list[str]:
+    speed = result.frames / result.seconds
+    times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
+    return [
+        f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
+        *result.joints,
+    ]
 
 
 @contextmanager

@@ -59,7 +59,6 @@ Examples:
     def run(self) -> None:
         """Publish until stopped, or to the end of a log."""
         from comotion_sources.proprioception import Encoders, Kinematics, process
-        from comotion_sources.proprioception.packer import Packing
 
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
@@ -67,13 +66,12 @@ Examples:
         process.run(
             kinematics,
             self._joint_reader(default_joints),
-            packing=Packing(rate=self.rate, span=self.batch),
+            rate=self.rate,
+            span=self.batch,
             truth=truth,
             name=self.name,
             space=self.space,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
+            **self.where(),
         )
 
     def _joint_reader(self, default_joints: str | None) -> "JointReader":

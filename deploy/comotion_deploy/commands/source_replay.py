@@ -2,12 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra
+from ..errors import UserError
 from ..options import argument, setting
 from .source_options import Played, Stamps
 
-_NOT_FOR_MCAP = ("rate", "split", "part", "name")
+if TYPE_CHECKING:
+    from comotion_sources.recordings import Recording
+    from comotion_sources.streams import Stream
+
+_NOT_FOR_MCAP = ("rate", "split", "part", "name", "fps")
 _MCAP_ONLY = ("start", "end")
 
 
@@ -27,10 +32,14 @@ Examples:
   comotion source replay take.npz --rate 50,25,10 --split 3
   comotion source replay take.npz --rate 30 --part 2/3 --start-at aligned --loop   # one of three processes
   comotion source replay take.npz --stamps original   # for: comotion serve --clock event
+  comotion source replay apple.npz --fps 30   # tracks of CoTracker, TAPIR and the like
   comotion source replay scene.mcap --start 10 --end 40   # all sources of a recording of comotion record
 """
 
-    file: Path = argument(..., "FILE", "A recording: .c3d or .npz; .mcap of a whole scene.")
+    file: Path = argument(..., "FILE", "A recording: .c3d, .npz, .npy or .csv; .mcap of a whole scene.")
+    fps: float | None = setting(
+        None, "Frames per second of tracks whose file has no times.", min=0.01, max=10_000
+    )
     speed: float = setting(1.0, "Recorded seconds per second.")
     rate: str | None = setting(
         None,
@@ -55,61 +64,43 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        if self.file.suffix.lower() == ".mcap":
+        is_scene = self.file.suffix.lower() == ".mcap"
+        if is_scene:
             self.reject_flags(_NOT_FOR_MCAP, "is not for a recorded scene (.mcap)")
-            self._replay_scene()
-            return
-        self.reject_flags(_MCAP_ONLY, "is only for a recorded scene (.mcap)")
-        from comotion_sources import player
-        from comotion_sources import replay as process
-        from comotion_sources.recordings import read_recording
+        else:
+            self.reject_flags(_MCAP_ONLY, "is only for a recorded scene (.mcap)")
+        from comotion_sources import replay
+        from comotion_sources.tape import Schedule, parse_start
 
-        chosen = self.chosen_part()
-        if chosen is not None and self.split not in {1, chosen.count}:
-            raise UserError(f"--part {self.part} and --split {self.split} do not agree")
-        when = player.parse_start(self.start_at)
-        rates = self.rates()
-        recording = read_recording(self.file)
-        streams = process.choose_streams(
-            recording,
-            split=self.split,
-            part=chosen,
-            rates=rates,
-            name=self.name,
+        schedule = Schedule(
+            start_at=parse_start(self.start_at),
+            loop=self.loop,
             speed=self.speed,
             stamps=self.stamps,
-        )
-        schedule = process.schedule(
-            speed=self.speed, stamps=self.stamps, loop=self.loop, duration=self.duration, start_at=when
-        )
-        process.run(
-            recording,
-            streams,
-            schedule,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
-        )
-
-    def _replay_scene(self) -> None:
-        try:
-            from comotion_sources import message_replay, player
-            from comotion_sources.message_tape import MessageSchedule
-        except ImportError as error:
-            raise missing_extra("record", error) from None
-        settings = self.settings()
-        instant = player.parse_start(self.start_at)
-        if instant == "aligned":
-            raise UserError("--start-at aligned is not for a recorded scene (.mcap)")
-        schedule = MessageSchedule(
-            speed=self.speed,
-            loop=self.loop,
+            duration=self.duration,
             start=self.start,
             end=self.end,
-            duration=self.duration,
-            stamps=self.stamps,
-            start_at=None if instant == "now" else float(instant),
         )
-        message_replay.run(
-            self.file, schedule, scene=self.scene, settings=settings, ready_file=self.ready_file
-        )
+        if is_scene:
+            replay.replay_scene(self.file, schedule, **self.where())
+            return
+        streams, recording = self._streams()
+        replay.replay_recording(recording, streams, schedule, **self.where())
+
+    def _streams(self) -> "tuple[list[Stream], Recording]":
+        """The streams that this process publishes."""
+        from dataclasses import replace
+
+        from comotion_sources.recordings import read_recording, recording_streams
+
+        part = self.chosen_part()
+        if part is not None and self.split not in {1, part.count}:
+            raise UserError(f"--part {self.part} and --split {self.split} do not agree")
+        rates = self.rates()
+        recording = read_recording(self.file, self.fps)
+        split = self.split if part is None else part.count
+        streams = recording_streams(recording, split=split, rates=rates, source=self.name or "replay")
+        if part is not None:
+            chosen = streams[part.index]
+            streams = [chosen if self.name is None else replace(chosen, name=self.name)]
+        return streams, recording

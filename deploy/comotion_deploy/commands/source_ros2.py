@@ -37,7 +37,5 @@ Examples:
             Ros2Source(topic=self.topic, domain=self.domain, pattern=self.match, frame=self.frame, ros=ros),
             name=self.name,
             space=self.space,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
+            **self.where(),
         )

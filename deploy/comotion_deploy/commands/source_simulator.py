@@ -31,15 +31,16 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the scene."""
-        from comotion_sources import player, simulator
+        from comotion_sources import simulator
         from comotion_sources.simulator import process
+        from comotion_sources.tape import Schedule, parse_start
 
         if self.list_:
             _print_scenes()
             return
         if self.simulated is None:
             raise UserError("which scene? see 'comotion source simulator --list'")
-        simulations = process.choose_sources(
+        simulations = simulator.simulate(
             simulator.load_scene(self.simulated),
             part=self.chosen_part(),
             rates=self.rates(),
@@ -48,15 +49,12 @@ Examples:
             time_scale=self.time_scale,
             split=self.split,
         )
-        start = player.parse_start(self.start_at)
         process.run(
             simulations,
-            player.Schedule(start_at=start, loop=self.loop, duration=self.duration),
+            Schedule(start_at=parse_start(self.start_at), loop=self.loop, duration=self.duration),
             name=self.name,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
             publish_sigma=self.publish_sigma,
+            **self.where(),
         )
 
 

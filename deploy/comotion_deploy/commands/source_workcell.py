@@ -53,9 +53,7 @@ Examples:
             rate=self.rate,
             duration=self.duration,
             name=self.name,
-            scene=self.scene,
-            settings=self.settings(),
-            ready_file=self.ready_file,
+            **self.where(),
         )
 
 

@@ -1,6 +1,5 @@
 """``comotion status``: one look at a scene, for people and scripts."""
 
-import json
 import sys
 from dataclasses import dataclass
 from typing import Literal
@@ -38,14 +37,14 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         """Show the status, and end with the exit status that says it."""
         from rich.console import Console
 
-        from comotion_clients.status import StatusOptions
         from comotion_clients.status import status as look
         from comotion_clients.status_view import show
 
-        how = StatusOptions(wait=self.wait, timeout=self.timeout, expect=tuple(self.expect or ()))
-        found = look(self.scene, self.settings(), how)
+        state = look(
+            self.scene, self.settings(), wait=self.wait, timeout=self.timeout, expect=self.expect or ()
+        )
         if self.json_:
-            print(json.dumps(found.as_json(), indent=2))
+            self.show(state)
         else:
-            show(found, Console(width=None if sys.stdout.isatty() else 160))
-        raise typer.Exit(_EXIT[found.overall])
+            show(state, Console(width=None if sys.stdout.isatty() else 160))
+        raise typer.Exit(_EXIT[state.overall])

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError, missing_extra, require_dense
+from ..errors import UserError
 from ..options import Client, Json, Ready, argument, setting
 from .watch import BodyNames
 
 if TYPE_CHECKING:
     from comotion_clients.viewing.process import Viewed
     from comotion_clients.viewing.sink import Destination, RerunSink
-    from comotion_schemas.message_log import MessageLog
 
 
 @dataclass(kw_only=True)
@@ -56,7 +55,7 @@ Examples:
         max=1000,
         metavar="HZ",
     )
-    regions: bool = setting(False, "Colour the region of each hypothesis in images. Needs scikit-image.")
+    regions: bool = setting(False, "Colour the region of each hypothesis in images.")
     duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
 
     def run(self) -> None:
@@ -64,9 +63,9 @@ Examples:
         if self.foxglove:
             self._serve_foxglove()
             return
-        _require_rerun()
-        if self.regions:
-            require_dense()
+        import rerun  # noqa: F401 - before a window opens
+        import rerun_cli  # noqa: F401
+
         where = self._destination()
         if self.recording is not None:
             self._show_recording(self.recording, where)
@@ -97,10 +96,7 @@ Examples:
         )
 
     def _serve_foxglove(self) -> None:
-        try:
-            from comotion_clients.foxglove.server import FoxgloveDisplay
-        except ImportError as error:
-            raise missing_extra("foxglove", error) from None
+        from comotion_clients.foxglove.server import FoxgloveDisplay
         from comotion_clients.viewing.process import ViewOptions, follow
         from comotion_schemas import Keys
 
@@ -112,7 +108,9 @@ Examples:
                 how = ViewOptions(duration=self.duration, ready_file=self.ready_file)
                 self._print_viewed(follow(display, self.scene, settings, how))
                 return
-            with _message_log()(self.recording) as log:
+            from comotion_schemas.message_log import MessageLog
+
+            with MessageLog(self.recording) as log:
                 print(f"{self.recording}: {display.play(log.decoded())} updates", file=sys.stderr)
 
     def _print_viewed(self, result: "Viewed") -> None:
@@ -149,9 +147,10 @@ Examples:
         from comotion_clients.viewing.process import view_messages
         from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas.component import stop_on_signals
+        from comotion_schemas.message_log import MessageLog
 
         names, stop = self.names(), threading.Event()
-        with _message_log()(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
+        with MessageLog(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
             _print_address(sink)
             shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
             if not shown:
@@ -159,15 +158,6 @@ Examples:
             print(f"{recording}: {shown} updates", file=sys.stderr)
             if where.window or where.web_port is not None:
                 sink.wait(stop, self.duration)
-
-
-def _message_log() -> "type[MessageLog]":
-    """The reader of recordings, which needs an extra."""
-    try:
-        from comotion_schemas.message_log import MessageLog
-    except ImportError as error:
-        raise missing_extra("record", error) from None
-    return MessageLog
 
 
 def _print_address(sink: "RerunSink") -> None:
@@ -179,11 +169,3 @@ def _has_display() -> bool:
     if sys.platform != "linux":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _require_rerun() -> None:
-    try:
-        import rerun  # noqa: F401
-        import rerun_cli  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("view", error) from None

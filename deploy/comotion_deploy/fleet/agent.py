@@ -36,9 +36,9 @@ class _Running:
 
     children: list[Child]
     scene: Scene
-    said_ready: bool = False
+    announced: bool = False
     leaving: bool = False
-    told_s: float = field(default=0.0)
+    stopped_s: float = field(default=0.0)
 
     @property
     def ended(self) -> bool:
@@ -151,7 +151,7 @@ class Agent:
         for place, running in self._running.items():
             if not entries.claim(self._etcd, place, self._name, lease):
                 self._stop(place, running, "another agent has it")
-            running.said_ready = False
+            running.announced = False
 
     def _follow(self, fleet: Fleet, lease: int) -> None:
         held, wanted = fleet.held(), set(fleet.places())
@@ -160,7 +160,7 @@ class Agent:
                 self._stop(place, running, "removed")
         for place, why in self._given_up(fleet).items():
             mine = self._running[place]
-            mine.said_ready = False
+            mine.announced = False
             if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
                 self._stop(place, mine, why)
         for place, agent in claims(fleet).items():
@@ -171,12 +171,12 @@ class Agent:
     def _given_up(self, fleet: Fleet) -> dict[Place, str]:
         """The places of this agent whose replicas should stop, and why."""
         held = fleet.held()
-        found = dict.fromkeys(releases(fleet), "moves to another host")
+        reasons = dict.fromkeys(releases(fleet), "moves to another host")
         for place, running in self._running.items():
             if place in held and running.scene != fleet.scenes[place.scene] and may_change(fleet, place):
-                found.setdefault(place, "changed")
+                reasons.setdefault(place, "changed")
         mine = {p for p, running in self._running.items() if not running.leaving}
-        return {p: why for p, why in found.items() if p in mine and held[p].agent == self._name}
+        return {p: why for p, why in reasons.items() if p in mine and held[p].agent == self._name}
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
@@ -184,9 +184,9 @@ class Agent:
             if running.leaving and running.ended:
                 entries.release(self._etcd, place, lease)
                 del self._running[place]
-            elif not (running.leaving or running.said_ready) and running.children[0].was_ready:
+            elif not (running.leaving or running.announced) and running.children[0].was_ready:
                 entries.say_ready(self._etcd, place, self._name, running.scene.version, lease)
-                running.said_ready = True
+                running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
         children = [self._child(spec) for spec in self._specs(place, scene)]
@@ -202,17 +202,17 @@ class Agent:
         name = f"{place.scene}-{place.number}"
         served = ["serve", "--scene", place.scene, "--name", f"{self._name}-{place.number}"]
         replica = ["--standby", "--etcd", ",".join(self._etcd.urls)]
-        found = [comotion(name, *served, *replica, *self._options, *scene.serve, restart="always")]
+        specs = [comotion(name, *served, *replica, *self._options, *scene.serve, restart="always")]
         for k, also in enumerate(scene.also if place.number == 0 else ()):
             words = [*also.split(), "--scene", place.scene, *self._options]
-            found.append(comotion(f"{name}-also{k}", *words, restart="on-failure"))
-        return found
+            specs.append(comotion(f"{name}-also{k}", *words, restart="on-failure"))
+        return specs
 
     def _stop(self, place: Place, running: _Running, why: str) -> None:
         if running.leaving:
             return
         _log.info("stops scene %s, replica %d: %s", place.scene, place.number, why)
-        running.leaving, running.told_s = True, time.monotonic()
+        running.leaving, running.stopped_s = True, time.monotonic()
         for child in running.children:
             child.terminate()
 
@@ -223,8 +223,8 @@ class Agent:
                 status = child.poll()
                 if running.leaving:
                     child.due_s = None
-                    if time.monotonic() > running.told_s + child.spec.stop_s:
-                        child.wait(running.told_s)
+                    if time.monotonic() > running.stopped_s + child.spec.stop_s:
+                        child.wait(running.stopped_s)
                 elif status is not None:
                     _log.warning("%s has ended: %s", child.spec.name, child.last_line or f"status {status}")
                 if child.due_s is not None and time.monotonic() >= child.due_s:
@@ -236,7 +236,7 @@ class Agent:
             self._stop(place, running, "this agent stops")
         for running in self._running.values():
             for child in running.children:
-                child.wait(running.told_s)
+                child.wait(running.stopped_s)
         if self._lease is not None:
             try:
                 self._etcd.revoke(self._lease)

@@ -126,7 +126,7 @@ def _parsed(
     names: Mapping[str, Entry], folder: str, build: Callable[[str, dict[str, Any]], tuple[Key, Made]]
 ) -> dict[Key, Made]:
     """The entries of a folder of keys; those that somebody else has written in another form are left out."""
-    found = {}
+    parsed = {}
     for name, entry in names.items():
         if not name.startswith(folder):
             continue
@@ -134,8 +134,8 @@ def _parsed(
             key, made = build(name.removeprefix(folder), json.loads(entry.value))
         except (ValueError, KeyError, TypeError, AttributeError):
             continue
-        found[key] = made
-    return found
+        parsed[key] = made
+    return parsed
 
 
 def _scene(value: Mapping[str, Any]) -> Scene:

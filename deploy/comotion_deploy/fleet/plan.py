@@ -103,7 +103,7 @@ def claims(fleet: Fleet) -> dict[Place, str]:
     """
     held, loads = fleet.held(), fleet.loads()
     agents = {place: holder.agent for place, holder in held.items()}
-    found: dict[Place, str] = {}
+    claimed: dict[Place, str] = {}
     free = [place for place in fleet.places() if place not in agents]
     served = {place.scene for place in agents}
     for place in _unserved_first(free, served):
@@ -115,9 +115,9 @@ def claims(fleet: Fleet) -> dict[Place, str]:
         ]
         if hosts:
             chosen = min(hosts, key=lambda name: (loads[name], name))
-            found[place] = agents[place] = chosen
+            claimed[place] = agents[place] = chosen
             loads[chosen] += 1
-    return found
+    return claimed
 
 
 def releases(fleet: Fleet) -> list[Place]:
@@ -129,8 +129,8 @@ def releases(fleet: Fleet) -> list[Place]:
     if claims(fleet):
         return []
     draining = [place for place, holder in fleet.held().items() if fleet.agents[holder.agent].draining]
-    found = [place for place in draining if _can_leave(fleet, place)]
-    return found or _for_balance(fleet)
+    leaving = [place for place in draining if _can_leave(fleet, place)]
+    return leaving or _for_balance(fleet)
 
 
 def may_change(fleet: Fleet, place: Place) -> bool:
@@ -181,10 +181,10 @@ def _for_balance(fleet: Fleet) -> list[Place]:
     most = max(fleet.agents, key=lambda name: (loads[name], name))
     if loads[most] - loads[least] < _IMBALANCE:
         return []
-    there = {place.scene for place, holder in held.items() if holder.agent == least}
+    served = {place.scene for place, holder in held.items() if holder.agent == least}
     movable = [
         place
         for place, holder in sorted(held.items())
-        if holder.agent == most and place.scene not in there and _partner_ready(fleet, place)
+        if holder.agent == most and place.scene not in served and _partner_ready(fleet, place)
     ]
     return movable[:1]

@@ -146,8 +146,8 @@ class Authority:
     def issued(self) -> list[Issued]:
         """Read and check the certificates of all components, by name."""
         folders = sorted(p.parent for p in self.folder.glob(f"[!.]*/{CERTIFICATE_FILE}"))
-        found = [self._check(folder) for folder in folders]
-        return _without_doubles(found)
+        entries = [self._check(folder) for folder in folders]
+        return _without_doubles(entries)
 
     def _common_name(self, folder: Path, grant: Grant, *, renew: bool) -> str:
         if not renew:

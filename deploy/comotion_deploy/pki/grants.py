@@ -84,23 +84,23 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
     ValueError
         If they are not those of a grant.
     """
-    found: dict[str, list[str]] = {}
+    values: dict[str, list[str]] = {}
     for uri in uris:
         if not uri.startswith(_URN):
             raise KnownError(f"unknown URI {uri!r}")
         key, _, value = uri.removeprefix(_URN).partition(":")
-        found.setdefault(key, []).append(value)
-    if sorted(set(found) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
+        values.setdefault(key, []).append(value)
+    if sorted(set(values) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
         raise KnownError("it does not say role, name, scene and rate")
-    role = next((known for known in ROLES if [known] == found["role"]), None)
-    if role is None or any(len(found[key]) != 1 for key in ("name", "scene", "rate")):
+    role = next((known for known in ROLES if [known] == values["role"]), None)
+    if role is None or any(len(values[key]) != 1 for key in ("name", "scene", "rate")):
         raise KnownError("role, name, scene or rate is unknown or given twice")
     return Grant(
         role=role,
-        name=found["name"][0],
+        name=values["name"][0],
         common_name=common_name,
-        scene=found["scene"][0],
-        sources=tuple(found.get("source", ())),
-        joints=tuple(found.get("joints", ())),
-        rate=float(found["rate"][0]),
+        scene=values["scene"][0],
+        sources=tuple(values.get("source", ())),
+        joints=tuple(values.get("joints", ())),
+        rate=float(values["rate"][0]),
     )

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.config import RigidConfig, ThesisConfig
+from comotion.config import RigidConfig
 
 from ..brox_malik import CLUSTERINGS, compare
+from ..offline import thesis
 from ..processes import Progress, quiet
 from .baselines import ReferenceFusion, linkage_nmi
 from .cases import Case
@@ -93,9 +94,8 @@ def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
         results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
     if "scores" not in results.experiment.parts:
         return
-    thesis = _config(THESIS, case)
     results.outcomes[case.name, REFERENCE] = [
-        run_case(case, thesis, seed, fusion=ReferenceFusion) for seed in seeds
+        run_case(case, _config(THESIS, case), seed, fusion=ReferenceFusion) for seed in seeds
     ]
     if case.group == "recordings":
         results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
@@ -104,7 +104,7 @@ def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
 def _config(method: str, case: Case) -> FusionConfig:
     if method == DEFAULT:
         return FusionConfig()
-    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=case.sigma_switch, v_move=None))
+    return thesis(case.sigma_switch)
 
 
 def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .numbers import count, parameters
 from .runs import SceneRuns, ViewRequest
-from .study import Study, describe, spec_of, thesis
+from .study import Study, describe, spec_of
 
 STARTS = "fig3_3"
 START_TIMES = (1.0, 2.0, 3.0, 4.0, 7.0, 9.0)
@@ -27,9 +28,7 @@ _PERIOD = 0.2
 def starts(study: Study) -> tuple[SceneRuns, SceneRuns]:
     """The scene of figures 3.3 to 3.5 with the thesis method and with the default one."""
     close = ViewRequest(START_TIMES, trail=2.0, affinity=True)
-    configs = (STARTS_CONFIG, study.options.default)
-    first, second = (study.simulated(STARTS, config, period=_PERIOD, close=close) for config in configs)
-    return first, second
+    return study.both(STARTS, STARTS_CONFIG, period=_PERIOD, close=close)
 
 
 def draw_starts(study: Study) -> Drawn:
@@ -51,8 +50,7 @@ def draw_starts(study: Study) -> Drawn:
 def draw_direction(study: Study) -> Drawn:
     """Figure 3.6: scenes in the upper row, affinities in the lower one."""
     close = ViewRequest(_DIRECTION_TIMES, trail=4.0, affinity=True)
-    configs = (_DIRECTION_CONFIG, study.options.default)
-    takes = [study.simulated(_DIRECTION, config, period=_PERIOD, close=close) for config in configs]
+    takes = study.both(_DIRECTION, _DIRECTION_CONFIG, period=_PERIOD, close=close)
     figure = panels.new_figure(13, 4.9)
     for part, take in zip(panels.halves(figure, *_titles(_DIRECTION_CONFIG)), takes, strict=True):
         axes = part.subplots(2, 4)

@@ -1,18 +1,25 @@
-"""Workcell footage: scene and seed -> tracked features, cached, and still images."""
+"""Workcell footage: scene and seed -> tracked features, kept on disk, and still images."""
 
+import hashlib
+import importlib
 from dataclasses import dataclass
+from pathlib import Path
 
+import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion import FusionConfig
+from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
+from comotion_sources.workcell.camera import CameraSpec
+from comotion_sources.workcell.scene import scene_folder
 from comotion_sources.workcell.sensor import SensorNoise
 
 from ..offline import Message
-from ..rendered import Sources, filmed, keep
+from ..rendered import filmed
 from .runs import SceneRuns, ViewRequest, run_seed
 from .study import Study, describe
 
@@ -21,6 +28,14 @@ _SOURCE = "klt-a"
 _SPAWN_LIMIT = 100
 PERIOD = 1 / 3
 PICTURE = (320, 240)
+# What tracked features depend on, beside the set-up and the files of the scenes.
+_PRODUCERS = (
+    *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "template", "tracker")),
+    *(
+        f"workcell.{name}"
+        for name in ("atlas", "drawing", "render", "scene", "sensor", "shapes", "textures", "viewpoint")
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -58,18 +73,32 @@ def takes_of(
 
 
 def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Message]:
-    how = film_setup(study, respawn_every)
+    """Read the messages of a scene from the cache, or film it and keep them there."""
+    how, cache = film_setup(study, respawn_every), study.options.cache
+    path = None if cache is None else cache / f"film-{name}-{seed}-{_fingerprint(how)}.msgpack"
+    if path is not None and path.is_file():
+        kept = (decode(raw) for raw in msgpack.unpackb(path.read_bytes()))
+        return [one for one in kept if isinstance(one, TruthBatch | ObservationBatch)]
+    study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
+    spec = CameraSpec(
+        scene=name, camera=CAMERA, size=how.size, rate=how.rate, seed=seed, duration=how.seconds
+    )
+    messages = [message for one in filmed(spec, _SOURCE, how.tracker) for message in one.messages]
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(msgpack.packb([encode(one) for one in messages]))
+        partial.replace(path)
+    return messages
 
-    def make() -> Sources:
-        study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
-        scene = Scene.named(name, seed)
-        return {
-            _SOURCE: filmed(
-                scene, CAMERA, _SOURCE, how.tracker, size=how.size, rate=how.rate, seconds=how.seconds
-            )[0]
-        }
 
-    return keep(study.options.cache, f"camera-{name}-{seed}", how, make)[_SOURCE]
+def _fingerprint(how: FilmSetup) -> str:
+    """Digest of the set-up, and of all code and scenes that the messages depend on."""
+    digest = hashlib.sha256(repr(how).encode())
+    modules = [importlib.import_module(f"comotion_sources.{name}").__file__ for name in _PRODUCERS]
+    for path in (*map(Path, filter(None, modules)), *sorted(scene_folder().glob("*.xml"))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 class Stills:

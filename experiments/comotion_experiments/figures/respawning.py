@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .numbers import DEFAULT, parameters, right_at, summary
 from .runs import SceneRuns, ViewRequest
-from .study import Study, describe, spec_of, thesis
+from .study import Study, describe, spec_of
 
 _SCENE, _PERIOD = "fig4_4", 1 / 15
 _CONFIG = thesis(0.01)
@@ -17,10 +18,7 @@ _RESPAWNS = (2.0, 4.0, 6.0)
 
 
 def _takes(study: Study) -> tuple[SceneRuns, SceneRuns]:
-    close = ViewRequest(_TIMES, trail=1.5)
-    configs = (_CONFIG, study.options.default)
-    first, second = (study.simulated(_SCENE, config, period=_PERIOD, close=close) for config in configs)
-    return first, second
+    return study.both(_SCENE, _CONFIG, period=_PERIOD, close=ViewRequest(_TIMES, trail=1.5))
 
 
 def draw_scenes(study: Study) -> Drawn:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from comotion import FusionConfig
-from comotion.config import ThesisConfig
 from comotion_sources import simulator
 from comotion_sources.simulator import SceneSpec
 
@@ -72,6 +71,15 @@ class Study:
 
         return self.once((scene, config.model_dump_json(), period, close), make)
 
+    def both(
+        self, scene: str, config: FusionConfig, *, period: float, close: ViewRequest
+    ) -> tuple[SceneRuns, SceneRuns]:
+        """Run all seeds with parameters of the thesis method, and with the default method."""
+        first, second = (
+            self.simulated(scene, one, period=period, close=close) for one in (config, self.options.default)
+        )
+        return first, second
+
     def once(self, key: Any, make: Callable[[], SceneRuns]) -> SceneRuns:
         """SceneRuns from memory, or make and keep."""
         if key not in self._takes:
@@ -82,11 +90,6 @@ class Study:
 def spec_of(scene: str) -> SceneSpec:
     """A scene that ships with the simulator."""
     return simulator.load_scene(scene)
-
-
-def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
-    """Parameters of the thesis method; equal weights unless `v_move` says otherwise."""
-    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=sigma_switch, v_move=v_move))
 
 
 def describe(config: FusionConfig) -> str:

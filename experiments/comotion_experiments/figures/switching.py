@@ -1,12 +1,13 @@
 """Figures 4.1 and 4.2: the effect of γ, chosen by the standard deviation where affinity switches."""
 
+from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .colouring import Styles
 from .figure import Drawn, Row
 from .numbers import DEFAULT, format_times, parameters, perfect_from, summary
 from .runs import SceneRuns, ViewRequest
-from .study import Study, spec_of, thesis
+from .study import Study, spec_of
 
 _SCENE, _PERIOD = "fig4_1", 0.2
 # The thesis names 0.02 alone; the others are chosen so that the rows show what it says of them.

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .figure import Drawn, Row
 from .numbers import DEFAULT, parameters, perfect_from, summary
 from .runs import SceneRuns
-from .study import Study, thesis
+from .study import Study
 
 _SCENE, _PERIOD, _START, _END = "fig4_3", 1 / 15, 10.0, 12.67
 _SWITCH = 0.01

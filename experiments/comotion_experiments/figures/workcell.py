@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .colouring import Styles
@@ -13,7 +14,7 @@ from .figure import Drawn, Row
 from .footage import PERIOD, PICTURE, Stills, film_setup, takes_of
 from .numbers import DEFAULT, best, right_at, summary
 from .runs import SceneRuns, View
-from .study import Study, thesis
+from .study import Study
 
 SWITCHES = (0.0025, 0.005, 0.01, 0.02, 0.04)
 _START_S = 4.0

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
@@ -65,7 +66,9 @@ class Benchmark:
 
 
 @dataclass(frozen=True)
-class _Scored:
+class Scored:
+    """One sequence: misclassified features in per cent, NMI, whether K is right, and seconds."""
+
     error: float
     nmi: float
     exact: bool
@@ -94,12 +97,12 @@ def run_benchmark(
         for frames in LENGTHS:
             progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
             parts = [s if frames is None else s.first(frames) for s in sequences]
-            ours = [_score(part, *engine(part, PixelsConfig())) for part in parts]
+            ours = [score(part, *engine(part, PixelsConfig())) for part in parts]
             found.rows.append(_row(name, OURS, frames, ours))
             if frames is None and len({s.scene for s in sequences}) > 1:
                 found.halves[name] = _halves(sequences, ours)
             for title, method in BASELINES.items() if baselines else ():
-                scored = [_score(part, method(part), 0.0) for part in parts]
+                scored = [score(part, method(part)) for part in parts]
                 found.rows.append(_row(name, title, frames, scored))
     if "Hopkins155" in data_sets:
         progress("single objects")
@@ -107,14 +110,15 @@ def run_benchmark(
     return found
 
 
-def _score(sequence: Sequence, labels: np.ndarray[Any, np.dtype[np.int64]], seconds: float) -> _Scored:
+def score(sequence: Sequence, labels: NDArray[np.int64], seconds: float = 0.0) -> Scored:
+    """Score labels [N], -1 undetermined, of the trajectories with a true object."""
     known = sequence.truth > 0
     mine, truth = isolate(labels[known], -1), sequence.truth[known]
     exact = len(np.unique(labels[known & (labels >= 0)])) == len(np.unique(truth))
-    return _Scored(100 * misclassification(mine, truth), nmi(mine, truth), exact, seconds)
+    return Scored(100 * misclassification(mine, truth), nmi(mine, truth), exact, seconds)
 
 
-def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> Row:
+def _row(name: str, method: str, frames: int | None, scored: list[Scored]) -> Row:
     errors = [s.error for s in scored]
     return Row(
         data_set=name,
@@ -129,7 +133,7 @@ def _row(name: str, method: str, frames: int | None, scored: list[_Scored]) -> R
     )
 
 
-def _halves(sequences: list[Sequence], scored: list[_Scored]) -> tuple[float, float]:
+def _halves(sequences: list[Sequence], scored: list[Scored]) -> tuple[float, float]:
     """Mean errors on every other scene and on the rest.
 
     Sequences of one scene share footage and go into the same half.

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.config import ThesisConfig
 from comotion_clients.metrics import Truth
 
-from ..offline import run_offline
+from ..offline import run_offline, thesis
 from ..processes import Progress, quiet, run_all
-from ..tables import mean
+from ..tables import mean, means
 from . import metrics
 from .apart import apart
 from .catalogue import FAMILIES, AnyFamily, Family
@@ -124,7 +123,7 @@ def method_config(method: str, scene: Scene) -> FusionConfig:
     """Parameters of a method; the thesis method has equal weights and a switch that suits the noise."""
     if method == DEFAULT:
         return FusionConfig()
-    return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=scene.sigma_switch, v_move=None))
+    return thesis(scene.sigma_switch)
 
 
 def run_family(
@@ -207,9 +206,8 @@ def _run(
     **overrides: Any,
 ) -> Outcome:
     runs = [run_scene(scene, config(scene)) for scene in family.scenes(seed, **overrides)]
-    names = list(Figures.__dataclass_fields__)
-    means = {name: mean([getattr(f, name) for f, _ in runs]) for name in names}
-    return Outcome(family.name, method, seed, Figures(**means), [trace for _, trace in runs])
+    figures = Figures(**means([one for one, _ in runs]))
+    return Outcome(family.name, method, seed, figures, [trace for _, trace in runs])
 
 
 def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion.config import PixelsConfig
-from comotion_clients.metrics import isolate, misclassification, nmi
 
+from ..pixels.benchmark import score
 from ..pixels.methods import engine, one_object, spectral_interaction
 from ..pixels.sequences import Sequence
-from ..tables import mean
+from ..tables import means
 from .images import ImageParameters, image_sequences
 
 IMAGES = "images"
@@ -164,27 +163,23 @@ def run_image_family(
     """
     sequences = IMAGE_FAMILIES[name].sequences(seed, **overrides)
     rows = [_scored(sequence, parameters or PixelsConfig()) for sequence in sequences]
-    means = {field: mean([row[field] for row in rows]) for field in ImageFigures.__dataclass_fields__}
-    means["ms"] = float(np.median([row["ms"] for row in rows]))
-    return ImageOutcome(name, seed, ImageFigures(**means), [row["error"] for row in rows])
+    figures = ImageFigures(**means(rows) | {"ms": float(np.median([row.ms for row in rows]))})
+    return ImageOutcome(name, seed, figures, [row.error for row in rows])
 
 
-def _scored(sequence: Sequence, parameters: PixelsConfig) -> dict[str, float]:
+def _scored(sequence: Sequence, parameters: PixelsConfig) -> ImageFigures:
     labels, seconds = engine(sequence, parameters)
     true, found = sequence.objects(), len(np.unique(labels[labels >= 0]))
-    return {
-        "error": _error(labels, sequence),
-        "nmi": nmi(isolate(labels, -1), sequence.truth),
-        "exact": float(found == true),
-        "over": float(found > true),
-        "under": float(found < true),
-        "found": float(found),
-        "true": float(true),
-        "given": _error(spectral_interaction(sequence), sequence),
-        "one": _error(one_object(sequence), sequence),
-        "ms": 1e3 * seconds,
-    }
-
-
-def _error(labels: NDArray[np.int64], sequence: Sequence) -> float:
-    return 100.0 * misclassification(isolate(labels, -1), sequence.truth)
+    ours = score(sequence, labels, seconds)
+    return ImageFigures(
+        error=ours.error,
+        nmi=ours.nmi,
+        exact=float(found == true),
+        over=float(found > true),
+        under=float(found < true),
+        found=float(found),
+        true=float(true),
+        given=score(sequence, spectral_interaction(sequence)).error,
+        one=score(sequence, one_object(sequence)).error,
+        ms=1e3 * seconds,
+    )

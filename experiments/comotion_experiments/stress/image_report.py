@@ -1,11 +1,10 @@
 """The results of image families as a table, in Markdown and as plain values."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-from ..tables import Table, mean, number, plain
-from .image_experiment import IMAGE_FAMILIES, ImageFigures, ImageOutcome
+from ..tables import Table, means, number, plain
+from .image_experiment import IMAGE_FAMILIES, ImageOutcome
 
 # Field of the figures, title, digits, factor.
 _COLUMNS = (
@@ -34,9 +33,8 @@ def table(outcomes: Sequence[ImageOutcome]) -> Table:
     found = Table(("family", "what is seen", *(title for _, title, _, _ in _COLUMNS)), words=2)
     ran = {o.family for o in outcomes}
     for name in (one for one in IMAGE_FAMILIES if one in ran):
-        rows = [asdict(o.figures) for o in outcomes if o.family == name]
-        means = {key: mean([row[key] for row in rows]) for key in ImageFigures.__dataclass_fields__}
-        cells = (number(factor * means[key], digits) for key, _, digits, factor in _COLUMNS)
+        row = means([o.figures for o in outcomes if o.family == name])
+        cells = (number(factor * row[key], digits) for key, _, digits, factor in _COLUMNS)
         found.add(f"`{name}`", IMAGE_FAMILIES[name].title, *cells)
     return found
 

@@ -3,17 +3,16 @@
 import io
 import math
 import textwrap
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, mean, number, plain
+from ..tables import Table, means, number, plain
 from . import image_report
 from .catalogue import ALL, FAMILIES
-from .experiment import DEFAULT, THESIS, Figures, Results
+from .experiment import DEFAULT, THESIS, Results
 from .motion import Array
 
 _PICTURES_A_ROW = 5
@@ -42,12 +41,6 @@ _COLUMNS = (
 )
 
 
-def means(results: Results, family: str, method: str) -> dict[str, float]:
-    """Mean of every metric over the seeds; NaN where it does not apply."""
-    rows = [asdict(o.figures) for o in results.of(family, method)]
-    return {name: mean([row[name] for row in rows]) for name in Figures.__dataclass_fields__}
-
-
 def families_of(results: Results) -> list[str]:
     """Names of the families that were run, in the order of the catalogue."""
     ran = {o.family for o in results.outcomes}
@@ -64,7 +57,7 @@ def _table(results: Results) -> Table:
     drawn = Table(("family", "method", *(title for _, title, _ in _COLUMNS)), words=2)
     for family in families_of(results):
         for method in results.methods:
-            row = means(results, family, method)
+            row = means([o.figures for o in results.of(family, method)])
             drawn.add(family, method, *(number(row[name], digits) for name, _, digits in _COLUMNS))
     return drawn
 
@@ -142,7 +135,10 @@ def _head(results: Results) -> str:
 
 def _group(results: Results, group: str) -> str:
     names = [name for name in families_of(results) if FAMILIES[name].group == group]
-    rows = {name: [means(results, name, method) for method in results.methods] for name in names}
+    rows = {
+        name: [means([o.figures for o in results.of(name, method)]) for method in results.methods]
+        for name in names
+    }
     # A column without a value in the whole group says nothing.
     columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
     drawn = Table(("family", "what happens", *(title for _, title, _ in columns)), words=2)

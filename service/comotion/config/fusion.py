@@ -2,24 +2,25 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from .hypotheses import HypothesesConfig
-from .joints import JointsConfig
-from .limits import LimitsConfig
-from .linking import LinkingConfig
+from .groups import (
+    Group,
+    HypothesesConfig,
+    JointsConfig,
+    LimitsConfig,
+    LinkingConfig,
+    SpaceConfig,
+    ThesisConfig,
+)
 from .pixels import PixelsConfig
 from .rigid import RigidConfig
-from .spaces import SpaceConfig
-from .thesis import ThesisConfig
 
 Method = Literal["comotion", "thesis"]
 
 
-class FusionConfig(BaseModel):
+class FusionConfig(Group):
     """Parameters of :class:`comotion.Fusion`; frozen, validated, dumpable."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Method = Field(default="comotion", description="how hypotheses are inferred")
     window: Annotated[float, Field(gt=0, le=600)] = Field(

@@ -19,8 +19,6 @@ CostClock = Callable[[], int]
 _MOST_DEBT = 4
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
-# ns for which a refusal is reported.
-_TOLD_NS = 3_000_000_000
 
 
 @dataclass
@@ -41,7 +39,6 @@ class Budget:
     period_ns: int
     clock: CostClock | None = None
     _credit: dict[str, int] = field(default_factory=dict)
-    _refused: dict[str, int] = field(default_factory=dict)
     _left: int = 0
     _at_ns: int | None = None
 
@@ -88,12 +85,3 @@ class Budget:
             least = -round(_MOST_DEBT * self.share * self.period_ns)
             for name, share in shares.items():
                 self._credit[name] = max(self._credit.get(name, 0) - round(share * cost), least)
-
-    def refused(self, name: str, at_ns: int) -> None:
-        """Take note that data of somebody was dropped because of what it costs."""
-        self._refused[name] = at_ns
-
-    def over(self, at_ns: int) -> list[str]:
-        """Whose data has lately been dropped, sorted."""
-        self._refused = {name: seen for name, seen in self._refused.items() if at_ns - seen <= _TOLD_NS}
-        return sorted(self._refused)

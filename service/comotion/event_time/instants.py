@@ -1,7 +1,6 @@
 """A batch on its way through event time, and what comes out: instants, and the ends of sessions."""
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,39 +15,6 @@ Indices = NDArray[np.intp]
 _OBJECT_BYTES = 1500
 
 
-class Stage(Enum):
-    """What a batch waits for."""
-
-    JUDGEMENT = "that its stamp is compared with the clock"
-    CLOCK = "that it is clear whose clock is wrong"
-    NAME = "that it is clear which process has the name"
-    WATERMARK = "the watermark"
-    SETTLED = "nothing: it is in its account"
-
-
-class Verdict(Enum):
-    """What was found about a batch."""
-
-    OFF = "its stamp is far from now, and it may wait"
-    CONTESTED = "another session of its source sends"
-    ACCEPTED = "its instants may wait for the watermark"
-    OVER = "nothing of it is left to do: it was fused, dropped or refused"
-
-
-_NEXT = {
-    (Stage.JUDGEMENT, Verdict.OFF): Stage.CLOCK,
-    (Stage.JUDGEMENT, Verdict.CONTESTED): Stage.NAME,
-    (Stage.JUDGEMENT, Verdict.ACCEPTED): Stage.WATERMARK,
-    (Stage.JUDGEMENT, Verdict.OVER): Stage.SETTLED,
-    (Stage.CLOCK, Verdict.CONTESTED): Stage.NAME,
-    (Stage.CLOCK, Verdict.ACCEPTED): Stage.WATERMARK,
-    (Stage.CLOCK, Verdict.OVER): Stage.SETTLED,
-    (Stage.NAME, Verdict.ACCEPTED): Stage.WATERMARK,
-    (Stage.NAME, Verdict.OVER): Stage.SETTLED,
-    (Stage.WATERMARK, Verdict.OVER): Stage.SETTLED,
-}
-
-
 @dataclass(eq=False)
 class Entry:
     """A batch on its way through event time.
@@ -61,8 +27,8 @@ class Entry:
         Whether its sequence number was seen before.
     size
         Bytes that it holds.
-    stage
-        What it waits for.
+    judged
+        Whether it has been compared with the clock.
     at_ns
         When it was first looked at, on the clock of arrivals.
     offset_ns
@@ -76,7 +42,7 @@ class Entry:
     batch: ObservationBatch
     repeated: bool = False
     size: int = 0
-    stage: Stage = Stage.JUDGEMENT
+    judged: bool = False
     at_ns: int = 0
     offset_ns: int = 0
     out: int = 0
@@ -89,16 +55,6 @@ class Entry:
     def key(self) -> Key:
         """Source and session."""
         return self.batch.source, self.batch.session
-
-    def step(self, verdict: Verdict) -> None:
-        """Go on to the next stage.
-
-        Raises
-        ------
-        KeyError
-            If a batch at its stage cannot have this verdict.
-        """
-        self.stage = _NEXT[self.stage, verdict]
 
 
 @dataclass(frozen=True)

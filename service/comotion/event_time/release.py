@@ -4,9 +4,9 @@ These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded 
 """
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,19 +17,15 @@ from ..config import LimitsConfig
 from .budget import Budget
 from .instants import Entry, Indices, Instants, SessionEnded
 from .sources import Sources
-from .stats import Key
+from .stats import Fate, Key
+from .troubles import Troubles
 
 _MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
 _Key = tuple[int, str, int]
-
-
-class Settle(Protocol):
-    """Books what became of a batch."""
-
-    def __call__(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
-        """`fate` is a name of :class:`.stats.Ledger`, or the reason of a rejection."""
+Settle = Callable[[Entry, Fate], None]
+"""Books what became of a batch."""
 
 
 class Load:
@@ -39,7 +35,7 @@ class Load:
         self._batches = limits.waiting_batches
         self._bytes = round(limits.waiting * _MEGABYTE)
         self._all = round(limits.waiting_all * _MEGABYTE)
-        self._held: dict[str, list[int]] = {}
+        self._held: dict[str, tuple[int, int]] = {}
         self._total = 0
 
     def admits(self, entry: Entry) -> bool:
@@ -50,21 +46,14 @@ class Load:
             share = min(share, self._all // max(len(self._held), 1))
         return batches < self._batches and size + entry.size <= share
 
-    def add(self, entry: Entry) -> None:
-        """Take a batch in."""
-        held = self._held.setdefault(entry.batch.source, [0, 0])
-        held[0] += 1
-        held[1] += entry.size
-        self._total += entry.size
-
-    def remove(self, entry: Entry) -> None:
-        """A batch waits no more."""
-        held = self._held[entry.batch.source]
-        held[0] -= 1
-        held[1] -= entry.size
-        self._total -= entry.size
-        if not held[0]:
-            del self._held[entry.batch.source]
+    def add(self, entry: Entry, count: int = 1) -> None:
+        """Take a batch in; with a `count` of -1 it waits no more."""
+        source = entry.batch.source
+        batches, size = self._held.get(source, (0, 0))
+        self._held[source] = batches + count, size + count * entry.size
+        self._total += count * entry.size
+        if not self._held[source][0]:
+            del self._held[source]
 
     def holds(self, source: str) -> bool:
         """Whether anything of a source waits."""
@@ -124,6 +113,8 @@ class Release:
         Learns what became of a batch once all its instants have come out.
     budget
         Who may have instants released.
+    troubles
+        Whose instants were dropped because of what they cost is noted there.
 
     Attributes
     ----------
@@ -131,10 +122,11 @@ class Release:
         (source, session) by number, of every session that is current or has trajectories.
     """
 
-    def __init__(self, sources: Sources, settle: Settle, budget: Budget) -> None:
+    def __init__(self, sources: Sources, settle: Settle, budget: Budget, troubles: Troubles) -> None:
         self._sources = sources
         self._settle = settle
         self._budget = budget
+        self._troubles = troubles
         # By source, a heap of what waits.
         self._waiting: dict[str, list[_Waiting]] = {}
         self._behind_ns: dict[str, int] = {}
@@ -239,7 +231,7 @@ class Release:
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
-            self._budget.refused(name, at_ns)
+            self._troubles.note("over-budget", name, at_ns)
 
     def done(self, instants: Instants, refused: RejectionReason | None) -> None:
         """Book instants that came out: they were fused, or refused for a reason."""
@@ -265,7 +257,7 @@ class Release:
         if entry.kept:
             self._settle(entry, "partly_late" if entry.late else "fused")
         elif entry.refused is not None:
-            self._settle(entry, entry.refused, rejected=True)
+            self._settle(entry, entry.refused)
         else:
             self._settle(entry, "late")
 

@@ -20,8 +20,6 @@ PERIODS = 3
 _NEVER_NS = 2**62
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _LEAST_HANDOVER_NS = 200_000_000
-# How long a name is said to be in double after the last batch of the second process.
-_RIVALLED_NS = 3_000_000_000
 # Batches of rivals that wait for the name.
 MAX_RIVALS = 256
 
@@ -64,8 +62,8 @@ class Source:
         Generation of the session whose instants are being released, and its number; -1 before the first.
     past
         Sessions that are over.
-    rivals, rivalled_ns
-        Batches of other sessions, which get the name should this one fall silent; when one was refused last.
+    rivals
+        Batches of other sessions, which get the name should this one fall silent.
     """
 
     session: str
@@ -80,7 +78,6 @@ class Source:
     number: int = -1
     past: deque[str] = field(default_factory=lambda: deque(maxlen=_PAST_SESSIONS))
     rivals: list[Entry] = field(default_factory=list)
-    rivalled_ns: int | None = None
 
     @property
     def period_ns(self) -> int:
@@ -166,7 +163,6 @@ class Source:
                     self.observe(scene_time(one.batch), at_ns)
                     yield one, True
             elif at_ns - first.at_ns >= limit_ns:
-                self.rivalled_ns = at_ns
                 yield self.rivals.pop(0), False
             else:
                 return
@@ -183,7 +179,7 @@ class Source:
         return cls(**(state | {"gaps_ns": gaps_ns, "past": past}))
 
 
-_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals", "rivalled_ns"}
+_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals"}
 
 
 class Sources(dict[str, Source]):
@@ -230,14 +226,6 @@ class Sources(dict[str, Source]):
             )
             for name, source in sorted(self.items())
         ]
-
-    def rivalled(self, at_ns: int) -> list[str]:
-        """Names of which a second process has lately sent batches too."""
-        return sorted(
-            name
-            for name, source in self.items()
-            if source.rivalled_ns is not None and at_ns - source.rivalled_ns <= _RIVALLED_NS
-        )
 
     def longest_silent(self, at_ns: int, waits: Callable[[str], bool]) -> str | None:
         """Name of the source that has been silent for longest, without those of which something waits."""

@@ -4,16 +4,22 @@ Each batch that reaches the service is in exactly one of these: fused, partly la
 by reason, overflow, waiting. `batches` is their sum. What a session has sent is that sum and `lost`.
 """
 
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from comotion_schemas import RejectionReason
 from comotion_schemas.sequence import Order, SequenceCounter
 
+# A batch that was sent before a Status may arrive after it; and Statuses of a session within that time that
+# count: two a second are read.
+_GRACE_NS, _CLAIMS = 2_000_000_000, 8
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
 
-Fate = Literal["fused", "partly_late", "late", "duplicates", "overflow"]
+Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
+"""What becomes of a batch that was read."""
 Key = tuple[str, str]
 
 
@@ -49,10 +55,12 @@ class Account:
     lost: int = 0
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
 
-    def reject(self, reason: RejectionReason, count: int = 1) -> None:
-        """Count batches that came in and were refused."""
-        self.batches += count
-        self.rejected[reason] = self.rejected.get(reason, 0) + count
+    def add(self, what: str, count: int = 1) -> None:
+        """Count batches, by the name of a counter or the reason of a rejection."""
+        if hasattr(self, what):
+            setattr(self, what, getattr(self, what) + count)
+        else:
+            self.rejected[what] = self.rejected.get(what, 0) + count  # type: ignore[index, call-overload]
 
     def settled(self) -> int:
         """Sum of all that became of the batches: equals `batches`."""
@@ -105,10 +113,19 @@ class Ledger:
     ----------
     total
         The totals.
+
+    Attributes
+    ----------
+    unknown
+        The newest sessions of an earlier run of the service of which nothing has come since: what they have
+        sent meanwhile nobody knows.
     """
 
     def __init__(self, total: Stats) -> None:
         self.total = total
+        self.unknown: set[Key] = set()
+        # What sessions say they have sent, and when they said so.
+        self._claims: dict[Key, deque[tuple[int, int]]] = {}
         self.sequences = SequenceCounter(from_zero=True)
         self._accounts: dict[Key, Account] = {}
         # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
@@ -120,38 +137,29 @@ class Ledger:
 
     def arrive(self, key: Key) -> None:
         """A batch has come in: it waits."""
-        for account in (self.total, self._of(key)):
-            account.batches += 1
-            account.waiting += 1
+        self._book(key, {"batches": 1, "waiting": 1})
 
-    def settle(self, key: Key, fate: Fate | RejectionReason, *, rejected: bool = False) -> None:
+    def settle(self, key: Key, fate: Fate) -> None:
         """A batch that was waiting has come to its end."""
-        for account in (self.total, self._of(key)):
-            account.waiting -= 1
-            if rejected:
-                account.batches -= 1
-                account.reject(fate)  # type: ignore[arg-type]
-            else:
-                setattr(account, fate, getattr(account, fate) + 1)
+        self._book(key, {"waiting": -1, fate: 1})
 
     def refuse(self, key: Key, reason: RejectionReason) -> None:
         """A payload was refused before its batch was known."""
-        for account in (self.total, self._of(key)):
-            account.reject(reason)
+        self._book(key, {"batches": 1, reason: 1})
 
     def overflow(self, key: Key, count: int) -> None:
         """Batches were displaced before they were read."""
-        for account in (self.total, self._of(key)):
-            account.batches += count
-            account.overflow += count
+        self._book(key, {"batches": count, "overflow": count})
 
-    def lose(self, key: Key, count: int) -> None:
-        """Batches are missing, or fewer than before."""
+    def _book(self, key: Key, counts: Mapping[str, int]) -> None:
+        """Add to the account of a session and to the totals."""
         for account in (self.total, self._of(key)):
-            account.lost += count
+            for what, count in counts.items():
+                account.add(what, count)
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
+        self.unknown.discard(key)
         lost, order = self.sequences.sight(*key, seq)
         unread = self._unread.pop(key[0], 0)
         if lost > 0 and unread != 0:
@@ -160,7 +168,7 @@ class Ledger:
             if unread is None:
                 self.overflow(key, explained)
         if lost:
-            self.lose(key, lost)
+            self._book(key, {"lost": lost})
         return order
 
     def overlooked(self, source: str, count: int | None) -> None:
@@ -172,16 +180,27 @@ class Ledger:
         before = self._unread.get(source, 0)
         self._unread[source] = None if count is None or before is None else before + count
 
-    def sent(self, key: Key, count: int) -> None:
-        """Take note that a session says it has sent so many batches: what has not come by now is lost."""
-        lost = self.sequences.expect(*key, count)
-        if lost:
-            self.lose(key, lost)
+    def claim(self, key: Key, count: int, at_ns: int) -> None:
+        """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""
+        self.unknown.discard(key)
+        self._claims.setdefault(key, deque(maxlen=_CLAIMS)).append((at_ns, count))
+        if len(self._claims) > MAX_ACCOUNTS:
+            del self._claims[next(iter(self._claims))]
+
+    def miss(self, at_ns: int) -> None:
+        """Count as lost what sessions have claimed so long ago that it should be here, and has not come."""
+        for key, claims in list(self._claims.items()):
+            while claims and at_ns - claims[0][0] >= _GRACE_NS:
+                if lost := self.sequences.expect(*key, claims.popleft()[1]):
+                    self._book(key, {"lost": lost})
+            if not claims:
+                del self._claims[key]
 
     def state(self) -> list[Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""
         accounts = [[*key, asdict(account)] for key, account in self._accounts.items()]
-        return [asdict(self.total), accounts, self.sequences.state()]
+        claims = [[*key, said[-1][1]] for key, said in self._claims.items()]
+        return [asdict(self.total), accounts, self.sequences.state(), sorted(self.unknown), claims]
 
     def load(self, state: list[Any]) -> None:
         """Take up :meth:`state`.
@@ -191,10 +210,14 @@ class Ledger:
         KeyError, TypeError, ValueError
             If it is none.
         """
-        total, accounts, sequences = state
+        total, accounts, sequences, unknown, claims = state
         vars(self.total).update(vars(Stats(**total)))
         self._accounts = {(source, session): Account(**fields) for source, session, fields in accounts}
         self.sequences.load(sequences)
+        newest = {source: session for source, session in self._accounts if session}
+        self.unknown = {*newest.items(), *((source, session) for source, session in unknown)}
+        self.unknown &= self._accounts.keys()
+        self._claims = {(source, session): deque([(-_GRACE_NS, sent)]) for source, session, sent in claims}
         for account in (self.total, *self._accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting

@@ -2,9 +2,7 @@
 
 Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
 stamps are compared with. `at_ns` is when something arrived; it must never be set. Without it, `now_ns` is
-taken. The rules are those of docs/protocol.md, "Time"; what a batch waits for is its stage
-(:class:`.instants.Stage`), and a table says which stage follows; the accounts are those of Status
-(:mod:`.stats`).
+taken. The rules are those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
 
 A batch comes in (`receive`):
 
@@ -45,8 +43,7 @@ What is forgotten:
 """
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -55,11 +52,12 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from ..config import FusionConfig, to_ns
 from .budget import Budget
 from .faults import Faults
-from .instants import Entry, Instants, SessionEnded, Stage, Verdict, count_instants, in_time_order, size_of
+from .instants import Entry, Instants, SessionEnded, count_instants, in_time_order, size_of
 from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
 from .steps import FUTURE_NS, RecordedClock, Steps, WallClock
+from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
 
@@ -67,23 +65,8 @@ __all__ = ["FUTURE_NS", "Timeline"]
 _AHEAD_NS = 250_000_000
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
-
-
-@dataclass(frozen=True)
-class _Finding:
-    """What was found about a batch: the verdict and, where it is over, what became of it."""
-
-    verdict: Verdict
-    fate: Fate | RejectionReason | None = None
-    rejected: bool = False
-
-
-_ACCEPTED, _CONTESTED = _Finding(Verdict.ACCEPTED), _Finding(Verdict.CONTESTED)
-_LATE, _REPEATED = _Finding(Verdict.OVER, "late"), _Finding(Verdict.OVER, "duplicates")
-
-
-def _refused(reason: RejectionReason) -> _Finding:
-    return _Finding(Verdict.OVER, reason, rejected=True)
+Verdict = Literal["clock", "name", "watermark"] | Fate
+"""What a batch waits for, or what became of it."""
 
 
 class Timeline:
@@ -111,6 +94,8 @@ class Timeline:
         The time scale of the scene.
     budget
         What instants may cost, by source.
+    troubles
+        What sources do wrong.
     """
 
     def __init__(self, config: FusionConfig, stats: Stats, faults: Faults | None = None) -> None:
@@ -126,7 +111,8 @@ class Timeline:
         self._inbox: list[Entry] = []
         self._load = Load(config.limits)
         self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
-        self._release = Release(self.sources, self._settle, self.budget)
+        self.troubles = Troubles()
+        self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.at_ns = 0
         self.watermark_ns: int | None = None
         self.ledger = Ledger(stats)
@@ -153,9 +139,9 @@ class Timeline:
         if repeated and not self.steps.clock.repeats:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
-            self.ledger.settle(key, refusal, rejected=True)
+            self.ledger.settle(key, refusal)
         elif not self._load.admits(entry) or count_instants(batch) > self._limits.instants:
-            self.ledger.settle(key, "limit", rejected=True)
+            self.ledger.settle(key, "limit")
         else:
             self._load.add(entry)
             self._inbox.append(entry)
@@ -182,8 +168,8 @@ class Timeline:
             entry.at_ns = at_ns
             with self._faults.guard("judging a batch", entry.batch):
                 self._take(entry, self._admit(entry, now_ns), now_ns)
-            if entry.stage is Stage.JUDGEMENT:
-                self._settle(entry, "defect", rejected=True)
+            if not entry.judged:
+                self._settle(entry, "defect")
         # One decision may allow another: that on a clock tells the stamps of rivals, a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
@@ -216,26 +202,24 @@ class Timeline:
         for number in self.sessions.keys() - used - current:
             del self.sessions[number]
 
-    def _take(self, entry: Entry, found: _Finding, now_ns: int) -> None:
-        """Let a batch go on to the stage that follows from what was found about it."""
-        if found.fate is not None:
-            self._settle(entry, found.fate, rejected=found.rejected)
-            return
-        entry.step(found.verdict)
-        if entry.stage is Stage.CLOCK:
+    def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
+        """Let a batch wait for what was found, or book what became of it."""
+        entry.judged = True
+        if verdict == "clock":
             self.steps.hold(entry)
-        elif entry.stage is Stage.NAME:
+        elif verdict == "name":
             self._rival(entry, now_ns)
-        else:
+        elif verdict == "watermark":
             self._wait(entry, now_ns)
+        else:
+            self._settle(entry, verdict)
 
-    def _settle(self, entry: Entry, fate: Any, *, rejected: bool = False) -> None:
+    def _settle(self, entry: Entry, fate: Fate) -> None:
         """Book what became of a batch."""
-        entry.step(Verdict.OVER)
-        self._load.remove(entry)
-        self.ledger.settle(entry.key, fate, rejected=rejected)
+        self._load.add(entry, -1)
+        self.ledger.settle(entry.key, fate)
 
-    def _admit(self, entry: Entry, now_ns: int) -> _Finding:
+    def _admit(self, entry: Entry, now_ns: int) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.get(entry.batch.source)
         if steps.is_off(entry, self._reference(now_ns), self._floor()):
@@ -245,7 +229,7 @@ class Timeline:
             if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
-                return _Finding(Verdict.OFF)
+                return "clock"
         return self._judge(entry, now_ns)
 
     def _floor(self) -> int | None:
@@ -289,27 +273,27 @@ class Timeline:
                 source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
         entry.repeated = self.ledger.sight(entry.key, batch.seq) == "repeated"
 
-    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> _Finding:
+    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> Verdict:
         """Whether a batch is rejected, is late, contests a name, or may wait for the watermark."""
         batch, at_ns = entry.batch, self.at_ns
         source, stamp_ns = self.sources.get(batch.source), self.steps.scene_time(batch)
         if entry.repeated:
-            return _REPEATED
+            return "duplicates"
         if entry.offset_ns > FUTURE_NS and not trusted:
             self.steps.note(batch, entry.offset_ns, at_ns)
-            return _refused("future")
+            return "future"
         if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
             self.steps.note(batch, stamp_ns - now_ns, at_ns)
-            return _refused("past")
+            return "past"
         if source is None:
             if not self._admit_source():
-                return _refused("limit")
+                return "limit"
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
-            return _LATE if over else _CONTESTED
+            return "late" if over else "name"
         source.observe(stamp_ns, at_ns)
-        return _ACCEPTED
+        return "watermark"
 
     def _rival(self, entry: Entry, now_ns: int) -> None:
         """Let a batch of another session of a source wait until it is clear which one has the name."""
@@ -317,7 +301,7 @@ class Timeline:
         source.rivals.append(entry)
         self._hand_over(source, now_ns)
         if len(source.rivals) > MAX_RIVALS:
-            self._settle(source.rivals.pop(0), "duplicate-name", rejected=True)
+            self._settle(source.rivals.pop(0), "duplicate-name")
 
     def _hand_over_all(self, now_ns: int) -> bool:
         """Whether any rival waits no more."""
@@ -328,7 +312,9 @@ class Timeline:
         """Give the name to the rival that came first once the session of a source is silent."""
         waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
-            self._take(entry, _ACCEPTED if follows else _refused("duplicate-name"), now_ns)
+            if not follows:
+                self.troubles.note("duplicate-name", entry.batch.source, self.at_ns)
+            self._take(entry, "watermark" if follows else "duplicate-name", now_ns)
         return len(source.rivals) < waiting
 
     def _admit_source(self) -> bool:

@@ -126,25 +126,34 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
     """Sessions that drift, of which some are `known` to; who cannot be judged is as it was.
 
-    Of those apart from all others the clearest one drifts; then the rest is compared without it. Of two
-    nobody knows; that which sees the calmest body move less is believed.
+    Of those apart from all others that one drifts without which the others agree best; then the rest is
+    compared without it. Of two nobody knows; that which sees the calmest body move less is believed.
     """
     drifting = set(known)
     while True:
         rest = seen.where(np.isin(seen.source, list(drifting), invert=True))
-        gains = {}
-        for one in np.unique(rest.source).tolist():
-            mine = np.asarray(rest.source == one)
-            gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
+        gains = _gains(rest)
         apart = {one: gain for one, gain in gains.items() if gain >= 1}
         if not apart:
             break
         if len(gains) == 2:
             apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
+        elif len(apart) > 1:
+            others = {one: _gains(rest.where(rest.source != one)) for one in apart}
+            apart = {one: -max([0.0, *(g for g in others[one].values() if g >= 0)]) for one in apart}
         drifting.add(max(apart, key=lambda one: apart[one]))
     motions = _motions(rest)
     steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
     return drifting - steady
+
+
+def _gains(seen: _Seen) -> dict[int, float]:
+    """How clearly each source is apart from all others, as :func:`_gain` says."""
+    gains = {}
+    for one in np.unique(seen.source).tolist():
+        mine = np.asarray(seen.source == one)
+        gains[one] = _gain(_motions(seen.where(~mine)), seen.where(mine))
+    return gains
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:

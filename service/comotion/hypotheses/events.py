@@ -12,40 +12,18 @@ What reverts earlier makes no event. An unconfirmed hypothesis without current m
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field
 
 from comotion_schemas import Event
 from comotion_schemas.hypotheses import EventKind
 
 from ..config import HypothesesConfig, to_ns
+from ..saving import NOT_KEPT
+from .records import Record
 
 # "Those of the last 2 s" of docs/protocol.md.
 EVENT_MEMORY_NS = 2_000_000_000
 _ORDER: list[EventKind] = ["born", "split", "returned", "merged", "absent", "ended"]
-
-
-@dataclass
-class Life:
-    """A hypothesis over time.
-
-    Attributes
-    ----------
-    origin
-        The hypothesis that it has left, None where its members came from nowhere.
-    stage
-        As of the events so far.
-    support_ns
-        Time with enough members less time with too few, since it appeared or returned; None while it has
-        no current member.
-    since_ns
-        Event time since when it has had no current member; None while it has any.
-    """
-
-    origin: int | None = None
-    stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
-    support_ns: int | None = None
-    since_ns: int | None = None
 
 
 @dataclass(frozen=True)
@@ -70,120 +48,106 @@ class Count:
     heirs: Mapping[int, int]
 
 
+@dataclass
 class Lifecycle:
     """The state machine of all hypotheses of a space.
 
-    Parameters
+    Attributes
     ----------
     config
         Its times and numbers.
+    records
+        What is known of each hypothesis, by id.
     """
 
-    def __init__(self, config: HypothesesConfig) -> None:
-        self._config = config
-        self._confirm_ns = to_ns(config.confirm)
-        self._stamp_ns: int | None = None
-        self._forgotten: list[int] = []
-        self.lives: dict[int, Life] = {}
+    config: HypothesesConfig = field(metadata=NOT_KEPT)
+    records: dict[int, Record] = field(default_factory=dict)
+    _stamp_ns: int | None = None
+    _forgotten: list[int] = field(default_factory=list)
+
+    @property
+    def _confirm_ns(self) -> int:
+        return to_ns(self.config.confirm)
 
     def confirmed(self, hypothesis: int) -> bool:
         """Whether it has had its first event."""
-        life = self.lives.get(hypothesis)
-        return life is not None and life.stage != "unconfirmed"
+        return self.stage(hypothesis) in {"present", "absent"}
 
-    def present(self, hypothesis: int) -> bool:
-        """Whether it is confirmed and not absent."""
-        return hypothesis in self.lives and self.lives[hypothesis].stage == "present"
-
-    def absent(self, hypothesis: int) -> bool:
-        """Whether it is absent as far as the events say; it may have members again."""
-        return hypothesis in self.lives and self.lives[hypothesis].stage == "absent"
+    def stage(self, hypothesis: int) -> str | None:
+        """As far as the events say: an absent one may have members again; None where it is unknown."""
+        return self.records[hypothesis].stage if hypothesis in self.records else None
 
     def due(self, hypothesis: int, stamp_ns: int) -> bool:
         """Whether a hypothesis is confirmed at this time, if it has enough members then."""
-        life = self.lives.get(hypothesis)
-        since = stamp_ns if life is None or life.support_ns is None else self._stamp_ns
+        record = self.records.get(hypothesis)
+        since = stamp_ns if record is None or record.support_ns is None else self._stamp_ns
         step = 0 if since is None else stamp_ns - since
-        return (0 if life is None else life.support_ns or 0) + step >= self._confirm_ns
+        return (0 if record is None else record.support_ns or 0) + step >= self._confirm_ns
 
     def advance(self, stamp_ns: int, count: Count) -> list[Event]:
         """Take in an update; returns its events, beginnings first, then by kind and id."""
         step = 0 if self._stamp_ns is None else max(stamp_ns - self._stamp_ns, 0)
         self._stamp_ns = stamp_ns
         for one in count.sizes:
-            self.lives.setdefault(one, Life(origin=count.origins.get(one)))
+            self.records.setdefault(one, Record(origin=count.origins.get(one)))
         events = [_event(stamp_ns, "ended", one) for one in self._forgotten]
         self._forgotten = []
         merged: dict[int, list[int]] = {}
-        for one in sorted(self.lives):
-            life, size = self.lives[one], count.sizes.get(one, 0)
+        for one in sorted(self.records):
+            record, size = self.records[one], count.sizes.get(one, 0)
             if size:
                 enough = size >= count.least
                 events += self._seen(stamp_ns, one, step if enough else -max(step, 1))
-            elif life.stage == "unconfirmed":
-                del self.lives[one]
-            elif self._lost(stamp_ns, life) and (heir := count.heirs.get(one)) != one:
+            elif record.stage == "unconfirmed":
+                del self.records[one]
+            elif self._lost(stamp_ns, record) and (heir := count.heirs.get(one)) != one:
                 if heir is None:
-                    life.stage = "absent"
+                    record.stage = "absent"
                     events.append(_event(stamp_ns, "absent", one))
                 elif self.confirmed(heir):
                     merged.setdefault(heir, []).append(one)
         events += [_event(stamp_ns, "merged", heir, gone) for heir, gone in merged.items()]
         for gone in merged.values():
             for one in gone:
-                del self.lives[one]
+                del self.records[one]
         events += self._expire(stamp_ns)
         return sorted(events, key=lambda e: (_ORDER.index(e.kind), e.hypothesis))
 
     def forget(self, hypothesis: int) -> None:
-        """Drop a hypothesis; a confirmed one ends at the next update."""
+        """Drop all that is known of a hypothesis; a confirmed one ends at the next update."""
         if self.confirmed(hypothesis):
             self._forgotten.append(hypothesis)
-        self.lives.pop(hypothesis, None)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values."""
-        return {
-            "stamp_ns": self._stamp_ns,
-            "forgotten": list(self._forgotten),
-            "lives": [[h, dict(vars(life))] for h, life in self.lives.items()],
-        }
-
-    def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`."""
-        self._stamp_ns = state["stamp_ns"]
-        self._forgotten = [int(one) for one in state["forgotten"]]
-        self.lives = {int(h): Life(**values) for h, values in state["lives"]}
+        self.records.pop(hypothesis, None)
 
     def _seen(self, stamp_ns: int, one: int, step: int) -> list[Event]:
-        life = self.lives[one]
+        record = self.records[one]
         # The time before it appeared or returned does not count for it.
-        life.support_ns = 0 if life.support_ns is None else max(life.support_ns + step, 0)
-        life.since_ns = None
-        if life.stage == "present" or step < 0 or life.support_ns < self._confirm_ns:
+        record.support_ns = 0 if record.support_ns is None else max(record.support_ns + step, 0)
+        record.since_ns = None
+        if record.stage == "present" or step < 0 or record.support_ns < self._confirm_ns:
             return []
-        before, life.stage = life.stage, "present"
+        before, record.stage = record.stage, "present"
         if before == "absent":
             return [_event(stamp_ns, "returned", one)]
-        if life.origin is not None and self.confirmed(life.origin):
-            return [_event(stamp_ns, "split", one, [life.origin])]
+        if record.origin is not None and self.confirmed(record.origin):
+            return [_event(stamp_ns, "split", one, [record.origin])]
         return [_event(stamp_ns, "born", one)]
 
-    def _lost(self, stamp_ns: int, life: Life) -> bool:
+    def _lost(self, stamp_ns: int, record: Record) -> bool:
         """Whether a hypothesis has been without current members for long enough to say so."""
-        life.support_ns = None
-        life.since_ns = stamp_ns if life.since_ns is None else life.since_ns
-        return life.stage == "present" and stamp_ns - life.since_ns >= self._confirm_ns
+        record.support_ns = None
+        record.since_ns = stamp_ns if record.since_ns is None else record.since_ns
+        return record.stage == "present" and stamp_ns - record.since_ns >= self._confirm_ns
 
     def _expire(self, stamp_ns: int) -> list[Event]:
         """Drop the absent ones that are remembered no longer, the longest absent first."""
-        absent = [(life.since_ns, h) for h, life in self.lives.items() if life.stage == "absent"]
+        absent = [(record.since_ns, h) for h, record in self.records.items() if record.stage == "absent"]
         waiting = sorted((since, h) for since, h in absent if since is not None)
-        oldest_ns = stamp_ns - to_ns(self._config.memory)
-        surplus = max(len(waiting) - self._config.remembered, 0)
+        oldest_ns = stamp_ns - to_ns(self.config.memory)
+        surplus = max(len(waiting) - self.config.remembered, 0)
         gone = [h for k, (since, h) in enumerate(waiting) if k < surplus or since < oldest_ns]
         for one in gone:
-            del self.lives[one]
+            del self.records[one]
         return [_event(stamp_ns, "ended", one) for one in gone]
 
 

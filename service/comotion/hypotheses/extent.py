@@ -2,22 +2,21 @@
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
 feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
-no pose is known there is nothing to keep points in: the box is that of the current members.
+no pose is known there is nothing to keep points in: the box is that of the current members without those far
+from all others, of which one alone would stretch it across an image.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Box
 
-from ..arrays import Bools, Floats, Labels, Stamps, find
+from ..arrays import Bools, Floats, Stamps, find
 from ..partition import PoseReference
 from ..rigid.kernels.rotation import quaternion
+from .records import Current, Extent
 
 # s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
 _LASTING = 0.5
@@ -29,131 +28,80 @@ _SMALLER = 0.9
 _SEEK_NS = 500_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
+# Without a pose: share of the members that may lie far from the others on each side, and how far beyond the
+# others a member counts, in their extent.
+_FAR_SHARE, _BEYOND = 0.1, 2.0
+# Fewer members have no far ones.
+_LEAST_TOGETHER = 5
 
 
-@dataclass
-class _Extent:
-    """Points of one body: keys int64 [m] ascending, `points` float64 [m, dim] in the axes of the body.
+def measured(
+    before: Extent | None,
+    stamp_ns: int,
+    one: int,
+    current: Current,
+    reference: PoseReference | None,
+    *,
+    seek: bool = True,
+) -> tuple[Extent, Box]:
+    """What is known of the extent of a hypothesis with current members, and its box.
 
-    `since` int64 [m], when each became a member; `axes` float64 [dim, dim], those of the box, as columns;
-    `sought_ns`, when they were sought last.
-    """
-
-    keys: Stamps
-    points: Floats
-    since: Stamps
-    axes: Floats
-    sought_ns: int
-
-    def without_points(self) -> "_Extent":
-        """The same axes alone."""
-        return replace(self, keys=self.keys[:0], points=self.points[:0], since=self.since[:0])
-
-
-@dataclass(frozen=True)
-class Members:
-    """The current trajectories of a space.
-
-    Attributes
+    Parameters
     ----------
-    keys
-        int64 [n], ascending.
-    labels
-        int64 [n], hypothesis of each, negative for none.
-    positions
-        float64 [n, dim].
-    sure
-        bool [n]: whether the label is more likely right than wrong.
+    before
+        What was known; None for nothing.
+    stamp_ns
+        The watermark.
+    one
+        The hypothesis.
+    current
+        The current trajectories.
+    reference
+        Its pose; None where none is known.
+    seek
+        Whether the axes of the box may be sought, which takes most of the time.
     """
-
-    keys: Stamps
-    labels: Labels
-    positions: Floats
-    sure: Bools
-
-
-class Extents:
-    """The extents of all hypotheses of a space, by id."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, _Extent] = {}
-
-    def box(
-        self,
-        stamp_ns: int,
-        one: int,
-        members: Members,
-        reference: PoseReference | None,
-        *,
-        seek: bool = True,
-    ) -> Box:
-        """Box of a hypothesis with current members.
-
-        Parameters
-        ----------
-        stamp_ns
-            The watermark.
-        one
-            The hypothesis.
-        members
-            The current trajectories.
-        reference
-            Its pose; None where none is known.
-        seek
-            Whether the axes of the box may be sought, which takes most of the time.
-        """
-        dim = members.positions.shape[1]
-        R, t = np.eye(dim), np.zeros(dim)
-        if reference is not None:
-            R, t = reference.R[:dim, :dim], reference.t[:dim]
-        elif one in self._known:
-            self._known[one] = self._known[one].without_points()
-        return _box(self._seen(stamp_ns, one, members, (R, t), seek), R, t)
-
-    def keep(self, kept: Mapping[int, object]) -> None:
-        """Forget all hypotheses but some."""
-        self._known = {one: extent for one, extent in self._known.items() if one in kept}
-
-    def forget(self, hypothesis: int) -> None:
-        """Forget the points of a body, as where it may have turned while it was not seen."""
-        self._known.pop(hypothesis, None)
-
-    def state(self) -> list[Any]:
-        """As plain values and arrays."""
-        return [[one, e.keys, e.points, e.since, e.axes, e.sought_ns] for one, e in self._known.items()]
-
-    def load(self, state: list[Any]) -> None:
-        """Take up :meth:`state`."""
-        self._known = {int(one): _Extent(*values) for one, *values in state}
-
-    def _seen(
-        self, stamp_ns: int, one: int, members: Members, pose: tuple[Floats, Floats], seek: bool
-    ) -> _Extent:
-        """Take in the current members of a body with a pose (R, t)."""
-        mine = np.flatnonzero(members.labels == one)
-        if members.sure[mine].any():
-            mine = mine[members.sure[mine]]
-        R, t = pose
-        keys, now, since = members.keys[mine], (members.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
-        axes, sought_ns = np.eye(len(t)), stamp_ns - _SEEK_NS
-        before = self._known.get(one)
-        if before is not None:
-            axes, sought_ns = before.axes, before.sought_ns
-            at = find(keys, before.keys)
-            since[at >= 0] = before.since[at[at >= 0]]
-            lost = _lost(stamp_ns, before, members.keys)
-            keys = np.concatenate([keys, before.keys[lost]])
-            now = np.concatenate([now, before.points[lost]])
-            since = np.concatenate([since, before.since[lost]])
-            order = np.argsort(keys)
-            keys, now, since = keys[order], now[order], since[order]
-        if seek and stamp_ns >= sought_ns + _SEEK_NS:
-            axes, sought_ns = best_axes(now, axes), stamp_ns
-        found = self._known[one] = _Extent(keys, now, since, axes, sought_ns)
-        return found
+    dim = current.positions.shape[1]
+    R, t = np.eye(dim), np.zeros(dim)
+    if reference is not None:
+        R, t = reference.R[:dim, :dim], reference.t[:dim]
+    elif before is not None:
+        before = before.without_points()
+    mine = np.flatnonzero(current.labels == one)
+    if current.sure[mine].any():
+        mine = mine[current.sure[mine]]
+    if reference is None:
+        mine = mine[_together(current.positions[mine])]
+    keys, points, since = current.keys[mine], (current.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
+    axes, sought_ns = np.eye(dim), stamp_ns - _SEEK_NS
+    if before is not None:
+        axes, sought_ns = before.axes, before.sought_ns
+        at = find(keys, before.keys)
+        since[at >= 0] = before.since[at[at >= 0]]
+        lost = _lost(stamp_ns, before, current.keys)
+        keys = np.concatenate([keys, before.keys[lost]])
+        points = np.concatenate([points, before.points[lost]])
+        since = np.concatenate([since, before.since[lost]])
+        order = np.argsort(keys)
+        keys, points, since = keys[order], points[order], since[order]
+    if seek and stamp_ns >= sought_ns + _SEEK_NS:
+        axes, sought_ns = best_axes(points, axes), stamp_ns
+    extent = Extent(keys, points, since, axes, sought_ns)
+    return extent, _box(extent, R, t)
 
 
-def _lost(stamp_ns: int, extent: _Extent, current: Stamps) -> Stamps:
+def _together(points: Floats) -> Bools:
+    """Which points [m, dim] are not far from the others along any axis, bool [m]."""
+    if len(points) < _LEAST_TOGETHER:
+        return np.ones(len(points), np.bool_)
+    far = max(round(_FAR_SHARE * len(points)), 1)
+    ranked = np.sort(points, axis=0)
+    low, high = ranked[far], ranked[-1 - far]
+    slack = _BEYOND * (high - low).max()
+    return np.asarray(((points >= low - slack) & (points <= high + slack)).all(axis=1))
+
+
+def _lost(stamp_ns: int, extent: Extent, current: Stamps) -> Stamps:
     """Rows of features that are not seen any more and were members for long enough, bounded in number."""
     gone = find(extent.keys, current) < 0
     lost = np.flatnonzero(gone & (extent.since <= stamp_ns - int(_LASTING * 1e9)))
@@ -237,7 +185,7 @@ def _like(axes: Floats, before: Floats) -> Floats:
     return found
 
 
-def _box(extent: _Extent, R: Floats, t: Floats) -> Box:
+def _box(extent: Extent, R: Floats, t: Floats) -> Box:
     """Box of the points in the axes of the space."""
     along = extent.points @ extent.axes
     low, high = along.min(0), along.max(0)

@@ -8,9 +8,10 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Bools, Ints, Labels, Slots, Stamps
+from ..arrays import Bools, Ints, Labels, Slots, Stamps, find
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
+from ..saving import plain, restored
 from ..trajectories.window import Window
 
 # ns. A member for so long is established: it votes for its hypothesis as long again when it changes groups.
@@ -28,11 +29,11 @@ _LONG_AGO_NS = -(2**62)
 ID_GAP = 1000
 
 
+@dataclass
 class IdAllocator:
     """Hands out hypothesis ids, never the same twice within a scene."""
 
-    def __init__(self, first: int = 1) -> None:
-        self.following = first
+    following: int = 1
 
     def next(self) -> int:
         """A fresh id.
@@ -182,7 +183,7 @@ class LabelMemory:
             "labels": self.labels[slots],
             "established": self._established_in[slots],
             "ids": self.ids.copy(),
-            "references": [[h, dict(vars(reference))] for h, reference in self.references.items()],
+            "references": plain(self.references),
         }
 
     def load(self, state: dict[str, Any], window: Window) -> None:
@@ -191,13 +192,12 @@ class LabelMemory:
         if not state:
             return
         slots = window.slots()
-        row_of = {key: row for row, key in enumerate(state["tracks"].tolist())}
-        rows = [row_of.get(key, -1) for key in window.key[slots].tolist()]
+        rows = find(window.key[slots], state["tracks"])
         self.labels[slots] = np.append(state["labels"], NO_HYPOTHESIS)[rows]
         if self._established_decide:
             self._established_in[slots] = np.append(state["established"], NO_HYPOTHESIS)[rows]
         self.ids = state["ids"]
-        self.references = {int(h): PoseReference(**values) for h, values in state["references"]}
+        self.references = restored(dict[int, PoseReference], state["references"])
 
     def _fit(self, window: Window) -> None:
         """Hold every slot of the window."""

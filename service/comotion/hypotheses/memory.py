@@ -1,17 +1,17 @@
 """Remembers absent hypotheses, and recognises them by features, place and extent."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Labels, Stamps, find
-from ..partition import NO_HYPOTHESIS, PoseReference
-from .appearance import Appearance
+from ..arrays import Floats, Slots, Stamps, find, thinned
+from ..partition import PoseReference
+from ..trajectories.window import Window
+from .records import Trace
 
 # s; lost features count among the last members of their hypothesis for so long.
 _LAST_MEMBERS = 2.0
@@ -28,51 +28,10 @@ _CENTROID_ERROR, _WAY_ERROR, _EXTENT_ERROR = 0.3, 0.5, 0.3
 _GATE = 16.0
 # nat; price of a jump.
 _JUMP = 5.0
-
-
-@dataclass
-class Trace:
-    """A hypothesis as it was last seen.
-
-    Attributes
-    ----------
-    keys, stamps, positions
-        int64 [m], int64 [m] and float64 [m, dim]: its last members, and when and where each was seen last.
-    description
-        As it was published last.
-    static
-        Whether it was the static body.
-    reference
-        Of its pose.
-    place, spread
-        float64 [dim], where its centroid has been in the mean of the last seconds; variance of a coordinate
-        about it.
-    """
-
-    keys: Stamps
-    stamps: Stamps
-    positions: Floats
-    description: Hypothesis
-    static: bool
-    reference: PoseReference
-    place: Floats
-    spread: float
-
-    @property
-    def stamp_ns(self) -> int:
-        """When it was last seen."""
-        return int(self.stamps.max())
-
-    @property
-    def velocity(self) -> Floats:
-        """Of the centroid, float64 [dim]; zero where unknown."""
-        twist = self.description.twist
-        return np.zeros(self.positions.shape[1]) if twist is None else np.array(twist.linear)
-
-    @property
-    def brought_up(self) -> Floats:
-        """Where its members were when it was last seen, float64 [m, dim]."""
-        return np.asarray(self.positions + self.velocity * (self.stamp_ns - self.stamps)[:, None] * 1e-9)
+# Trajectories by which a group is known where it appears, evenly drawn: a centroid needs no more.
+_MOST_SEEN = 64
+# s; its velocity then is that of the first so many seconds.
+_FIRST = 0.4
 
 
 @dataclass(frozen=True)
@@ -87,119 +46,113 @@ class Newcomer:
     static: bool
 
 
-class ObjectMemory:
-    """The traces of all confirmed hypotheses of a space, by id."""
+@dataclass(frozen=True)
+class Appearance:
+    """A group when half of its members were first observed.
 
-    def __init__(self) -> None:
-        self.traces: dict[int, Trace] = {}
+    Attributes
+    ----------
+    stamp_ns
+        That time.
+    positions
+        float64 [m, dim], of the members that were observed then.
+    velocity
+        float64 [dim], of their centroid right after it; zero where nothing is known.
+    """
 
-    def see(
-        self,
-        stamp_ns: int,
-        group: Newcomer,
-        current: Stamps,
-        description: Hypothesis,
-        reference: PoseReference,
-    ) -> None:
-        """Note a hypothesis with current members; `current` int64 [n], ascending, are all current keys."""
-        keys, stamps = group.keys, np.full(len(group.keys), stamp_ns)
-        positions, before = group.positions, self.traces.get(description.id)
-        place, spread = positions.mean(0), 0.0
-        if before is not None:
-            place, spread = _followed(before, place, (stamp_ns - before.stamp_ns) * 1e-9)
-            lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9))
-            keys = np.concatenate([keys, before.keys[lost]])
-            stamps = np.concatenate([stamps, before.stamps[lost]])
-            positions = np.vstack([positions, before.positions[lost]])
-        self.traces[description.id] = Trace(
-            keys, stamps, positions, description, group.static, reference, place, spread
-        )
+    stamp_ns: int
+    positions: Floats
+    velocity: Floats
 
-    def heir(self, one: int, keys: Stamps, labels: Labels) -> int | None:
-        """Hypothesis that most of the last members belong to now; None if more of them are lost.
 
-        Parameters
-        ----------
-        one
-            A remembered hypothesis.
-        keys, labels
-            int64 [n], the current trajectories, ascending, and their hypotheses.
-        """
-        at = find(self.traces[one].keys, keys)
-        now = labels[at[at >= 0]]
-        found, counts = np.unique(now[now != NO_HYPOTHESIS], return_counts=True)
-        if not len(found) or 2 * counts.sum() <= len(self.traces[one].keys):
-            return None
-        return int(found[counts.argmax()])
+def appearance(window: Window, slots: Slots) -> Appearance:
+    """When and where the trajectories in `slots` intp [n] > 0 appeared, as far as the window tells."""
+    some = thinned(slots, _MOST_SEEN)
+    first = window.times[some, window.start[some]]
+    stamp_ns = int(np.sort(first)[(len(first) - 1) // 2])
+    seen = some[first <= stamp_ns]
+    positions = _positions_at(window, seen, stamp_ns)
+    last_ns = int(window.times[seen, window.stop[seen] - 1].min())
+    later_ns = min(stamp_ns + int(_FIRST * 1e9), last_ns)
+    velocity = np.zeros(window.dim)
+    if later_ns > stamp_ns:
+        way = _positions_at(window, seen, later_ns).mean(0) - positions.mean(0)
+        velocity = way / ((later_ns - stamp_ns) * 1e-9)
+    return Appearance(stamp_ns, positions, velocity)
 
-    def recognised(
-        self, absent: list[int], newcomers: Mapping[int, Appearance | None], margin: float
-    ) -> dict[int, int]:
-        """Absent hypothesis that each new group is, {new: absent}, by place, motion and extent.
 
-        Parameters
-        ----------
-        absent
-            Remembered hypotheses without a current member.
-        newcomers
-            When and where new groups appeared, by id; None for a static one.
-        margin
-            By how much, in nat, a pair must be better than every assignment without it.
-        """
-        found = {}
-        static = [one for one in absent if self.traces[one].static]
-        for new in (new for new, first in newcomers.items() if first is None):
-            if static:
-                # The static body is one, wherever it is seen: the last one known goes on.
-                found[new] = max(static, key=lambda one: self.traces[one].stamp_ns)
-        rows = [one for one in absent if one not in static]
-        groups = {new: first for new, first in newcomers.items() if first is not None}
-        if rows and groups:
-            columns = list(groups)
-            costs = self._costs(rows, list(groups.values()))
-            found |= {columns[c]: rows[r] for r, c in clear_pairs(costs, margin)}
-        return found
+def _positions_at(window: Window, slots: Slots, stamp_ns: int) -> Floats:
+    """Newest position of each trajectory at a time, float64 [n, dim]; the first where it came later."""
+    found = np.empty((len(slots), window.dim))
+    for n, slot in enumerate(slots.tolist()):
+        start, stop = window.start[slot], window.stop[slot]
+        at = start + np.searchsorted(window.times[slot, start:stop], stamp_ns, side="right") - 1
+        found[n] = window.positions[slot, max(at, start)]
+    return found
 
-    def _costs(self, absent: list[int], groups: list[Appearance]) -> Floats:
-        """Negative log likelihood of each pair, float64 [absent, groups]; infinite where it cannot be.
 
-        A body keeps its velocity for a moment, and moves about a place in the long run. Where a replay jumps,
-        only the latter holds.
-        """
-        traces = [self.traces[one] for one in absent]
-        speeds = [float(np.linalg.norm(trace.velocity)) for trace in traces]
-        usual = float(np.median(speeds))
-        costs = np.full((len(absent), len(groups)), np.inf)
-        for r, (trace, speed) in enumerate(zip(traces, speeds, strict=True)):
-            for c, group in enumerate(groups):
-                costs[r, c] = min(_continued(trace, group, max(speed, usual)), _jumped(trace, group))
-        return costs
+def seen(
+    before: Trace | None,
+    stamp_ns: int,
+    group: Newcomer,
+    current: Stamps,
+    description: Hypothesis,
+    reference: PoseReference,
+) -> Trace:
+    """The trace of a hypothesis with current members; `current` int64 [n], ascending: all current keys."""
+    keys, stamps, positions = group.keys, np.full(len(group.keys), stamp_ns), group.positions
+    place, spread = positions.mean(0), 0.0
+    if before is not None:
+        place, spread = _followed(before, place, (stamp_ns - before.stamp_ns) * 1e-9)
+        lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9))
+        keys = np.concatenate([keys, before.keys[lost]])
+        stamps = np.concatenate([stamps, before.stamps[lost]])
+        positions = np.vstack([positions, before.positions[lost]])
+    return Trace(keys, stamps, positions, description, group.static, reference, place, spread)
 
-    def state(self) -> list[Any]:
-        """As plain values and arrays."""
-        return [
-            [
-                one,
-                *(t.keys, t.stamps, t.positions, asdict(t.description), t.static, dict(vars(t.reference))),
-                *(t.place, t.spread),
-            ]
-            for one, t in self.traces.items()
-        ]
 
-    def load(self, state: list[Any]) -> None:
-        """Take up :meth:`state`."""
-        self.traces = {
-            int(one): Trace(
-                keys,
-                stamps,
-                positions,
-                Hypothesis(**values),
-                bool(static),
-                PoseReference(**ref),
-                *_place_of(positions, more),
-            )
-            for one, keys, stamps, positions, values, static, ref, *more in state
-        }
+def recognised(
+    absent: Mapping[int, Trace], newcomers: Mapping[int, Appearance | None], margin: float
+) -> dict[int, int]:
+    """Absent hypothesis that each new group is, {new: absent}, by place, motion and extent.
+
+    Parameters
+    ----------
+    absent
+        Remembered hypotheses without a current member, by id.
+    newcomers
+        When and where new groups appeared, by id; None for a static one.
+    margin
+        By how much, in nat, a pair must be better than every assignment without it.
+    """
+    found = {}
+    static = [one for one, trace in absent.items() if trace.static]
+    for new in (new for new, first in newcomers.items() if first is None):
+        if static:
+            # The static body is one, wherever it is seen: the last one known goes on.
+            found[new] = max(static, key=lambda one: absent[one].stamp_ns)
+    rows = [one for one in absent if one not in static]
+    groups = {new: first for new, first in newcomers.items() if first is not None}
+    if rows and groups:
+        columns = list(groups)
+        costs = _costs([absent[one] for one in rows], list(groups.values()))
+        found |= {columns[c]: rows[r] for r, c in clear_pairs(costs, margin)}
+    return found
+
+
+def _costs(traces: list[Trace], groups: list[Appearance]) -> Floats:
+    """Negative log likelihood of each pair, float64 [traces, groups]; infinite where it cannot be.
+
+    A body keeps its velocity for a moment, and moves about a place in the long run. Where a replay jumps,
+    only the latter holds.
+    """
+    speeds = [float(np.linalg.norm(trace.velocity)) for trace in traces]
+    usual = float(np.median(speeds))
+    costs = np.full((len(traces), len(groups)), np.inf)
+    for r, (trace, speed) in enumerate(zip(traces, speeds, strict=True)):
+        for c, group in enumerate(groups):
+            costs[r, c] = min(_continued(trace, group, max(speed, usual)), _jumped(trace, group))
+    return costs
 
 
 def clear_pairs(costs: Floats, margin: float) -> list[tuple[int, int]]:
@@ -259,11 +212,6 @@ def _cost(group: Appearance, expected: Floats, extent: float, variance: float) -
     where, size = _place(group.positions)
     off = float(((where - expected) ** 2).sum() / variance) + (np.log(size / extent) / _EXTENT_ERROR) ** 2
     return float(off / 2 + len(where) * np.log(variance) / 2) if off <= _GATE else np.inf
-
-
-def _place_of(positions: Floats, saved: list[Any]) -> tuple[Floats, float]:
-    """Place and spread as saved; states of former versions have none."""
-    return (saved[0], float(saved[1])) if saved else (positions.mean(0), 0.0)
 
 
 def _place(positions: Floats) -> tuple[Floats, float]:

@@ -5,28 +5,29 @@ The steps of an update:
 1. Name the groups: those that share members with a hypothesis continue it (:mod:`.identity`).
 2. Recall: a new group that is a remembered hypothesis takes its id (:mod:`.memory`).
 3. Confirm hypotheses and find the events (:mod:`.events`).
-4. Describe those with current members, measure them, and list the absent ones (:mod:`.description`,
-   :mod:`.extent`).
-5. Remember where each was seen (:mod:`.memory`).
+4. Describe those with current members, and measure them (:mod:`.extent`).
+5. Remember where each was seen (:mod:`.memory`), and list the absent ones.
+
+What is known of each is one record (:mod:`.records`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from comotion_schemas import Box, Event, Hypothesis
+from comotion_schemas import Event, Hypothesis
 
-from ..arrays import Floats, Labels, Slots, Stamps
+from ..arrays import Labels, Slots
 from ..config import HypothesesConfig
-from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
+from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference
+from ..saving import plain, refill
 from ..trajectories.window import Window
-from .appearance import appearance
-from .description import absent, describe
 from .events import Count, Lifecycle
-from .extent import Extents, Members
+from .extent import measured
 from .identity import IdAllocator, LabelMemory
-from .memory import Newcomer, ObjectMemory, Trace
+from .memory import Newcomer, appearance, recognised, seen
+from .records import Current, Trace
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
 # before it is confirmed under its own: then the best assignment of all groups decides. With true
@@ -36,24 +37,6 @@ _CLEAR, _LIKELY = 2.0, 0.0
 _BODIES = 2
 # Confidence from which a feature counts for the extent of its hypothesis.
 _SURE = 0.5
-
-
-@dataclass(frozen=True)
-class _Current:
-    """The current trajectories by key, ascending.
-
-    int64 [n] keys and labels, intp [n] slots, float64 [n, dim] positions.
-    """
-
-    keys: Stamps
-    slots: Slots
-    labels: Labels
-    positions: Floats
-
-    def sizes(self) -> dict[int, int]:
-        """Current members of each hypothesis that has any."""
-        found, counts = np.unique(self.labels[self.labels != NO_HYPOTHESIS], return_counts=True)
-        return dict(zip(found.tolist(), counts.tolist(), strict=True))
 
 
 class Registry:
@@ -82,15 +65,9 @@ class Registry:
         self._space = space
         self._config = config
         self._lifecycle = Lifecycle(config)
-        self._memory = ObjectMemory()
-        self._extents = Extents()
         # Recalled by their place, and not yet confirmed to have returned.
         self._recalled: list[int] = []
         self.labels = LabelMemory(ids, established=established)
-
-    def previous(self, window: Window) -> Previous:
-        """What a method learns of the last update."""
-        return self.labels.previous(window)
 
     def update(
         self,
@@ -125,72 +102,58 @@ class Registry:
         """
         before = self.labels.labels[current]
         labels = self.labels.name(window, partition, current, matching, stamp_ns)  # 1
-        found = _Current(window.key[current], current, labels, partition.position)
+        found = Current(
+            window.key[current], current, labels, partition.position, partition.confidence >= _SURE
+        )
         self.labels.refer(window, stamp_ns)
         if self._recall(stamp_ns, window, partition, found):  # 2
             found = replace(found, labels=self.labels.labels[current])
             self.labels.refer(window, stamp_ns)
         events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
-        self.labels.retire(self._lifecycle.lives)
-        members = Members(found.keys, found.labels, found.positions, partition.confidence >= _SURE)
-
-        def box(one: int, posed: bool) -> Box:
-            reference = self.labels.references[one] if posed else None
-            return self._extents.box(stamp_ns, one, members, reference, seek=boxes)
-
-        listed = describe(
-            self._space,
-            partition,
-            self.labels.ids,
-            found.labels,
-            self.labels.references,
-            self._lifecycle.confirmed,
-            box,
-        )  # 4
+        self.labels.retire(self._lifecycle.records)
+        listed = self._described(stamp_ns, partition, found, boxes)  # 4
         self._remember(stamp_ns, partition, found, listed)  # 5
         return found.labels, self._with_absent(listed, found), events
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all: its members are grouped as new ones. Returns those forgotten."""
-        known = sorted(self._lifecycle.lives)
+        known = sorted(self._lifecycle.records)
         gone = known if hypothesis is None else [one for one in known if one == hypothesis]
         for one in gone:
             self._lifecycle.forget(one)
-            self._memory.traces.pop(one, None)
-            self._extents.forget(one)
             self.labels.drop(one)
         return gone
 
     def state(self, window: Window) -> dict[str, Any]:
         """As plain values and arrays."""
-        return {
-            "labels": self.labels.state(window),
-            "lives": self._lifecycle.state(),
-            "traces": self._memory.state(),
-            "extents": self._extents.state(),
-        }
+        return {"labels": self.labels.state(window), "lives": plain(self._lifecycle)}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; an empty one says nothing."""
         self.labels.load(state.get("labels", {}), window)
         if state:
-            self._lifecycle.load(state["lives"])
-            self._memory.load(state["traces"])
-            self._extents.load(state["extents"])
+            refill(self._lifecycle, state["lives"])
 
-    def _least(self, found: _Current) -> int:
+    def _traces(self) -> dict[int, Trace]:
+        """What is remembered of where hypotheses were, by id."""
+        records = self._lifecycle.records
+        return {one: record.trace for one, record in records.items() if record.trace is not None}
+
+    def _least(self, found: Current) -> int:
         """Current members that confirm a hypothesis."""
         return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
 
-    def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: _Current) -> bool:
+    def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: Current) -> bool:
         """Rename the new groups that are remembered hypotheses; returns whether there is any.
 
         Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
         as a group that comes later may be the one that it was taken for.
         """
-        sizes, least = found.sizes(), self._least(found)
-        missing = [one for one in self._memory.traces if one not in sizes]
-        self._recalled = [one for one in self._recalled if one in sizes and self._lifecycle.absent(one)]
+        sizes, least, traces = found.sizes(), self._least(found), self._traces()
+        missing = [one for one in traces if one not in sizes]
+        self._recalled = [
+            one for one in self._recalled if one in sizes and self._lifecycle.stage(one) == "absent"
+        ]
         unconfirmed = [
             one
             for one in sizes
@@ -199,7 +162,7 @@ class Registry:
         if not unconfirmed and not self._recalled:
             return False
         groups = self._newcomers(partition, found, [*unconfirmed, *self._recalled])
-        heirs = {one: self._memory.heir(one, found.keys, found.labels) for one in missing}
+        heirs = {one: traces[one].heir(found.keys, found.labels) for one in missing}
         names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and not groups[heir].static}
         lost = [one for one in missing if heirs[one] is None] + self._recalled
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
@@ -209,8 +172,8 @@ class Registry:
         }
         for some, margin in ((unconfirmed, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
-            free = [one for one in lost if one not in names.values()]
-            wanted = self._memory.recognised(free, left, margin)
+            free = {one: traces[one] for one in lost if one not in names.values()}
+            wanted = recognised(free, left, margin)
             wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
             names |= self._free(wanted, names)
         names = {new: old for new, old in names.items() if new != old}
@@ -228,13 +191,14 @@ class Registry:
             wanted = taken
 
     def _rename(self, stamp_ns: int, names: dict[int, int], groups: dict[int, Newcomer]) -> None:
+        traces = self._traces()
         self.labels.rename(names)
         for new, old in names.items():
-            self.labels.references[old] = _carried(self._memory.traces[old], groups[new], stamp_ns)
+            self.labels.references[old] = _carried(traces[old], groups[new], stamp_ns)
             if not groups[new].static:
-                self._extents.forget(old)
+                self._lifecycle.records[old].extent = None
 
-    def _newcomers(self, partition: Partition, found: _Current, ids: list[int]) -> dict[int, Newcomer]:
+    def _newcomers(self, partition: Partition, found: Current, ids: list[int]) -> dict[int, Newcomer]:
         group_of = {one: k for k, one in enumerate(self.labels.ids.tolist())}
         groups = {}
         for one in ids:
@@ -243,37 +207,66 @@ class Registry:
             groups[one] = Newcomer(found.keys[mine], found.positions[mine], static)
         return groups
 
-    def _count(self, before: Labels, found: _Current) -> Count:
-        sizes = found.sizes()
-        known = self._lifecycle.lives
+    def _count(self, before: Labels, found: Current) -> Count:
+        sizes, known = found.sizes(), self._lifecycle.records
         origins = {one: _origin(before[found.labels == one]) for one in sizes if one not in known}
         heirs: dict[int, int] = {}
         supported = self.labels.supported(found.slots)
-        for one in self._memory.traces:
-            if one not in sizes and (heir := self._memory.heir(one, found.keys, supported)) is not None:
+        for one, trace in self._traces().items():
+            if one not in sizes and (heir := trace.heir(found.keys, supported)) is not None:
                 heirs[one] = heir
         return Count(sizes, self._least(found), origins, heirs)
 
+    def _described(
+        self, stamp_ns: int, partition: Partition, found: Current, boxes: bool
+    ) -> list[Hypothesis]:
+        """Hypotheses that have a current member, measured and described."""
+        listed = []
+        for group, one in zip(partition.described, self.labels.ids.tolist(), strict=True):
+            if one == NO_HYPOTHESIS:
+                continue
+            reference = self.labels.references[one]
+            # A hypothesis without a current member keeps its pose up to date for their return.
+            pose = None if group.pose_since is None else group.pose_since(reference)
+            members = np.flatnonzero(found.labels == one)
+            if not len(members):
+                continue
+            record, posed = self._lifecycle.records[one], None if pose is None else reference
+            record.extent, box = measured(record.extent, stamp_ns, one, found, posed, seek=boxes)
+            listed.append(
+                Hypothesis(
+                    id=one,
+                    space=self._space,
+                    size=len(members),
+                    born_ns=reference.born_ns,
+                    state=group.state,
+                    centroid=found.positions[members].mean(0).tolist(),
+                    pose=pose,
+                    twist=group.twist,
+                    noise=group.noise,
+                    confirmed=self._lifecycle.confirmed(one),
+                    box=box,
+                )
+            )
+        return listed
+
     def _remember(
-        self, stamp_ns: int, partition: Partition, found: _Current, listed: list[Hypothesis]
+        self, stamp_ns: int, partition: Partition, found: Current, listed: list[Hypothesis]
     ) -> None:
         """Take down the present hypotheses. One that has just returned may yet turn out to be another."""
-        present = [one for one in listed if self._lifecycle.present(one.id)]
+        present = [one for one in listed if self._lifecycle.stage(one.id) == "present"]
         groups = self._newcomers(partition, found, [one.id for one in present])
         for one in present:
-            reference = self.labels.references[one.id]
-            self._memory.see(stamp_ns, groups[one.id], found.keys, one, reference)
-        kept = self._lifecycle.lives
-        self._memory.traces = {one: trace for one, trace in self._memory.traces.items() if one in kept}
-        self._extents.keep(kept)
+            record, reference = self._lifecycle.records[one.id], self.labels.references[one.id]
+            record.trace = seen(record.trace, stamp_ns, groups[one.id], found.keys, one, reference)
 
-    def _with_absent(self, listed: list[Hypothesis], found: _Current) -> list[Hypothesis]:
+    def _with_absent(self, listed: list[Hypothesis], found: Current) -> list[Hypothesis]:
         """All hypotheses, by id: those with current members, and those that are remembered without."""
         shown = {one.id for one in listed}
         gone = [
-            absent(trace.description)
-            for one, trace in self._memory.traces.items()
-            if one not in shown and self._memory.heir(one, found.keys, found.labels) is None
+            replace(trace.description, size=0, absent=True, confirmed=True)
+            for one, trace in self._traces().items()
+            if one not in shown and trace.heir(found.keys, found.labels) is None
         ]
         return sorted([*listed, *gone], key=lambda h: h.id)
 

@@ -18,6 +18,7 @@ from ..arrays import Floats
 from ..config import FusionConfig, JointsConfig, to_ns
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
+from ..saving import plain, restored
 from .pair import JOINTS, Pair
 from .states import States
 
@@ -25,6 +26,9 @@ Key = tuple[int, int]
 MotionsOf = Callable[[Collection[int]], dict[int, BodyMotion]]
 # Between judgements: motion that shows joints takes longer than this, and updates must not.
 _REST_NS = 150_000_000
+# Pairs touch with a gap between their boxes up to this share of the extent of the larger of two moving
+# bodies, and of the smaller where one rests.
+_REACH = 0.5
 
 
 @dataclass(frozen=True)
@@ -86,18 +90,18 @@ class Joints:
 
     def state(self) -> list[dict[str, Any]]:
         """As plain values and arrays."""
-        return [pair.state() for pair in self._pairs.values()]
+        return [plain(pair) for pair in self._pairs.values()]
 
     def load(self, state: list[dict[str, Any]]) -> None:
         """Take up :meth:`state`."""
-        pairs = [Pair.load(one, self._config) for one in state]
+        pairs = (restored(Pair, one) for one in state)
         self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
 
     def _of_space(
         self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
     ) -> tuple[list[Joint], list[Event]]:
         listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
-        near = _touching(view, list(listed), self._config.reach)
+        near = _touching(view, list(listed))
         rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
         due = self._due(near, stamp_ns) if rested and motions_of is not None else []
         if due:
@@ -128,7 +132,7 @@ class Joints:
         pair = self._pairs.get(key)
         if pair is None:
             parent, child = _roles(key, motions, listed)
-            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy(), self._config)
+            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy())
         before = pair.known.kind
         pair.judge(motions[pair.parent], motions[pair.child])
         now = pair.known.kind
@@ -164,7 +168,7 @@ def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesi
     return (a, b) if listed[a].size >= listed[b].size else (b, a)
 
 
-def _touching(view: SpaceView, ids: list[int], reach: float) -> list[Key]:
+def _touching(view: SpaceView, ids: list[int]) -> list[Key]:
     """Pairs whose extents are near each other."""
     bodies = {h.id: h for h in view.hypotheses}
     names = sorted(one for one in ids if bodies[one].box is not None or (view.labels == one).any())
@@ -176,7 +180,7 @@ def _touching(view: SpaceView, ids: list[int], reach: float) -> list[Key]:
     # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
     moving = np.array([bodies[one].state != "static" for one in names])
     larger, smaller = np.maximum(size[:, None], size), np.minimum(size[:, None], size)
-    margin = reach * np.where(moving[:, None] & moving, larger, smaller)
+    margin = _REACH * np.where(moving[:, None] & moving, larger, smaller)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
     return [(names[i], names[j]) for i, j in near.tolist()]
 

@@ -1,47 +1,35 @@
 """States of a pair in, the few that stand for all that was seen: they outlive the window."""
 
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Floats, Stamps
+from ..arrays import Floats
 from .states import States, turned, turns_between
 
 # States within a cell are one key state: rad, and share of the child's radius.
 _CELL_TURN = 0.04
 _CELL_SHIFT = 0.1
+# Key states of a pair.
+_MOST_STATES = 40
 # A key state is worth so many of its frames at most: errors that last do not average out.
 _MOST_WEIGHT = 20.0
 
 
+@dataclass
 class KeyStates:
-    """At most `most` states of a pair.
+    """Some states of a pair, and float64 [n], how many each stands for."""
 
-    Parameters
-    ----------
-    most
-        Their number.
-
-    Attributes
-    ----------
-    states, weight
-        The states, and float64 [n], how many each stands for.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self.states = States.empty()
-        self.weight: Floats = np.zeros(0)
+    states: States = field(default_factory=States.empty)
+    weight: Floats = field(default_factory=lambda: np.zeros(0))
 
     def absorb(self, new: States, radius: float) -> None:
         """Take in states; `radius` is the child's, in the unit of the space."""
         cell = max(_CELL_SHIFT * radius, 1e-9)
         for k in range(len(new)):
             self._add(new.of(slice(k, k + 1)), cell)
-
-    def clear(self) -> None:
-        """Forget them all."""
-        self.states, self.weight = States.empty(), np.zeros(0)
+            if len(self.weight) > _MOST_STATES:
+                self._thin(cell)
 
     def _add(self, one: States, cell: float) -> None:
         distance = _distances(self.states, one, cell)
@@ -50,8 +38,6 @@ class KeyStates:
             return
         self.states = States.joined([self.states, one])
         self.weight = np.append(self.weight, 1.0)
-        if len(self.weight) > self._most:
-            self._thin(cell)
 
     def _fuse(self, k: int, one: States) -> None:
         """Average a state into a key state."""
@@ -73,18 +59,6 @@ class KeyStates:
         )
         kept = np.arange(len(nearest)) != nearest.argmin()
         self.states, self.weight = self.states.of(kept), self.weight[kept]
-
-    def state(self) -> dict[str, Floats | Stamps]:
-        """As arrays."""
-        # What is fused into them later must not change what was handed out.
-        return {name: array.copy() for name, array in vars(self.states).items()} | {
-            "weight": self.weight.copy()
-        }
-
-    def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`."""
-        self.states = States(state["stamps"], state["R"], state["p"], state["information"])
-        self.weight = state["weight"]
 
 
 def _distances(states: States, one: States, cell: float) -> Floats:

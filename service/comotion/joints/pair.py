@@ -1,14 +1,13 @@
 """One pair of hypotheses over time, and the joint between them."""
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats, Stamps
-from ..config import JointsConfig
 from ..partition import BodyMotion
 from .evidence import DEGREES, KINDS, Verdict, excess, judge
 from .memory import KeyStates
@@ -22,6 +21,13 @@ JOINTS: tuple[JointKind, ...] = KINDS
 _RECENT = 1.0
 _BROKEN = 2.0
 _WORSE = 4.0
+# Probability from which on a kind of joint is published.
+_LEAST_CONFIDENCE = 0.95
+# rad and m; a pair that has turned and moved less is undetermined.
+_LEAST_TURN, _LEAST_SHIFT = 0.2, 0.03
+# rad; a pair whose axis is less well known is undetermined. Chosen on `tennis_serve`, see
+# docs/research/joints.md.
+_MOST_AXIS_SIGMA = 0.15
 # A free body may move for a while as if it had a joint. After that it must do so for longer.
 _PATIENCE_NS, _MOST_PATIENCE_NS = 3_000_000_000, 8_000_000_000
 # A joint is kept until its axis is so many times less well known than a new one's.
@@ -63,33 +69,45 @@ class Known:
     sigmas: Sigmas | None = None
 
 
+@dataclass
 class Pair:
     """What is known of two hypotheses.
 
-    Parameters
+    Attributes
     ----------
     parent, child
         Their ids.
     point
         float64 [3], the point of the child whose place is followed, in the child's axes.
-    config
-        Parameters.
+    known
+        The joint as it was judged last.
+    models
+        The best fit of each kind.
+    judged_ns
+        When it was judged last; None: never.
+    range
+        Least and largest position of the joint so far.
+    typical_information
+        float64 [6, 6], of a state of two frames.
     """
 
-    def __init__(self, parent: int, child: int, point: Floats, config: JointsConfig) -> None:
-        self.parent, self.child, self.point = parent, child, point
-        self._config = config
-        self._keys = KeyStates(config.key_states)
-        self._absorbed_ns = np.iinfo(np.int64).min
-        self._first: States | None = None
-        self._together = False
-        self._candidate: JointKind = "undetermined"
-        self._patience_ns = 0
-        self.models: dict[FixedKind, Model] = {}
-        self.known = Known()
-        self.judged_ns: int | None = None
-        self.range: tuple[float, float] = (0.0, 0.0)
-        self.typical_information: Floats = np.eye(6)
+    parent: int
+    child: int
+    point: Floats
+    known: Known = field(default_factory=Known)
+    models: dict[FixedKind, Model] = field(default_factory=dict)
+    judged_ns: int | None = None
+    range: tuple[float, float] = (0.0, 0.0)
+    typical_information: Floats = field(default_factory=lambda: np.eye(6))
+    _keys: KeyStates = field(default_factory=KeyStates)
+    # States up to here are key states, or of no account.
+    _absorbed_ns: int = -(2**62)
+    # The state of position 0.
+    _first: States | None = None
+    # Whether both have moved in the space at a time.
+    _together: bool = False
+    _candidate: JointKind = "undetermined"
+    _patience_ns: int = 0
 
     @property
     def model(self) -> Model | None:
@@ -106,7 +124,7 @@ class Pair:
         self.judged_ns = stamp_ns
         if len(window) < 2:
             return
-        self._together |= _has_moved(child, self._config) and _has_moved(parent, self._config)
+        self._together |= _has_moved(child) and _has_moved(parent)
         self.typical_information = window.information[-1]
         verdict = judge(states, self.models, _REACH * max(child.radius or parent.radius, _LEAST_RADIUS))
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
@@ -137,17 +155,17 @@ class Pair:
 
     def _decide(self, verdict: Verdict, seconds: float) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
-        apart = verdict.turn >= self._config.least_turn or verdict.shift >= self._config.least_shift
+        apart = verdict.turn >= _LEAST_TURN or verdict.shift >= _LEAST_SHIFT
         decided = self._together if kind == "fixed" else apart
         decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         sigmas = _sigmas(verdict, kind, seconds)
-        most = self._config.most_axis_sigma * (_KEPT if kind == self.known.kind else 1)
+        most = _MOST_AXIS_SIGMA * (_KEPT if kind == self.known.kind else 1)
         decided &= sigmas is None or sigmas.axis <= most
         own = verdict.probability.get(self.known.kind, 0.0)
-        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - self._config.least_confidence:
+        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - _LEAST_CONFIDENCE:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif decided and chance >= self._config.least_confidence:
+        elif decided and chance >= _LEAST_CONFIDENCE:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
             if kind not in JOINTS:
@@ -187,45 +205,10 @@ class Pair:
 
     def _begin_again(self, stamp_ns: int) -> None:
         self._lose()
-        self._keys.clear()
+        self._keys = KeyStates()
         self.models, self.known, self._first = {}, Known(), None
         self._together = False
         self._absorbed_ns = stamp_ns - int(_RECENT * 1e9)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values and arrays."""
-        return {
-            "parent": self.parent,
-            "child": self.child,
-            "point": self.point,
-            "keys": self._keys.state(),
-            "absorbed_ns": int(self._absorbed_ns),
-            "first": None if self._first is None else dict(vars(self._first)),
-            "together": bool(self._together),
-            "patience_ns": self._patience_ns,
-            "models": [dict(vars(model)) for model in self.models.values()],
-            "known": [self.known.kind, self.known.confidence, self.known.sigmas],
-            "judged_ns": self.judged_ns,
-            "range": list(self.range),
-            "information": self.typical_information,
-        }
-
-    @classmethod
-    def load(cls, state: dict[str, Any], config: JointsConfig) -> "Pair":
-        """Build a pair from :meth:`state`."""
-        pair = cls(int(state["parent"]), int(state["child"]), state["point"], config)
-        pair._keys.load(state["keys"])
-        pair._absorbed_ns = int(state["absorbed_ns"])
-        pair._first = None if state["first"] is None else States(**state["first"])
-        pair._together = bool(state["together"])
-        pair._patience_ns = int(state["patience_ns"])
-        pair.models = {one["kind"]: Model(**one) for one in state["models"]}
-        kind, confidence, sigma = state["known"]
-        pair.known = Known(kind, float(confidence), None if sigma is None else Sigmas(*sigma))
-        pair.judged_ns = state["judged_ns"]
-        pair.range = (float(state["range"][0]), float(state["range"][1]))
-        pair.typical_information = state["information"]
-        return pair
 
 
 def _joint_kind(kind: JointKind) -> FixedKind | None:
@@ -246,11 +229,11 @@ def _sigmas(verdict: Verdict, kind: JointKind, seconds: float) -> Sigmas | None:
     )
 
 
-def _has_moved(body: BodyMotion, config: JointsConfig) -> bool:
+def _has_moved(body: BodyMotion) -> bool:
     """Whether a body has moved in the space, within the window."""
     if body.static or not body.posed.any():
         return False
     R, place = body.R[body.posed], body.R[body.posed] @ body.centre + body.t[body.posed]
     chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", R, R[-1]), 0)).max()
     shift = float(np.linalg.norm(place - place[-1], axis=1).max())
-    return bool(chord >= config.least_turn or shift >= config.least_shift)
+    return bool(chord >= _LEAST_TURN or shift >= _LEAST_SHIFT)

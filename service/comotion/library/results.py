@@ -150,7 +150,7 @@ class Grouping:
         """
         figure = draw(self.updates, self._positions, self.by_source, self._unit, names)
         if path is not None:
-            figure.savefig(path)
+            figure.savefig(path, bbox_inches="tight")  # a legend outside would push labels off the page
         return figure
 
 

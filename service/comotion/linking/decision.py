@@ -6,11 +6,18 @@ import numpy as np
 
 from ..arrays import Floats, Ints, Labels
 
+# Chosen on seed 0 of the link experiment, see docs/research/linking.md.
+OUTLIER_SHARE = 0.2
+"""Share of a hypothesis' members that may be outliers."""
+MARGIN = 6.0
+"""nat; four members that fit one body only have as much."""
 
-def body_evidence(log_likelihood: Floats, outlier_share: float) -> Floats:
+
+def body_evidence(log_likelihood: Floats) -> Floats:
     """Evidence of a hypothesis' members for each body and, last, for none of them, in nats.
 
-    Each member is on the body, or an outlier with a probability of `outlier_share`: a few must not decide.
+    Each member is on the body, or an outlier with a probability of :data:`OUTLIER_SHARE`: a few must not
+    decide.
 
     Parameters
     ----------
@@ -22,15 +29,15 @@ def body_evidence(log_likelihood: Floats, outlier_share: float) -> Floats:
     float64 [K + 1].
     """
     best = log_likelihood.max(1, keepdims=True, initial=-np.inf)
-    mixture = (1 - outlier_share) * np.exp(log_likelihood - best) + outlier_share
+    mixture = (1 - OUTLIER_SHARE) * np.exp(log_likelihood - best) + OUTLIER_SHARE
     return np.asarray(np.log(mixture).sum(0))
 
 
-def decide(evidence: Floats, previous: int | None, margin: float) -> int | None:
+def decide(evidence: Floats, previous: int | None) -> int | None:
     """Column of the body that a hypothesis is linked to, or None.
 
     Motion alone decides: the body must beat every other body, a resting one among them if it moves, and
-    "none of them", by `margin`. Where nothing moves, all bodies explain the members equally well, and
+    "none of them", by :data:`MARGIN`. Where nothing moves, all bodies explain the members equally well, and
     there is no new link. A link holds until something beats it by the same margin.
 
     Parameters
@@ -39,14 +46,12 @@ def decide(evidence: Floats, previous: int | None, margin: float) -> int | None:
         float64 [K + 1], nats; the last is for no body.
     previous
         Column that the hypothesis was linked to, None if it was not or that body is gone.
-    margin
-        nat; that of four members that fit one body only is 6.
     """
-    if previous is not None and evidence.max() < evidence[previous] + margin:
+    if previous is not None and evidence.max() < evidence[previous] + MARGIN:
         return previous
     best = int(evidence.argmax())
     others = np.delete(evidence, best)
-    if best == len(evidence) - 1 or len(evidence) < 3 or evidence[best] < others.max() + margin:
+    if best == len(evidence) - 1 or len(evidence) < 3 or evidence[best] < others.max() + MARGIN:
         return None
     return best
 

@@ -51,7 +51,6 @@ class Linker:
     """
 
     def __init__(self, config: LinkingConfig) -> None:
-        self._config = config
         self._cameras = {space: CameraModel(camera) for space, camera in config.cameras.items()}
         self._links: dict[int, int] = {}
         self._due_ns: int | None = None
@@ -106,18 +105,17 @@ class Linker:
 
     def _link(self, space: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera."""
-        config = self._config
         chosen = representatives(space.labels, space.window.counts(space.current), _REPRESENTATIVES)
         ids, motions = list(bodies), list(bodies.values())
-        tracks = sample_tracks(space.window, space.current[chosen], motions[0].stamps, camera, config)
-        likelihoods = log_likelihoods(tracks, motions, camera, config.no_body_charge)
+        tracks = sample_tracks(space.window, space.current[chosen], motions[0].stamps, camera)
+        likelihoods = log_likelihoods(tracks, motions, camera)
         labels = space.labels[chosen]
         fittable = tracks.fittable()
         for image in np.unique(labels).tolist():
             previous = self._links.pop(image, None)
             column = ids.index(previous) if previous in ids else None
-            evidence = body_evidence(likelihoods[fittable & (labels == image)], config.outlier_share)
-            best = decide(evidence, column, config.margin)
+            evidence = body_evidence(likelihoods[fittable & (labels == image)])
+            best = decide(evidence, column)
             if best is not None:
                 self._links[image] = ids[best]
 

@@ -25,13 +25,13 @@ _LARGEST_SQUARE = 40.0
 # Chosen on seed 0 of the link experiment, see docs/research/linking.md.
 _DEPTH_RADII = 2.0
 _LEAST_DEPTH_SHARE = 0.05
+# Charge of a trajectory on none of the bodies, as a multiple of the expected residual; likewise.
+_NO_BODY_CHARGE = 4.0
 # Smallest inverse depth, 1/m, and smallest depth of a visible point, in units of the reference depth.
 _SMALLEST_DEPTH = 1e-3
 
 
-def log_likelihoods(
-    tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: CameraModel, no_body_charge: float
-) -> Floats:
+def log_likelihoods(tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
     Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
@@ -44,14 +44,12 @@ def log_likelihoods(
         Motion of K bodies in the axes of the space that the camera's extrinsics lead to.
     camera
         Calibration.
-    no_body_charge
-        Charge of a trajectory on none of the bodies, as a multiple of the expected residual.
     """
     found = np.zeros((len(tracks.frame), len(bodies) + 1))
     for k, body in enumerate(bodies):
         found[:, k] = _on_body(tracks, body, camera)
     states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
-    found[:, -1] = -0.5 * no_body_charge * states
+    found[:, -1] = -0.5 * _NO_BODY_CHARGE * states
     return found
 
 

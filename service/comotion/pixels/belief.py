@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats, Ints, Labels, Slots
+from ..arrays import Bools, Floats, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
@@ -54,7 +54,9 @@ class Body:
     born_ns, seen_ns
         When it was born, and when it had a member last.
     shown
-        Whether it is published.
+        Whether it may be published.
+    published
+        Whether it was published before.
     support
         Updates in a row with enough members to be shown.
     farthest
@@ -64,6 +66,7 @@ class Body:
     born_ns: int
     seen_ns: int
     shown: bool = False
+    published: bool = False
     support: int = 0
     farthest: float = 0.0
 
@@ -86,12 +89,16 @@ class Belief:
     def __init__(self, window: Window, labels: Labels) -> None:
         known, counts = np.unique(labels[labels >= 0], return_counts=True)
         known = known[np.argsort(-counts, kind="stable")]
-        self.bodies: list[Body | None] = [Body(0, 0, len(known) > 0) for _ in range(max(len(known), 1))]
+        self.bodies: list[Body | None] = [
+            Body(0, 0, len(known) > 0, len(known) > 0) for _ in range(max(len(known), 1))
+        ]
         self._evidence = np.full((len(labels), len(self.bodies)), -_MOST)
         for column, one in enumerate(known.tolist()):
             self._evidence[labels == one, column] = _MOST
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
         self._newborn = labels < 0
+        # By slot: whether its own motion has been seen, and not its place alone.
+        self._seen = labels >= 0
         self._together, self._steps = Together(), 0
         self._recent: Recent | None = None
         # By slot: the body to which the group of the window belongs that it is in.
@@ -103,6 +110,7 @@ class Belief:
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         votes = nearest_votes(recent.position, labels, len(self.bodies), recent.reach)
         self._place(recent.slots, votes)
+        self._seen[recent.slots] |= recent.seen[0]
         gain, motion = self._gains(recent, rest, labels, votes)
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
@@ -121,10 +129,22 @@ class Belief:
         return np.where(evidence[np.arange(len(slots)), best] > 0, best, NO_HYPOTHESIS)
 
     def shown(self, slots: Slots) -> Ints:
-        """As :meth:`labels`, without the members of bodies that are too young to be shown."""
+        """As :meth:`labels`, without the members of bodies that are too young to be shown.
+
+        The background is what rests: a trajectory must have been seen to do so, its place does not say it.
+        """
         shown = np.array([body is not None and body.shown for body in self.bodies])
         labels = self.labels(slots)
-        return np.where((labels >= 0) & shown[labels], labels, NO_HYPOTHESIS)
+        told = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
+        return np.where(told & shown[labels], labels, NO_HYPOTHESIS)
+
+    def publish(self) -> Bools:
+        """Whether each body was published before, bool [K]; from now on all that are shown were."""
+        before = np.array([body is not None and body.published for body in self.bodies])
+        for body in self.bodies:
+            if body is not None:
+                body.published = body.shown
+        return before
 
     def confidence(self, slots: Slots) -> Floats:
         """Probability of the body of each slot against the best other one, or nobody, float64 [n]."""
@@ -166,8 +186,9 @@ class Belief:
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
             self._owner = np.pad(self._owner, (0, extra), constant_values=NO_HYPOTHESIS)
             self._newborn = np.pad(self._newborn, (0, extra), constant_values=True)
+            self._seen = np.pad(self._seen, (0, extra), constant_values=False)
         fresh = slots[self._keys[slots] != window.key[slots]]
-        self._evidence[fresh], self._newborn[fresh] = -_MOST, True
+        self._evidence[fresh], self._newborn[fresh], self._seen[fresh] = -_MOST, True, False
         self._owner[fresh] = NO_HYPOTHESIS
         self._keys[fresh] = window.key[fresh]
 

@@ -59,7 +59,7 @@ class PixelMethod(Method):
         if self._stamps:
             belief = self._camera.advance(window, self._stamps, stamp_ns, previous.labels)
         if belief is not None:
-            return self._believed(belief, window, current)
+            return self._believed(belief, window, current, previous)
         compared, frames = compared_trajectories(window, current, self._stamps, self._p)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
@@ -88,17 +88,23 @@ class PixelMethod(Method):
             described=describe(window, current, groups[current], residual[current], count),
         )
 
-    def _believed(self, belief: Belief, window: Window, current: Slots) -> Partition:
-        """The groups before a resting camera."""
+    def _believed(self, belief: Belief, window: Window, current: Slots, previous: Previous) -> Partition:
+        """The groups before a resting camera.
+
+        A body that is new takes no id along from one that is still there, however many it has drawn from it.
+        """
         slots = window.slots()
         groups, mine = belief.shown(slots), belief.shown(current)
         known = current[mine >= 0]
+        before = belief.publish()
+        kept = previous.ids[: len(before)][before[: len(previous.ids)]]
+        deciding = (groups >= 0) & (before[groups] | ~np.isin(previous.labels[slots], kept))
         same = (mine[mine >= 0, None] == mine[mine >= 0]).astype(np.float32)
         self._last = current, known, same
         return Partition(
             slots=slots,
             groups=groups,
-            deciding=groups >= 0,
+            deciding=deciding,
             confidence=np.where(mine >= 0, belief.confidence(current), 0.0),
             position=window.positions[current, window.stop[current] - 1],
             described=describe(window, current, mine, belief.residual(window, current), len(belief.bodies)),
@@ -146,7 +152,7 @@ class PixelMethod(Method):
 
     def load(self, state: dict[str, Any], window: Window) -> None:  # noqa: ARG002
         """Read the instants from the window."""
-        series = [window.series(slot).times for slot in window.slots().tolist()]
+        series = [window.held(window.times, slot) for slot in window.slots().tolist()]
         self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
 
 

@@ -1,7 +1,7 @@
 """The service's "now": the wall clock, or the newest event of a replay."""
 
 import time
-from typing import Literal, Protocol
+from typing import Literal
 
 from ..event_time.timeline import FUTURE_NS
 
@@ -10,19 +10,6 @@ ClockName = Literal["wall", "event"]
 _SLEW_NS = 50_000_000
 # How long no source may have followed the clock before a stamp far ahead is believed.
 _UNFOLLOWED_NS = 1_000_000_000
-
-
-class Clock(Protocol):
-    """Source of ``now_ns`` for the core."""
-
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Take note of a stamp that came in, and when it came on the monotonic clock; both in ns."""
-
-    def now_ns(self) -> int:
-        """Nanoseconds since the Unix epoch."""
-
-    def set_by_ns(self) -> int:
-        """By how much the clock of the machine has been set since the start, ns."""
 
 
 class WallClock:
@@ -36,21 +23,24 @@ class WallClock:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Do nothing: the wall clock does not follow the sources."""
+        """Take note of a stamp that came in, and when on the monotonic clock, ns: of no use here."""
+
+    def reach(self, stamp_ns: int) -> None:
+        """Take note of a stamp that the core has accepted, ns: of no use here."""
 
     def now_ns(self) -> int:
-        """Wall clock time, without its steps."""
+        """Wall clock time without its steps, ns since the Unix epoch."""
         drift = self.set_by_ns()
         if abs(drift) <= _SLEW_NS:
             self._offset_ns += drift
         return time.monotonic_ns() + self._offset_ns
 
     def set_by_ns(self) -> int:
-        """Wall clock time less the time of this clock."""
+        """By how much the clock of the machine has been set since the start, ns."""
         return time.time_ns() - time.monotonic_ns() - self._offset_ns
 
 
-class EventClock:
+class EventClock(WallClock):
     """The newest stamp seen, for recordings whose stamps lie in the past.
 
     A stamp more than 1 s ahead counts only after 1 s in which no source has sent an older one: one
@@ -63,6 +53,7 @@ class EventClock:
     """
 
     def __init__(self, now_ns: int | None = None) -> None:
+        super().__init__()
         self._now_ns = now_ns
         self._kept_ns = 0
 
@@ -86,6 +77,6 @@ class EventClock:
         return 0
 
 
-def make_clock(name: ClockName, watermark_ns: int | None = None) -> Clock:
+def make_clock(name: ClockName, watermark_ns: int | None = None) -> WallClock:
     """Clock by its name on the command line; `watermark_ns` is up to where everything is fused, if known."""
     return WallClock() if name == "wall" else EventClock(watermark_ns)

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from comotion_schemas.component import StatusFields
-from comotion_schemas.messages import RejectionReason, StatusState
+from comotion_schemas.messages import RejectionReason
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from . import problems
-from .intake import Rejection
 from .problems import Found, Problems
 
 # Rates are means over this time, so that a source with one batch a second has one.
@@ -37,12 +36,12 @@ class Arrivals(NamedTuple):
     present
         Names of the sources whose process is there, and since when in monotonic ns.
     rejection
-        The newest payload that was refused, if any.
+        On whose key the newest payload came that was refused, and why; empty before any.
     """
 
     received: Mapping[str, int]
     present: Mapping[str, int]
-    rejection: Rejection | None
+    rejection: str
 
 
 @dataclass(frozen=True)
@@ -89,22 +88,35 @@ class Health:
         """
         present, counters, rejected = arrivals.present, stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(arrivals.received), counters, rejected))
-        self._drop_samples(monotonic_ns - _RECENT_NS)
+        while self._samples[0].at_ns < monotonic_ns - _RECENT_NS:
+            self._samples.popleft()
+        before = self._samples[0]
         sources = [s for s in sources if s.name in present or s.age_ns < _FORGET_NS]
-        silent = _silent(present, sources)
-        lasting = self._problems.update(
-            self._found(monotonic_ns, arrivals, sources, stats, found), monotonic_ns
-        )
-        trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection), *_describe(silent)]
-        # The texts are in `problems`.
-        named = [f"{one.kind} of {one.source}" if one.source else one.kind for one in lasting]
-        trouble += [one for one in named if not one.startswith(("silent", "no-data"))]
+        now: Found = {
+            **(found or {}),
+            **problems.silence(present, sources, monotonic_ns),
+            **problems.bounds(stats, before.counters, before.rejected.get("limit", 0)),
+            **problems.defects(stats, before.counters),
+        }
+        lasting = self._problems.update(now, monotonic_ns)
         live = [s.name for s in sources if s.sending]
+        silent = sorted(present.keys() - live)
+        trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection)]
+        if silent:
+            ages = {s.name: f" ({s.age_ns / 1e9:.1f} s)" for s in sources}
+            trouble.append("no data from " + ", ".join(name + ages.get(name, "") for name in silent[:10]))
+        # The texts are in `problems`; who is silent has been said.
+        trouble += [
+            f"{one.kind} of {one.source}" if one.source else one.kind
+            for one in lasting
+            if one.kind not in ("silent", "no-data")
+        ]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:
             trouble.insert(0, "no source sends any more")
+        stalled = dead or (silent and not live)
         return StatusFields(
-            state="stalled" if dead else _state(live, silent, trouble),
+            state="stalled" if stalled else "degraded" if trouble else "ok",
             rates=self._rates(monotonic_ns),
             ages={s.name: s.age_ns / 1e9 for s in sources},
             counters=counters,
@@ -112,27 +124,6 @@ class Health:
             problems=lasting,
             message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no live source"),
         )
-
-    def _found(
-        self,
-        monotonic_ns: int,
-        arrivals: Arrivals,
-        sources: list[SourceHealth],
-        stats: Stats,
-        found: Found | None,
-    ) -> Found:
-        """All problems there are now."""
-        before = self._samples[0]
-        return {
-            **(found or {}),
-            **problems.silence(arrivals.present, sources, monotonic_ns),
-            **problems.bounds(stats, before.counters, before.rejected.get("limit", 0)),
-            **problems.defects(stats, before.counters),
-        }
-
-    def _drop_samples(self, before_ns: int) -> None:
-        while self._samples[0].at_ns < before_ns:
-            self._samples.popleft()
 
     def _rates(self, monotonic_ns: int) -> dict[str, float]:
         """Batches per second of every source over the last seconds."""
@@ -149,36 +140,16 @@ class Health:
         self,
         counters: Mapping[str, int],
         rejected: Mapping[RejectionReason, int],
-        rejection: Rejection | None,
+        rejection: str,
     ) -> list[str]:
         before = self._samples[0]
         grown = {name: counters[name] - before.counters[name] for name in _TROUBLE}
         refused = sum(rejected.values()) - sum(before.rejected.values())
         trouble = [f"{count} {name.replace('_', ' ')}" for name, count in grown.items() if count > 0]
         if refused:
-            why = f", last on obs/{rejection.source}: {rejection.error}" if rejection else ""
+            why = f", last on {rejection}" if rejection else ""
             trouble.append(f"{refused} rejected{why}")
         return trouble
-
-
-def _silent(present: Mapping[str, int], sources: list[SourceHealth]) -> dict[str, float | None]:
-    """Sources whose process is there but whose data is not, with the age in s of their last data."""
-    ages = {s.name: s.age_ns / 1e9 for s in sources}
-    live = {s.name for s in sources if s.sending}
-    return {name: ages.get(name) for name in sorted(present.keys() - live)}
-
-
-def _describe(silent: Mapping[str, float | None]) -> list[str]:
-    if not silent:
-        return []
-    named = [name if age is None else f"{name} ({age:.1f} s)" for name, age in list(silent.items())[:10]]
-    return ["no data from " + ", ".join(named)]
-
-
-def _state(live: list[str], silent: Mapping[str, float | None], trouble: list[str]) -> StatusState:
-    if silent and not live:
-        return "stalled"
-    return "degraded" if trouble else "ok"
 
 
 class Watchdog:

@@ -18,7 +18,8 @@ from .state_keeper import StateKeeper
 # Twice per Status, which is published every second.
 _REPORT_NS = 500_000_000
 _COLLECT_NS = 1_000_000_000
-_DROP_IDLE_NS = 10_000_000_000
+# Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
+_FREE_NS = 2_000_000_000
 
 
 class Housekeeping:
@@ -38,7 +39,7 @@ class Housekeeping:
         self._watchdog = watchdog
         self._keeper = keeper
         self._health = Health()
-        self._due_ns = {"report": 0, "collect": 0, "drop idle": 0}
+        self._due_ns = {"report": 0, "collect": 0, "free": 0}
 
     def after(self, update: HypothesisUpdate, intake: Intake, now_ns: int) -> None:
         """Do what is due.
@@ -56,11 +57,11 @@ class Housekeeping:
         self._watchdog.alive(monotonic_ns)
         if self._is_due("report", monotonic_ns, _REPORT_NS):
             self._report(intake, monotonic_ns, now_ns)
-        if self._is_due("drop idle", monotonic_ns, _DROP_IDLE_NS):
-            intake.drop_idle(monotonic_ns)
-            _return_memory()
         if self._is_due("collect", monotonic_ns, _COLLECT_NS):
             gc.collect()
+        if self._is_due("free", monotonic_ns, _FREE_NS):
+            intake.drop_idle(monotonic_ns)
+            _return_memory()
         self._keeper.after(frozenset(h.id for h in update.hypotheses), time.monotonic_ns())
 
     def _is_due(self, what: str, monotonic_ns: int, every_ns: int) -> bool:

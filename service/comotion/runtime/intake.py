@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import zenoh
 
@@ -11,7 +10,7 @@ from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_as
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
-from .guard import LogLimit
+from .log_limit import LogLimit
 from .rings import Ring, Rings
 from .statuses import Statuses
 from .tokens import Tokens
@@ -19,19 +18,10 @@ from .tokens import Tokens
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Rejection:
-    """The newest payload that was refused: when (monotonic ns), on whose key, and why."""
-
-    at_ns: int
-    source: str
-    error: DecodeError
-
-
 class Intake:
     """All observation subscriptions of the service.
 
-    `rejection` is the newest payload that was refused.
+    `rejection` says on whose key the newest payload came that was refused, and why; empty before any.
 
     Parameters
     ----------
@@ -50,7 +40,7 @@ class Intake:
         self._most = most
         self._limit = LogLimit(10, 10.0)
         self._received: dict[str, int] = {}
-        self.rejection: Rejection | None = None
+        self.rejection = ""
         self.tokens = Tokens(session, keys, 4 * most)
         self.rings = Rings(session, keys, self.tokens, most)
         self.statuses = Statuses(session, keys, most)
@@ -83,8 +73,8 @@ class Intake:
         self.tokens.look(monotonic_ns)
         unknown = self.rings.gather(monotonic_ns)
         for name, sample in unknown:
-            yield from self._check(name, sample, monotonic_ns)
-        yield from self._in_turns(self._active(monotonic_ns), monotonic_ns, budget_ns)
+            yield from self._check(name, sample)
+        yield from self._in_turns(self._active(monotonic_ns), budget_ns)
 
     def _active(self, monotonic_ns: int) -> dict[str, Ring]:
         """Sources of which something is to be read."""
@@ -97,9 +87,7 @@ class Intake:
                 ring.used_ns, ring.spent_ns, active[name] = monotonic_ns, 0, ring
         return active
 
-    def _in_turns(
-        self, active: dict[str, Ring], monotonic_ns: int, budget_ns: int
-    ) -> Iterator[ObservationBatch]:
+    def _in_turns(self, active: dict[str, Ring], budget_ns: int) -> Iterator[ObservationBatch]:
         share_ns, spent_ns = budget_ns // max(len(active), 1), 0
         while active:
             for name, ring in list(active.items()):
@@ -107,7 +95,7 @@ class Intake:
                 item = self.rings.take(ring)
                 if item.displaced != 0:
                     self._ledger.overlooked(name, item.displaced)
-                yield from self._check(name, item.sample, monotonic_ns)
+                yield from self._check(name, item.sample)
                 took = time.monotonic_ns() - began
                 ring.spent_ns += took
                 spent_ns += took
@@ -115,7 +103,7 @@ class Intake:
                     del active[name]
 
     def drop_idle(self, monotonic_ns: int) -> None:
-        """Forget sources that have left and sent nothing for a minute."""
+        """Forget sources that have left and sent nothing for some seconds."""
         self.rings.drop_idle(monotonic_ns)
         self._received = self.received
 
@@ -124,7 +112,7 @@ class Intake:
         self.rings.close()
         self.statuses.close()
 
-    def _check(self, name: str, sample: zenoh.Sample, monotonic_ns: int) -> Iterator[ObservationBatch]:
+    def _check(self, name: str, sample: zenoh.Sample) -> Iterator[ObservationBatch]:
         try:
             if name not in self.rings.of and is_name(name):
                 raise DecodeError("limit", f"more than {self._most} sources")
@@ -132,19 +120,19 @@ class Intake:
             if batch.source != name:
                 raise DecodeError("source-mismatch", f"source {batch.source!r} on the key of {name!r}")
         except DecodeError as error:
-            self._reject(name, error, monotonic_ns)
+            self._reject(name, error)
             return
         except Exception as error:  # a defect of the codec costs one payload
-            self._reject(name, DecodeError("defect", f"{type(error).__name__}: {error}"[:500]), monotonic_ns)
+            self._reject(name, DecodeError("defect", f"{type(error).__name__}: {error}"[:500]))
             _log.debug("decoding failed", exc_info=True)
             return
         self._received[name] = self._received.get(name, 0) + 1
         yield batch
 
-    def _reject(self, name: str, error: DecodeError, monotonic_ns: int) -> None:
+    def _reject(self, name: str, error: DecodeError) -> None:
         known = name if is_name(name) else ""
         self._ledger.refuse((known, ""), error.reason)
         if known:
             self._ledger.overlooked(known, 1)
-        self.rejection = Rejection(monotonic_ns, name, error)
+        self.rejection = f"obs/{name}: {error}"
         self._limit.log(_log, logging.WARNING, "rejected a batch on obs/%s: %s", name[:64], error)

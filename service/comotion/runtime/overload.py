@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass, field
 
 from ..shedding import MOST, Load, describe
-from .guard import LogLimit
+from .log_limit import LogLimit
 
 _log = logging.getLogger(__name__)
 

@@ -49,7 +49,7 @@ _SILENT_PERIODS, _SILENT_NS = 3, _SECOND_NS
 _MOST_TOKENS = 256
 _MOST_UPDATES = 4
 _MAX_OTHERS = 256
-_TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-[0-9a-f]{16}")
+_TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-([0-9a-f]{16})")
 _NEVER_NS = 1 << 64
 _log = logging.getLogger(__name__)
 
@@ -60,27 +60,20 @@ class SceneTakenError(KnownError):
 
 @dataclass(frozen=True, order=True)
 class Claim:
-    """A service's token: since when, ns, and its name in the key."""
+    """A service's token: since when, ns, the last chunk of its key, and the name and session in it."""
 
     since_ns: int
     token: str
+    name: str
+    session: str
 
     @classmethod
     def read(cls, token: str) -> Self:
         """Parse the last chunk of the key; a token of another form makes no service yield that runs."""
         found = _TOKEN.fullmatch(token)
-        return cls(int(found[2], 16) if found else _NEVER_NS, token)
-
-    @property
-    def name(self) -> str:
-        """Name of the service."""
-        found = _TOKEN.fullmatch(self.token)
-        return found[1] if found else self.token
-
-    @property
-    def session(self) -> str:
-        """Session of the service; empty where the token does not say."""
-        return self.token[-16:] if _TOKEN.fullmatch(self.token) else ""
+        if found is None:
+            return cls(_NEVER_NS, token, token, "")
+        return cls(int(found[2], 16), token, found[1], found[3])
 
 
 class _Activity(NamedTuple):

@@ -5,8 +5,10 @@ A problem is said once in the log when it begins, once when it ends, and is in t
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
 
 from comotion_schemas.messages import Problem, ProblemKind
 from comotion_schemas.time_units import unix_unit
@@ -14,9 +16,8 @@ from comotion_schemas.time_units import unix_unit
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from ..event_time.steps import ClockTrouble
-from ..fusion import Fusion, Troubles
-from ..source_checks import TroubleKind
-from .guard import LogLimit
+from ..fusion import Fusion
+from .log_limit import LogLimit
 
 # A problem ends when it has not been seen for so long: what comes and goes is said once.
 _LASTS_NS = 10_000_000_000
@@ -25,15 +26,6 @@ _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
 _MOST = 64
 _MOST_ALIKE = 8
-_DOUBLE = "a second process publishes under this name and is refused; give it another name"
-_COSTLY = (
-    "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
-    "instants or spaces"
-)
-_DRIFTS = (
-    "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, see what "
-    "it is mounted on, and synchronise its clock"
-)
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
 _log = logging.getLogger(__name__)
@@ -77,112 +69,92 @@ class Problems:
 
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
-    found = fusion.troubles()
-    return {
-        **clocks(found.clocks),
-        **data(found.data),
-        **of_others(found),
-    }
+    found: Found = {}
+    for kind, evidence in fusion.troubles().items():
+        found |= _each(kind, evidence, _TEXTS[kind])
+    return found
 
 
-def clocks(troubles: Mapping[str, ClockTrouble]) -> Found:
-    """Sources whose stamps do not fit."""
-    return {(name, one.kind): f"{name}: {_clock_text(one)}" for name, one in troubles.items()}
+def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
+    """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
+    some = islice(evidence.items(), _MOST_ALIKE)
+    found: Found = {(name, kind): f"{name}: {text(one)}" for name, one in some}
+    if len(evidence) > _MOST_ALIKE:
+        found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
+    return found
 
 
-def _clock_text(trouble: ClockTrouble) -> str:
-    seconds = abs(trouble.offset_ns) / 1e9
-    if trouble.kind == "clock-zero":
-        unit = unix_unit(trouble.stamp_ns)
-        # Stamps that go up as time does are nanoseconds, whatever they look like.
-        if unit is not None and trouble.pace < _PACE_OF_NS:
-            return f"its stamps are Unix times in {unit}; send nanoseconds"
-        return "its stamps count from a start, not from 1970; add the Unix time of that start, in nanoseconds"
-    if trouble.kind == "clock-ahead":
-        return f"its stamps are {seconds:.1f} s ahead of this machine; synchronise the clocks (NTP or PTP)"
+def _clock_zero(trouble: ClockTrouble) -> str:
+    unit = unix_unit(trouble.stamp_ns)
+    # Stamps that go up as time does are nanoseconds, whatever they look like.
+    if unit is not None and trouble.pace < _PACE_OF_NS:
+        return f"its stamps are Unix times in {unit}; send nanoseconds"
+    return "its stamps count from a start, not from 1970; add the Unix time of that start, in nanoseconds"
+
+
+def _reused(share: float) -> str:
+    if not share:
+        return "ids come back after they have ended; give every new feature an id that was never used"
     return (
-        f"its stamps are {seconds:.1f} s old when they arrive; synchronise the clocks (NTP or PTP), or send "
-        "sooner; for a recording with its own stamps, start the service with --clock event"
+        f"{100 * share:.0f} % of its features trade places from batch to batch; an id must stay with its "
+        "feature, and is no index of a list"
     )
 
 
-def data(troubles: Mapping[str, Mapping[TroubleKind, float]]) -> Found:
-    """Sources whose ids or unit cannot be right."""
-    return _summed(
-        {
-            (name, kind): f"{name}: {_data_text(kind, value)}"
-            for name, kinds in troubles.items()
-            for kind, value in kinds.items()
-        }
-    )
-
-
-def _data_text(kind: TroubleKind, value: float) -> str:
-    if kind == "ids-short-lived":
-        return (
-            f"an id lasts {value:.1f} batches in the mean, too short for motion; track features from frame "
-            "to frame, and give each the same id in every batch"
-        )
-    if kind == "scale":
-        return (
-            f"positions {value:.0f} times as far out as other sources see are refused; publish metres in the "
-            "frame of the others, or use a space of its own"
-        )
-    if value:
-        return (
-            f"{100 * value:.0f} % of its features trade places from batch to batch; an id must stay with its "
-            "feature, and is no index of a list"
-        )
-    return "ids come back after they have ended; give every new feature an id that was never used"
+# What a person should change, by the kind of problem, from what shows it.
+_TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
+    "clock-zero": _clock_zero,
+    "clock-ahead": lambda one: (
+        f"its stamps are {one.offset_ns / 1e9:.1f} s ahead of this machine; synchronise the clocks (NTP or "
+        "PTP)"
+    ),
+    "clock-behind": lambda one: (
+        f"its stamps are {abs(one.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP "
+        "or PTP), or send sooner; for a recording with its own stamps, start the service with --clock event"
+    ),
+    "ids-short-lived": lambda life: (
+        f"an id lasts {life:.1f} batches in the mean, too short for motion; track features from frame to "
+        "frame, and give each the same id in every batch"
+    ),
+    "ids-reused": _reused,
+    "scale": lambda factor: (
+        f"positions {factor:.0f} times as far out as other sources see are refused; publish metres in the "
+        "frame of the others, or use a space of its own"
+    ),
+    "duplicate-name": lambda _: (
+        "a second process publishes under this name and is refused; give it another name"
+    ),
+    "over-budget": lambda _: (
+        "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
+        "instants or spaces"
+    ),
+    "contradicts-space": lambda text: (
+        f"says {text}; publish in a space of its own, or set what is right in [spaces] of the parameters"
+    ),
+    "drifts": lambda _: (
+        "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, see "
+        "what it is mounted on, and synchronise its clock"
+    ),
+    "no-data": lambda name: (
+        "its process is there but no batch of it was accepted; see that it publishes on "
+        f"obs/{name} and what is rejected"
+    ),
+    "silent": lambda source: (
+        f"no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see whether its "
+        "sensor or its loop hangs"
+    ),
+}
 
 
 def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int) -> Found:
     """Sources whose process is there but whose data is not."""
     known = {one.name: one for one in sources}
-    found: Found = {}
-    for name, since_ns in present.items():
-        source = known.get(name)
-        if source is None and monotonic_ns - since_ns > _START_NS:
-            found[name, "no-data"] = (
-                f"{name}: its process is there but no batch of it was accepted; see that it publishes on "
-                f"obs/{name} and what is rejected"
-            )
-        elif source is not None and not source.sending:
-            found[name, "silent"] = (
-                f"{name}: no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see "
-                "whether its sensor or its loop hangs"
-            )
-    return _summed(found)
-
-
-def _summed(found: Found) -> Found:
-    """The first problems of a kind, and how many more there are: a storm of tokens is one line."""
-    kept: Found = {}
-    for kind in sorted({kind for _, kind in found}):
-        mine = [key for key in found if key[1] == kind]
-        kept |= {key: found[key] for key in mine[:_MOST_ALIKE]}
-        if len(mine) > _MOST_ALIKE:
-            kept[None, kind] = f"{len(mine) - _MOST_ALIKE} more sources have this problem"
-    return kept
-
-
-def _each(kind: ProblemKind, texts: Mapping[str, str]) -> Found:
-    """A problem of some sources, by name."""
-    return _summed({(name, kind): f"{name}: {text}" for name, text in texts.items()})
-
-
-def of_others(troubles: Troubles) -> Found:
-    """Sources that share a name, cost too much, contradict what a space is, or drift."""
-    contradictions = {
-        name: f"says {text}; publish in a space of its own, or set what is right in [spaces] of the "
-        "parameters"
-        for name, text in troubles.contradictions.items()
-    }
+    settled = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
+    no_data = {name: name for name in settled if name not in known}
+    silent = {name: known[name] for name in present if name in known and not known[name].sending}
     return {
-        **_each("duplicate-name", dict.fromkeys(troubles.rivalled, _DOUBLE)),
-        **_each("over-budget", dict.fromkeys(troubles.costly, _COSTLY)),
-        **_each("contradicts-space", contradictions),
-        **_each("drifts", dict.fromkeys(troubles.drifting, _DRIFTS)),
+        **_each("no-data", no_data, _TEXTS["no-data"]),
+        **_each("silent", silent, _TEXTS["silent"]),
     }
 
 

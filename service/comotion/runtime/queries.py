@@ -20,7 +20,7 @@ Every query gets a reply, or an error that says what is wrong.
 import json
 import logging
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cache
 from typing import Any, get_args
@@ -35,7 +35,6 @@ from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, enc
 from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 
-from ..event_time.stats import Key
 from ..fusion import AffinitySnapshot, Fusion
 
 AFFINITY_SCHEMA = "comotion.Affinity/1"
@@ -64,10 +63,10 @@ class Queryables:
         ]
 
     def answer(self, budget_ns: int = 2**62) -> None:
-        """Reply to queries that wait, in turns; to no more once the time is up."""
+        """Reply to queries that wait, in turns: to one at least, to no more once the time is up."""
         end = time.monotonic_ns() + budget_ns
         waiting = list(self._queryables)
-        while waiting and time.monotonic_ns() < end:
+        while waiting:
             for one in list(waiting):
                 queryable, name, handler = one
                 query = queryable.try_recv()
@@ -110,7 +109,6 @@ def handlers(
     fusion: Fusion,
     last_update: Callable[[], HypothesisUpdate],
     status: Callable[[], Status],
-    unknown: Callable[[], Collection[Key]] = tuple,
 ) -> dict[QueryName, Handler]:
     """Build the handler of every queryable.
 
@@ -122,8 +120,6 @@ def handlers(
         Returns the update published last.
     status
         Returns the Status as of now.
-    unknown
-        Returns the sessions of which nobody knows how much they have sent.
     """
     answers: dict[QueryName, Handler] = {
         "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
@@ -134,7 +130,7 @@ def handlers(
             _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
             _AFFINITY_ENCODING,
         ),
-        "accounts": lambda _: (_accounts(fusion, unknown()), _JSON),
+        "accounts": lambda _: (_accounts(fusion), _JSON),
         "forget": lambda parameters: (_forget(fusion, parameters.get("id")), _JSON),
     }
     assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
@@ -146,11 +142,11 @@ def _schemas() -> dict[str, dict[str, Any]]:
     return json_schemas()
 
 
-def _accounts(fusion: Fusion, unknown: Collection[Key]) -> bytes:
-    listed = []
-    for key, account in fusion.timeline.ledger.accounts().items():
+def _accounts(fusion: Fusion) -> bytes:
+    listed, ledger = [], fusion.timeline.ledger
+    for key, account in ledger.accounts().items():
         one = {"source": key[0], "session": key[1]} | asdict(account)
-        listed.append(one | {"lost": None} if key in unknown else one)
+        listed.append(one | {"lost": None} if key in ledger.unknown else one)
     return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
 
 

@@ -23,7 +23,7 @@ from comotion_schemas.types import is_name
 from .tokens import Tokens
 
 # The ring of a source that has left is closed after this time without data.
-IDLE_NS = 60_000_000_000
+IDLE_NS = 10_000_000_000
 # A source that has sent nothing for this long gives way to another.
 _SILENT_NS = 1_000_000_000
 # Batches: a source of 1 kHz may wait a quarter of a second, more than two default periods.
@@ -148,7 +148,7 @@ class Rings:
             return ring.take()
 
     def drop_idle(self, monotonic_ns: int) -> None:
-        """Close the rings of sources that have left and sent nothing for a minute."""
+        """Close the rings of sources that have left and sent nothing for some seconds."""
         with self._lock:
             for name, ring in list(self.of.items()):
                 if name not in self._tokens.present and monotonic_ns - ring.used_ns > IDLE_NS:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -24,10 +25,10 @@ from comotion_schemas.transport import SessionSettings
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from .clocks import ClockName, EventClock, make_clock
-from .guard import Guard
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
+from .log_limit import DefectLog
 from .output import Leadership, Output
 from .overload import Overload
 from .presence import Presence
@@ -37,7 +38,6 @@ from .standby import DEFAULT_LEASE_S, Election, Etcd
 from .standby.follower import Follower
 from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
-from .statuses import Sent
 from .ticker import HeadStart, Ticker
 from .warm_up import prepare
 
@@ -123,26 +123,21 @@ def serve(options: ServeOptions) -> None:
 
 def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
     scene = Keys(options.scene).scene
-    if options.state is not None and not options.resume:
+    if options.state is not None and options.resume:
+        now_ns = time.time_ns() if options.clock == "wall" else None
+        return load_fusion(options.state, options.config, scene, session_id, now_ns)
+    if options.state is not None:
         begin_afresh(options.state)
-    if options.state is None or not options.resume:
-        return Fusion(options.config, scene=scene, session=session_id)
-    now_ns = time.time_ns() if options.clock == "wall" else None
-    return load_fusion(options.state, options.config, scene, session_id, now_ns)
+    return Fusion(options.config, scene=scene, session=session_id)
 
 
 def _election(options: ServeOptions, session_id: str) -> Election | None:
     """The election in which the service takes part, if any."""
     if not options.etcd:
         return None
-    Etcd(options.etcd, options.etcd_tls)  # a wrong url is an error now, not in a thread later
-    return Election(
-        lambda: Etcd(options.etcd, options.etcd_tls),
-        options.scene,
-        options.name,
-        session_id,
-        lease=options.lease,
-    )
+    connect = partial(Etcd, options.etcd, options.etcd_tls)
+    connect()  # a wrong url is an error now, not in a thread later
+    return Election(connect, options.scene, options.name, session_id, lease=options.lease)
 
 
 def _with_replica(fields: StatusFields, election: Election | None) -> StatusFields:
@@ -191,14 +186,13 @@ class _Loop:
         self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
         if isinstance(self._clock, EventClock):
             fusion.timeline.follow_recordings()
-        self._guard = Guard(self._count_fault)
+        self._defects = DefectLog()
         self._head_start = HeadStart(to_ns(options.config.period))
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         limits = options.config.limits
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
-        self._sent = Sent(limits.sources, fusion.timeline.ledger.accounts())
         period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
@@ -209,7 +203,7 @@ class _Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        answers = handlers(fusion, lambda: self._last, component.status, lambda: self._sent.unknown)
+        answers = handlers(fusion, lambda: self._last, component.status)
         self._output = Output(component, leadership, answers)
 
     def run(self) -> None:
@@ -229,13 +223,13 @@ class _Loop:
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
-        with self._guard("an update"):
+        with self._fusion.guard("an update"):
             update = self._compute()
             self._wait(ticker.remaining_ns(time.monotonic_ns()))
             self._last = self._publish(update)
-        with self._guard("housekeeping"):
+        with self._fusion.guard("housekeeping"):
             for fault in self._fusion.faults():
-                self._guard.log(fault.what, fault.error, fault.trace)
+                self._defects.write(fault)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
     def _judge(self, skipped: int) -> None:
@@ -244,28 +238,25 @@ class _Loop:
         if self._fusion.config.limits.shedding:
             self._fusion.shed(self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns()))
 
-    def _count_fault(self) -> None:
-        self._fusion.stats.faults += 1
-
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
-        with self._guard("taking in batches"):
+        ledger = fusion.timeline.ledger
+        with fusion.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
-                self._sent.unknown.discard((batch.source, batch.session))
                 self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 self._source_clocks.on_status(status, arrived_s)
-                self._sent.note(status, now)
-            for key, count in self._sent.due(now):
-                fusion.timeline.ledger.sent(key, count)
+                if status.role == "source" and "sent" in status.counters:
+                    ledger.claim((status.component, status.session), status.counters["sent"], now)
+            ledger.miss(now)
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            with self._guard("following another service"):
+            with fusion.guard("following another service"):
                 self._follower.look()
-        with self._guard("answering queries"):
+        with fusion.guard("answering queries"):
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
@@ -276,13 +267,13 @@ class _Loop:
     def _follow_events(self) -> None:
         """Let the event clock reach what the core has accepted."""
         newest_ns = self._fusion.timeline.newest_ns
-        if isinstance(self._clock, EventClock) and newest_ns is not None:
+        if newest_ns is not None:
             self._clock.reach(newest_ns)
 
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
         if spare_ns > _SLICE_NS:
-            with self._guard("fusing"):
+            with self._fusion.guard("fusing"):
                 self._fusion.advance(*self._now())
                 self._follow_events()
         self._wait(min(spare_ns, _SLICE_NS))

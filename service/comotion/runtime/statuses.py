@@ -1,4 +1,4 @@
-"""Reads the Statuses of a scene's components, and what sources say they have sent.
+"""Reads the Statuses of a scene's components.
 
 A Status is believed about the component of its own key alone. Of a storm of them each component's newest is
 read, twice a second at most, and some in a turn of the loop: what one component sends costs nobody else.
@@ -7,8 +7,6 @@ read, twice a second at most, and some in a turn of the loop: what one component
 import logging
 import threading
 import time
-from collections import deque
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import zenoh
@@ -19,8 +17,7 @@ from comotion_schemas.keys import last_chunk
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import is_name
 
-from ..event_time.stats import Key
-from .guard import LogLimit
+from .log_limit import LogLimit
 
 _RING = 1024
 # Between two Statuses of one component that are read.
@@ -29,10 +26,6 @@ _AGAIN_NS = 500_000_000
 _AT_ONCE = 16
 # That of a service with a thousand sources is as large.
 _MOST_BYTES = 256 * 1024
-# A batch that was sent before a Status may arrive after it.
-_GRACE_NS = 2_000_000_000
-# Of one session within that time: two a second are read.
-_CLAIMS = 8
 _log = logging.getLogger(__name__)
 
 
@@ -114,44 +107,3 @@ class Statuses:
             self._limit.log(_log, logging.WARNING, "refused a Status on status/%s: %s", name, error)
             return None
         return status
-
-
-class Sent:
-    """What sources say in their Status about how many batches they have sent.
-
-    `unknown` holds the newest sessions of an earlier run of the service of which nothing has come since: what
-    they have sent meanwhile nobody knows.
-
-    Parameters
-    ----------
-    most
-        Sessions that are remembered.
-    before
-        Source and session of those of an earlier run, the newest last.
-    """
-
-    def __init__(self, most: int, before: Iterable[Key] = ()) -> None:
-        self._most = most
-        self._claims: dict[Key, deque[tuple[int, int]]] = {}
-        newest = {source: session for source, session in before if session}
-        self.unknown = set(newest.items())
-
-    def note(self, status: Status, monotonic_ns: int) -> None:
-        """Take note of what a source says."""
-        if status.role != "source" or "sent" not in status.counters:
-            return
-        key = status.component, status.session
-        self.unknown.discard(key)
-        self._claims.setdefault(key, deque(maxlen=_CLAIMS)).append((monotonic_ns, status.counters["sent"]))
-        if len(self._claims) > self._most:
-            del self._claims[next(iter(self._claims))]
-
-    def due(self, monotonic_ns: int) -> list[tuple[Key, int]]:
-        """Session and number of batches, of claims so old that the batches should be here."""
-        due = []
-        for key, claims in list(self._claims.items()):
-            while claims and monotonic_ns - claims[0][0] >= _GRACE_NS:
-                due.append((key, claims.popleft()[1]))
-            if not claims:
-                del self._claims[key]
-        return due

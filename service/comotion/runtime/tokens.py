@@ -1,4 +1,4 @@
-"""Knows which sources are present, by their liveliness tokens, queried once a second.
+"""Knows which sources are present, by their liveliness tokens, queried once a second or less often.
 
 The service does not subscribe to them: it would receive each one that comes and goes, and nothing limits how
 many a source declares. A query ends with the router's reply.
@@ -14,11 +14,10 @@ from comotion_schemas import Keys
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.types import is_name
 
-from .guard import LogLimit
+from .log_limit import LogLimit
 
-_AGAIN_NS = 1_000_000_000
-# After more tokens than are remembered.
-_AGAIN_AFTER_FLOOD_NS = 10_000_000_000
+# Between two queries, at least; and for each token that the last one has found, so that many cost no more.
+_AGAIN_NS, _EACH_NS = 1_000_000_000, 2_000_000
 _TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
 
@@ -29,10 +28,12 @@ class _Answer:
     def __init__(self, most: int) -> None:
         self._most = most
         self.names: set[str] = set()
+        self.replies = 0
         # Whether it has all names; and whether all replies have come.
         self.whole, self.complete = True, threading.Event()
 
     def add(self, reply: zenoh.Reply) -> None:
+        self.replies += 1
         if reply.ok is None or len(self.names) >= self._most:
             self.whole = False
         elif is_name(name := last_chunk(str(reply.ok.key_expr))):
@@ -69,7 +70,7 @@ class Tokens:
         answer = self._answer
         if answer is not None and answer.complete.is_set():
             self._answer = None
-            self._due_ns = monotonic_ns + (_AGAIN_NS if answer.whole else _AGAIN_AFTER_FLOOD_NS)
+            self._due_ns = monotonic_ns + max(_AGAIN_NS, _EACH_NS * answer.replies)
             self._take_in(answer, monotonic_ns)
         if self._answer is None and monotonic_ns >= self._due_ns:
             self._answer = query = _Answer(self._most)

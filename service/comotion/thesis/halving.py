@@ -32,8 +32,6 @@ _MANY_STARTS_SIZE = 128
 _STARTS = 24
 # Rows per part in which a weak edge is looked for: most clusters that have one have one in the first.
 _ROWS_AT_ONCE = 64
-# The leading direction is compared at every so many calls: at each it would cost two more products.
-_CALLS_PER_CHECK = 5
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,8 @@ class _Cluster:
 class DivisiveKMeans:
     """Clusters whose smallest affinity is above `stop_affinity`.
 
-    The splits of one call are the first guess of the next: of a large cluster, two products with the
-    matrix confirm that it still is a best split, and two more, at every fifth call, that the leading
-    direction gives the same.
+    The splits of one call are the first guess of the next: of a large cluster, four products with the
+    matrix confirm that it still is a best split, and that the leading direction gives the same.
     """
 
     def __init__(self, stop_affinity: float) -> None:
@@ -82,7 +79,6 @@ class DivisiveKMeans:
         # many splits there were.
         self._sides: Bools = np.zeros((0, 0), np.bool_)
         self._splits: Slots = np.zeros(0, np.intp)
-        self._calls = 0
 
     def __call__(self, affinity: Floats32, slots: Slots) -> tuple[NDArray[np.intp], Floats]:
         """Split trajectories into clusters.
@@ -99,7 +95,6 @@ class DivisiveKMeans:
         labels, inside
             intp [n], and float64 [n]: the sum of affinities of each inside its cluster.
         """
-        self._calls += 1
         n = len(slots)
         labels, inside = np.zeros(n, np.intp), np.zeros(n)
         pending = [_Cluster(affinity, np.arange(n), np.ones(n, np.bool_), 0)] if n else []
@@ -122,8 +117,7 @@ class DivisiveKMeans:
             self._splits[slots] = depth
             return []
         side, unchanged = self._sides[depth, slots], cluster.unchanged & (self._splits[slots] > depth)
-        thorough = (self._calls + depth) % _CALLS_PER_CHECK == 0
-        second = halve(affinity, sums, side & unchanged, thorough=thorough)
+        second = halve(affinity, sums, side & unchanged)
         self._sides[depth, slots] = second
         unchanged &= side == second
         return [
@@ -142,7 +136,7 @@ class DivisiveKMeans:
             self._splits = np.pad(self._splits, (0, wider))
 
 
-def halve(affinity: Floats32, sums: Floats, guess: Bools, *, thorough: bool = True) -> Bools:
+def halve(affinity: Floats32, sums: Floats, guess: Bools) -> Bools:
     """2-means (3.6) on the rows of a matrix, not all equal; bool [n], neither half empty.
 
     Parameters
@@ -153,54 +147,35 @@ def halve(affinity: Floats32, sums: Floats, guess: Bools, *, thorough: bool = Tr
         float [n], of its rows.
     guess
         bool [n]: a first guess at one half; all alike for none.
-    thorough
-        Whether a good guess is compared with the leading direction as well.
     """
     n = len(affinity)
     if n == 2:
         return np.array([False, True])
     if n <= _MANY_STARTS_SIZE:
-        return _best_of_many(affinity, sums, guess)
-    starts = []
+        rows = affinity.astype(np.float64)
+        starts = np.column_stack([guess, _least_alike(affinity, sums), _around_rows(rows)])
+        return _two_means(rows, sums, starts[:, starts.any(0) & ~starts.all(0)], 0).second
+    settled, tried = n // _SETTLED_SHARE, []
     if guess.any() and not guess.all():
-        starts = [_two_means(affinity, sums, guess)]
-        known = starts[0]
-        if not thorough and _apart(guess, known.second) <= n // _SETTLED_SHARE:
-            return known.second
-        if _apart(_leading_cut(affinity, known.score, 1), known.second) <= n // _SETTLED_SHARE:
-            return known.second
-    starts.append(_two_means(affinity, sums, _least_alike(affinity, sums)))
-    leading = _leading_cut(affinity, starts[-1].score, _POWER_STEPS)
-    if all(_apart(leading, known.second) for known in starts):
-        starts.append(_two_means(affinity, sums, leading))
-    return min(starts, key=lambda halves: halves.scatter).second
+        tried = [_two_means(affinity, sums, guess[:, None], settled)]
+        if _apart(_leading_cut(affinity, tried[0].score, 1), tried[0].second) <= settled:
+            return tried[0].second
+    tried.append(_two_means(affinity, sums, _least_alike(affinity, sums)[:, None], settled))
+    leading = _leading_cut(affinity, tried[-1].score, _POWER_STEPS)
+    if all(_apart(leading, known.second) for known in tried):
+        tried.append(_two_means(affinity, sums, leading[:, None], settled))
+    return min(tried, key=lambda halves: halves.scatter).second
 
 
-def _best_of_many(affinity: Floats32, sums: Floats, guess: Bools) -> Bools:
-    """2-means of a small matrix from the guess and from around many of its rows, all at once."""
-    n = len(affinity)
-    rows = affinity.astype(np.float64)
-    first = np.unique(np.linspace(0, n - 1, _STARTS).astype(np.intp))
-    # Halves around a row and the one least like it.
+def _around_rows(rows: Floats) -> Bools:
+    """Halves around some of the rows, each against the one least like it, bool [n, starts]."""
+    first = np.unique(np.linspace(0, len(rows) - 1, _STARTS).astype(np.intp))
     last = rows[first].argmin(1)
     middle = (np.square(rows[last]).sum(1) - np.square(rows[first]).sum(1)) / 2
     second = rows @ (rows[last] - rows[first]).T > middle
     second[last, np.arange(len(last))] = True
     second[first, np.arange(len(first))] = False
-    second = np.column_stack([guess, _least_alike(affinity, sums), second])
-    second = second[:, second.any(0) & ~second.all(0)]
-    for _ in range(_MOST_STEPS):
-        second = _distinct(second)
-        half, count = rows @ second, second.sum(0)
-        mean, other = (sums[:, None] - half) / (n - count), half / count
-        lengths = np.square(mean).sum(0), np.square(other).sum(0)
-        scatter = -(n - count) * lengths[0] - count * lengths[1]
-        closer = rows @ (other - mean) > (lengths[1] - lengths[0]) / 2
-        closer = np.where(closer.all(0) | ~closer.any(0), second, closer)
-        if np.array_equal(closer, second):
-            break
-        second = closer
-    return np.asarray(second[:, scatter.argmin()])
+    return np.asarray(second, np.bool_)
 
 
 def _distinct(splits: Bools) -> Bools:
@@ -211,22 +186,33 @@ def _distinct(splits: Bools) -> Bools:
     return splits[:, list(first.values())]
 
 
-def _two_means(affinity: Floats32, sums: Floats, second: Bools) -> _Halves:
-    """Move rows to the nearer of the two means until hardly one moves."""
-    n = len(affinity)
+def _two_means(rows: Floats | Floats32, sums: Floats, second: Bools, settled: int) -> _Halves:
+    """The best of 2-means from some starts.
+
+    Parameters
+    ----------
+    rows, sums
+        float [n, n] and [n].
+    second
+        bool [n, starts], first guesses at one half, neither of them empty.
+    settled
+        It ends when no start moves more rows to the nearer of its two means.
+    """
+    n = len(rows)
     for _ in range(_MOST_STEPS):
-        half, count = _product(affinity, second), int(second.sum())
-        mean, other = (sums - half) / (n - count), half / count
-        lengths = np.square(mean).sum(), np.square(other).sum()
-        scatter = float(-(n - count) * lengths[0] - count * lengths[1])
-        score = _product(affinity, other - mean)
+        second = _distinct(second)
+        half, count = _product(rows, second), second.sum(0)
+        mean, other = (sums[:, None] - half) / (n - count), half / count
+        lengths = np.square(mean).sum(0), np.square(other).sum(0)
+        scatter = -(n - count) * lengths[0] - count * lengths[1]
+        score = _product(rows, other - mean)
         closer = score > (lengths[1] - lengths[0]) / 2
-        if closer.all() or not closer.any():
+        closer = np.where(closer.all(0) | ~closer.any(0), second, closer)
+        moved, second = (closer != second).sum(0), closer
+        if moved.max() <= settled:
             break
-        second, before = closer, second
-        if (second != before).sum() <= n // _SETTLED_SHARE:
-            break
-    return _Halves(second, scatter, score)
+    best = int(scatter.argmin())
+    return _Halves(second[:, best], float(scatter[best]), score[:, best])
 
 
 def _part(affinity: Floats32, members: Slots) -> Floats32:
@@ -234,9 +220,9 @@ def _part(affinity: Floats32, members: Slots) -> Floats32:
     return gather(affinity, members) if many else affinity[np.ix_(members, members)]
 
 
-def _product(affinity: Floats32, vector: Floats | Bools) -> Floats:
-    """Of the matrix and a vector, in single precision."""
-    product: Floats = (affinity @ vector.astype(np.float32)).astype(np.float64)
+def _product(rows: Floats | Floats32, other: Floats | Bools) -> Floats:
+    """Of a matrix and a vector, or columns, in the precision of the matrix."""
+    product: Floats = (rows @ other.astype(rows.dtype)).astype(np.float64)
     return product
 
 

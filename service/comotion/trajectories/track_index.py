@@ -63,6 +63,10 @@ class TrackIndex:
         at = np.minimum(np.searchsorted(known, ids), len(mine) - 1)
         return np.where(known[at] == ids, mine[at], -1)
 
+    def knows(self, session: int) -> bool:
+        """Whether a session has sent anything."""
+        return session in self._last_sent
+
     def has_ended(self, ids: Ids, session: int) -> Bools:
         """Which of the ids a session has declared lost for good, bool [n]."""
         ended = self._ended.get(session)
@@ -119,8 +123,11 @@ class TrackIndex:
         self._ended = {int(session): dict.fromkeys(lost.tolist()) for session, lost in ended}
         self.ids = np.zeros(self._window.capacity, np.uint64)
         self.ids[slots] = ids
-        sessions = self._window.source[slots].tolist()
-        self._slot_of = dict(zip(zip(sessions, ids.tolist(), strict=True), slots.tolist(), strict=True))
+        sessions = self._window.source[slots]
+        owners = zip(sessions.tolist(), ids.tolist(), strict=True)
+        self._slot_of = dict(zip(owners, slots.tolist(), strict=True))
+        for session in np.unique(sessions).tolist():
+            self._last_sent[session] = ids[sessions == session], slots[sessions == session]
 
     def _find_again(self, ids: Ids, session: int) -> Slots:
         """Slots of the ids that the session sent last; -1 for the others."""

@@ -6,7 +6,6 @@ its birth number, never is.
 """
 
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -16,28 +15,14 @@ from ..arrays import Bools, Floats, Slots, Stamps
 from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_PER_SLOT = ("start", "stop", "used", "ended", "source", "key", "last_ns", "covariance", "_complete")
+_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete")
+_PER_SLOT = ("start", "stop", "used", *_KEPT)
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
 # Memory is given back when less than this share of it is still in use: of the rows of a slot, or of more
 # slots than this number.
 _MANY_SLOTS, _STILL_USED = 256, 0.25
-
-
-@dataclass(frozen=True)
-class Series:
-    """Views of one trajectory: times int64 [M] ns, positions float64 [M, dim], speed, sigma [M].
-
-    `quaternions` is float64 [M, 4] (x, y, z, w; NaN where the feature is a point) or None where no
-    trajectory of the space has ever had an orientation.
-    """
-
-    times: Stamps
-    positions: Floats
-    speed: Floats
-    sigma: Floats
-    quaternions: Floats | None
 
 
 class Window:
@@ -80,17 +65,9 @@ class Window:
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
 
-    def series(self, slot: int) -> Series:
-        """Views of the observations in a slot."""
-        span = slice(self.start[slot], self.stop[slot])
-        turns = None if self.quaternions is None else self.quaternions[slot, span]
-        return Series(
-            self.times[slot, span],
-            self.positions[slot, span],
-            self.speed[slot, span],
-            self.sigma[slot, span],
-            turns,
-        )
+    def held(self, column: NDArray[Any], slot: int) -> NDArray[Any]:
+        """The observations in a slot, a view of a column such as `times`, [M, ...]."""
+        return column[slot, self.start[slot] : self.stop[slot]]
 
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
@@ -290,16 +267,8 @@ class Window:
         """Everything the window holds, as plain arrays of their own."""
         slots = self.slots()
         counts = self.counts(slots)
-        state: dict[str, Any] = {
-            "next_key": self._next_key,
-            "counts": counts,
-            "ended": self.ended[slots],
-            "whole": self._complete[slots],
-            "source": self.source[slots],
-            "key": self.key[slots],
-            "last_ns": self.last_ns[slots],
-            "covariance": self.covariance[slots],
-        }
+        state: dict[str, Any] = {"next_key": self._next_key, "counts": counts}
+        state |= {name: getattr(self, name)[slots] for name in _KEPT}
         spans = list(zip(slots.tolist(), self.start[slots].tolist(), self.stop[slots].tolist(), strict=True))
         for name in _COLUMNS:
             column = getattr(self, name)
@@ -323,9 +292,7 @@ class Window:
                 if name in state:
                     getattr(self, name)[slot, :count] = state[name][end - count : end]
         self.start[slots], self.stop[slots] = 0, counts
-        self._complete[slots], self.ended[slots] = state["whole"], state["ended"]
-        self.source[slots], self.key[slots] = state["source"], state["key"]
-        self.covariance[slots] = state["covariance"]
-        self.last_ns[slots] = state["last_ns"]
+        for name in _KEPT:
+            getattr(self, name)[slots] = state[name]
         self._next_key = state["next_key"]
         return slots

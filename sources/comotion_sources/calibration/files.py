@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import KnownError, describe
 
 from ..bounded import parse_toml, read_text
 from ..errors import InputError
@@ -42,8 +43,8 @@ _HEIGHT = ("image_height", "image_Height", "height")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
-class CalibrationError(InputError):
-    """A calibration is missing, is malformed or does not fit its camera; the message is one line."""
+CalibrationError = InputError
+"""The error of a calibration that is missing, is malformed or does not fit its camera."""
 
 
 @dataclass(frozen=True)
@@ -59,21 +60,21 @@ def read_calibration(path: Path) -> Calibration:
 
     Raises
     ------
-    CalibrationError
+    InputError
         If the file cannot be read or has another format.
     """
     text = _text(path)
     try:
         return _from_toml(text) if path.suffix.lower() == ".toml" else _from_yaml(text)
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
-        raise CalibrationError(f"{path}: {_one_line(error)}") from None
+        raise InputError(f"{path}: {_one_line(error)}") from None
 
 
 def _text(path: Path) -> str:
     try:
         return read_text(path, _MAX_BYTES)
     except InputError as error:
-        raise CalibrationError(f"{error}, so not a calibration") from None
+        raise InputError(f"{error}, so not a calibration") from None
 
 
 def _one_line(error: Exception) -> str:
@@ -82,59 +83,47 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
+class _IntrinsicsTable(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: list[float] = []
+
+
+class _ExtrinsicsTable(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    frame: str = "world"
+    translation: list[float]
+    quaternion: list[float]
+
+
+class _File(BaseModel):
+    """A comotion TOML file; other tables belong to somebody else."""
+
+    intrinsics: _IntrinsicsTable | None = None
+    extrinsics: _ExtrinsicsTable | None = None
+
+
 def _from_toml(text: str) -> Calibration:
-    return calibration_of(parse_toml(text))
-
-
-def calibration_of(content: Mapping[str, Any]) -> Calibration:
-    """Build a calibration from the parsed content of a comotion TOML file.
-
-    Raises
-    ------
-    ValueError
-        If a table or key is missing, unknown or has a wrong type.
-    """
-    if not content.keys() & {"intrinsics", "extrinsics"}:
+    try:
+        file = _File.model_validate(parse_toml(text))
+    except ValidationError as error:
+        raise KnownError(describe(error)) from None
+    inner, outer = file.intrinsics, file.extrinsics
+    if inner is None and outer is None:
         raise KnownError("neither [intrinsics] nor [extrinsics]")
-    intrinsics, extrinsics = content.get("intrinsics"), content.get("extrinsics")
     return Calibration(
-        None if intrinsics is None else _intrinsics_of(_table("intrinsics", intrinsics)),
-        None if extrinsics is None else _extrinsics_of(_table("extrinsics", extrinsics)),
+        None if inner is None else Intrinsics(**(vars(inner) | {"distortion": np.array(inner.distortion)})),
+        None
+        if outer is None
+        else Extrinsics.from_quaternion(outer.quaternion, outer.translation, outer.frame),
     )
-
-
-def _table(name: str, value: object) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise KnownError(f"{name} must be a table")
-    return value
-
-
-def _require(table: Mapping[str, Any], name: str, allowed: set[str], needed: tuple[str, ...]) -> None:
-    if unknown := sorted(table.keys() - allowed - set(needed)):
-        raise KnownError(f"[{name}]: unknown key {unknown[0]!r}")
-    if missing := [key for key in needed if key not in table]:
-        raise KnownError(f"[{name}]: missing key {missing[0]!r}")
-
-
-def _intrinsics_of(table: Mapping[str, Any]) -> Intrinsics:
-    _require(table, "intrinsics", {"distortion"}, ("width", "height", "fx", "fy", "cx", "cy"))
-    return Intrinsics(
-        _integer("width", table["width"]),
-        _integer("height", table["height"]),
-        float(table["fx"]),
-        float(table["fy"]),
-        float(table["cx"]),
-        float(table["cy"]),
-        np.array(table.get("distortion", []), np.float64),
-    )
-
-
-def _extrinsics_of(table: Mapping[str, Any]) -> Extrinsics:
-    _require(table, "extrinsics", {"frame"}, ("translation", "quaternion"))
-    frame = table.get("frame", "world")
-    if not isinstance(frame, str):
-        raise KnownError("frame must be a string")
-    return Extrinsics.from_quaternion(table["quaternion"], table["translation"], frame)
 
 
 def _integer(name: str, value: object) -> int:

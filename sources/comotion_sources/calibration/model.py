@@ -68,11 +68,11 @@ class Intrinsics:
 
     def rays(self, pixels: ArrayLike) -> Vectors:
         """Convert distorted pixels [N, 2] to rays with z = 1 in the camera frame, float64 [N, 3]."""
-        given = np.asarray(pixels, np.float64).reshape(-1, 2)
-        if self.distortion.any() and len(given):
-            flat = cv2.undistortPoints(given[:, None], self.matrix, self.distortion).reshape(-1, 2)
+        distorted = np.asarray(pixels, np.float64).reshape(-1, 2)
+        if self.distortion.any() and len(distorted):
+            flat = cv2.undistortPoints(distorted[:, None], self.matrix, self.distortion).reshape(-1, 2)
         else:
-            flat = (given - (self.cx, self.cy)) / (self.fx, self.fy)
+            flat = (distorted - (self.cx, self.cy)) / (self.fx, self.fy)
         return np.column_stack([flat, np.ones(len(flat))])
 
     def lift(self, pixels: ArrayLike, depth: ArrayLike) -> Vectors:
@@ -81,10 +81,10 @@ class Intrinsics:
 
     def project(self, points: ArrayLike) -> Vectors:
         """Project points [N, 3] of the camera frame (z > 0) to distorted pixels, float64 [N, 2]."""
-        given = np.asarray(points, np.float64).reshape(-1, 3)
-        if not len(given):
+        positions = np.asarray(points, np.float64).reshape(-1, 3)
+        if not len(positions):
             return np.empty((0, 2))
-        pixels, _ = cv2.projectPoints(given, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        pixels, _ = cv2.projectPoints(positions, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 

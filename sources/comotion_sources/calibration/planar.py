@@ -36,7 +36,7 @@ def planar_poses(camera: Intrinsics, points: Floats, pixels: Floats) -> list[tup
     # errors of 20 to 80 px for exact corners (5 of 216 poses; IPPE_SQUARE: 11 of 216).
     if not poses or poses[0][0] > _FAILED_PX:
         poses += _solve(camera, points, pixels, cv2.SOLVEPNP_ITERATIVE)
-    return sorted(poses, key=lambda found: found[0])
+    return sorted(poses, key=lambda candidate: candidate[0])
 
 
 def reprojection(camera: Intrinsics, pose: Extrinsics, points: Floats, pixels: Floats) -> Floats:
@@ -56,10 +56,10 @@ def _solve(camera: Intrinsics, points: Floats, pixels: Floats, method: Any) -> l
     count, rotations, translations, _ = cv2.solvePnPGeneric(
         points, pixels, camera.matrix, camera.distortion, flags=method
     )
-    found = []
+    poses = []
     for rotation, translation in zip(rotations[:count], translations[:count], strict=True):
         values = np.concatenate([np.ravel(rotation), np.ravel(translation)]).astype(np.float64)
         if np.isfinite(values).all() and values[5] > 0:
             pose = Extrinsics(Rotation.from_rotvec(values[:3]).as_matrix(), values[3:])
-            found.append((rms(reprojection(camera, pose, points, pixels)), pose))
-    return sorted(found, key=lambda pair: pair[0])
+            poses.append((rms(reprojection(camera, pose, points, pixels)), pose))
+    return sorted(poses, key=lambda pair: pair[0])

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 
 from ..calibration.model import Extrinsics, Intrinsics
+from ..errors import InputError
 from ..poses import stamp_ns
-from .types import CameraError, Frame, Image
+from .types import Frame, Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"})
 DEFAULT_RATE = 30.0
@@ -73,7 +74,7 @@ class VideoFile(RecordedCamera):
 
     Raises
     ------
-    CameraError
+    InputError
         If the file is missing or is not a video.
     """
 
@@ -99,7 +100,7 @@ class VideoFile(RecordedCamera):
     def _open(self) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
-            raise CameraError(f"{self._path}: not a readable video")
+            raise InputError(f"{self._path}: not a readable video")
         return capture
 
     def _frames(self, capture: cv2.VideoCapture) -> Iterator[Frame]:

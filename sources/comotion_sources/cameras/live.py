@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from ..calibration.model import Extrinsics, Intrinsics
-from .types import CameraError, Frame
+from ..errors import InputError
+from .types import Frame
 
 READ_TIMEOUT_MS = 5_000
 """How long a driver may wait for a frame or a connection."""
@@ -88,8 +89,8 @@ class LiveCamera:
                 frame, self._newest = self._newest, None
                 return frame
             if not changed:
-                raise CameraError(f"{self._what}: no frame for {_SILENCE_S:g} s")
-            raise CameraError(f"{self._what}: {self._lost}")
+                raise InputError(f"{self._what}: no frame for {_SILENCE_S:g} s")
+            raise InputError(f"{self._what}: {self._lost}")
 
     def _read(self) -> None:
         lost = "the camera stopped delivering frames"
@@ -147,12 +148,12 @@ def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If there is no such device, or it is in use.
     """
     capture = cv2.VideoCapture(index, cv2.CAP_V4L2)
     if not capture.isOpened():
-        raise CameraError(f"camera {index}: no such device, or it is in use")
+        raise InputError(f"camera {index}: no such device, or it is in use")
     if rate:
         capture.set(cv2.CAP_PROP_FPS, rate)
     return LiveCamera(f"camera {index}", CaptureDevice(capture), rate=_rate(capture))
@@ -163,7 +164,7 @@ def open_stream(url: str) -> LiveCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If nothing answers at the URL, or it is not a video.
     """
     limits = [
@@ -174,7 +175,7 @@ def open_stream(url: str) -> LiveCamera:
     ]
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
-        raise CameraError(f"{_without_password(url)}: nothing answers at this URL, or it is not a video")
+        raise InputError(f"{_without_password(url)}: nothing answers at this URL, or it is not a video")
     return LiveCamera(_without_password(url), CaptureDevice(capture), rate=_rate(capture))
 
 

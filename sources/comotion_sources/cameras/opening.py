@@ -7,10 +7,11 @@ from pathlib import Path
 
 import cv2
 
+from ..errors import InputError
 from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
 from .live import open_stream, open_webcam
 from .tum import TumFolder, is_tum_folder
-from .types import Camera, CameraError
+from .types import Camera
 
 _ERRORS_ONLY = 2  # cv2.utils.logging.LOG_LEVEL_ERROR
 FORMS = "a number or /dev/videoN, a video file, a URL, a folder, realsense[:SERIAL] or workcell:SCENE/CAMERA"
@@ -31,7 +32,7 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
 
     Raises
     ------
-    CameraError
+    InputError
         If it does not exist or cannot be read.
     """
     _silence_opencv()
@@ -63,19 +64,16 @@ def _open_path(what: str, rate: float | None) -> Camera:
         if is_tum_folder(path):
             return TumFolder(path)
         if not (images := image_files(path)):
-            raise CameraError(f"{path}: neither images nor rgb.txt in this folder")
+            raise InputError(f"{path}: neither images nor rgb.txt in this folder")
         return ImageFiles(images, rate)
     if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
         return ImageFiles([path], rate)
     if path.is_file():
         return VideoFile(path)
-    raise CameraError(f"{what}: no such file or folder; name {FORMS}")
+    raise InputError(f"{what}: no such file or folder; name {FORMS}")
 
 
 def _open_workcell(rest: str) -> Camera:
-    try:
-        # Imported on demand: MuJoCo is an extra that real cameras do not need.
-        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
-    except ModuleNotFoundError as error:
-        raise CameraError(f"{error.name} is not installed: pip install 'comotion[sim3d]'") from None
+    # Imported on demand: real cameras do not need it.
+    camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
     return camera

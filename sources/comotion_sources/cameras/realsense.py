@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..calibration.model import Intrinsics
+from ..errors import InputError
 from .live import PLAUSIBLE_AGE_NS, READ_TIMEOUT_MS, LiveCamera
-from .types import CameraError, Frame
+from .types import Frame
 
 _WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
@@ -49,15 +50,15 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If pyrealsense2 is not installed, or there is no such camera.
     """
     try:
         import pyrealsense2 as library
     except ModuleNotFoundError:
-        raise CameraError("pyrealsense2 is not installed: pip install pyrealsense2") from None
+        raise InputError("pyrealsense2 is not installed: pip install pyrealsense2") from None
     except ImportError as error:  # it is installed, but a library of the system is missing
-        raise CameraError(f"pyrealsense2 cannot be loaded: {' '.join(str(error).split())}") from None
+        raise InputError(f"pyrealsense2 cannot be loaded: {' '.join(str(error).split())}") from None
     config, pipeline = library.config(), library.pipeline()
     if serial:
         config.enable_device(serial)
@@ -71,12 +72,12 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
         stream = profile.get_stream(library.stream.color).as_video_stream_profile()
         camera = _intrinsics(stream.get_intrinsics())
     except RuntimeError as error:
-        raise CameraError(f"{what}: {' '.join(str(error).split())}") from None
+        raise InputError(f"{what}: {' '.join(str(error).split())}") from None
     device = RealSenseDevice(library, pipeline, scale)
     return LiveCamera(what, device, has_depth=True, rate=float(hertz), intrinsics=camera)
 
 
-def _intrinsics(given: Any) -> Intrinsics:
+def _intrinsics(sensor: Any) -> Intrinsics:
     # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
-    coefficients = np.array(given.coeffs, np.float64)
-    return Intrinsics(given.width, given.height, given.fx, given.fy, given.ppx, given.ppy, coefficients)
+    coefficients = np.array(sensor.coeffs, np.float64)
+    return Intrinsics(sensor.width, sensor.height, sensor.fx, sensor.fy, sensor.ppx, sensor.ppy, coefficients)

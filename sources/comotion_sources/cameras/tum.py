@@ -22,12 +22,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.files import CalibrationError, format_camera_info, read_calibration
+from ..calibration.files import format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
 from ..errors import InputError
 from ..poses import rows, stamp_ns, trajectory
 from .files import DEFAULT_RATE, RecordedCamera
-from .types import CameraError, Frame
+from .types import Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
@@ -53,7 +53,7 @@ class TumFolder(RecordedCamera):
 
     Raises
     ------
-    CameraError
+    InputError
         If a list or calibration file is missing or malformed.
     """
 
@@ -64,12 +64,13 @@ class TumFolder(RecordedCamera):
         self._listed = _listing(folder, "rgb.txt")
         self._depths = _Nearest(_listing(folder, "depth.txt"))
         if not self._listed:
-            raise CameraError(f"{folder / 'rgb.txt'}: lists no image")
+            raise InputError(f"{folder / 'rgb.txt'}: lists no image")
         gaps = np.diff([stamp for stamp, _ in self._listed])
         gaps = gaps[gaps > 0]
         super().__init__(float(1e9 / np.median(gaps)) if gaps.size else DEFAULT_RATE, len(self._listed))
         self.counters["depth_missing"] = 0
-        self.intrinsics = _read_intrinsics(folder / "camera_info.yaml")
+        info = folder / "camera_info.yaml"
+        self.intrinsics = read_calibration(info).intrinsics if info.is_file() else None
         self.extrinsics = _read_still_pose(folder / "groundtruth.txt")
         self.objects = _read_names(folder / "objects.txt")
 
@@ -103,52 +104,35 @@ class _Nearest:
         return self._listing[index][1] if abs(int(self._stamps[index]) - stamp) <= ASSOCIATION_NS else None
 
 
-def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    try:
-        return rows(path)
-    except InputError as error:
-        raise CameraError(str(error)) from None
-
-
 def _listing(folder: Path, name: str) -> Listing:
     entries = []
-    for number, line in _rows(folder / name):
+    for number, line in rows(folder / name):
         try:
             time, file = line.split(maxsplit=1)
             entries.append((stamp_ns(time), folder / file))
         except ValueError:
-            raise CameraError(f"{folder / name}: line {number} is not 'time file'") from None
+            raise InputError(f"{folder / name}: line {number} is not 'time file'") from None
     return entries
 
 
 def _read_names(path: Path) -> dict[int, str]:
     names = {}
-    for number, line in _rows(path) if path.is_file() else ():
+    for number, line in rows(path) if path.is_file() else ():
         key, _, name = line.partition(" ")
         if not key.isdecimal() or len(key) > _DIGITS or not name:
-            raise CameraError(f"{path}: line {number} is not 'number name'")
+            raise InputError(f"{path}: line {number} is not 'number name'")
         names[int(key)] = name
     return names
-
-
-def _read_intrinsics(path: Path) -> Intrinsics | None:
-    try:
-        return read_calibration(path).intrinsics if path.is_file() else None
-    except CalibrationError as error:
-        raise CameraError(str(error)) from None
 
 
 def _read_still_pose(path: Path) -> Extrinsics | None:
     """Read the pose of a fixed camera; None if the camera moves."""
     first: Extrinsics | None = None
-    try:
-        for _, pose in trajectory(path) if path.is_file() else ():
-            first = first or pose
-            moved = np.abs(pose.translation - first.translation).max()
-            if max(moved, np.abs(pose.quaternion - first.quaternion).max()) > _MOVED:
-                return None
-    except InputError as error:
-        raise CameraError(str(error)) from None
+    for _, pose in trajectory(path) if path.is_file() else ():
+        first = first or pose
+        moved = np.abs(pose.translation - first.translation).max()
+        if max(moved, np.abs(pose.quaternion - first.quaternion).max()) > _MOVED:
+            return None
     return first
 
 
@@ -175,7 +159,7 @@ class TumWriter:
 
     Raises
     ------
-    CameraError
+    InputError
         If the folder exists and is not empty.
     """
 
@@ -187,7 +171,7 @@ class TumWriter:
         objects: Mapping[int, str] | None = None,
     ) -> None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise CameraError(f"{folder}: exists already")
+            raise InputError(f"{folder}: exists already")
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._pose = _pose_text(extrinsics)
@@ -246,7 +230,7 @@ class TumWriter:
         name = f"{kind}/{time}.png"
         ok, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         if not ok:
-            raise CameraError(f"{self._folder / name}: the image could not be encoded")
+            raise InputError(f"{self._folder / name}: the image could not be encoded")
         (self._folder / kind).mkdir(exist_ok=True)
         (self._folder / name).write_bytes(encoded.tobytes())
         return name

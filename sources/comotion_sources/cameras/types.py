@@ -43,7 +43,7 @@ class Camera(Protocol):
     """A stream of frames with the properties of its camera.
 
     Iteration yields frames and ends when the stream ends; a live camera that fails raises
-    :class:`CameraError`. `close` frees the device; it may be called at any time and repeatedly.
+    :class:`InputError`. `close` frees the device; it may be called at any time and repeatedly.
 
     Attributes
     ----------
@@ -80,5 +80,5 @@ class SceneCamera(Camera, Protocol):
         """Use this session; called once, before the first frame is read."""
 
 
-class CameraError(InputError):
-    """A camera, file or stream cannot be opened or read; the message is one line."""
+CameraError = InputError
+"""The error of a camera, file or stream that cannot be opened or read."""

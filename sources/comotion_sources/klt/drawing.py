@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, Box, Hypothesis
 from comotion_schemas.colours import BACKGROUND, Palette
+from comotion_schemas.naming import Names, named
 from comotion_schemas.rigid import matrix
 
 from ..cameras.types import Image
@@ -41,10 +42,12 @@ class Annotator:
     ----------
     space
         Where boxes are; those of other spaces are not drawn.
+    names
+        Names of hypotheses by id.
     """
 
-    def __init__(self, space: CameraSpace | None = None) -> None:
-        self._space = space
+    def __init__(self, space: CameraSpace | None = None, names: Names | None = None) -> None:
+        self._space, self._names = space, names or {}
         self._palette = Palette()
         self._tails: dict[int, deque[tuple[int, int]]] = {}
 
@@ -79,7 +82,7 @@ class Annotator:
                 self._draw_box(canvas, listed[one])
         self._draw_features(canvas, tracks, labels)
         for one, (x, y) in bodies.items():
-            _write(canvas, str(one), (x - 8, y + 8), self._bgr(one), _ID_SCALE, 2)
+            _write(canvas, named(one, self._names), (x - 8, y + 8), self._bgr(one), _ID_SCALE, 2)
         self._draw_legend(canvas, labels, listed)
         return canvas
 
@@ -132,7 +135,8 @@ class Annotator:
         for k in order.tolist():
             one = int(shown[k])
             known = listed.get(one)
-            name = "undetermined" if one == UNDETERMINED else f"{one} {known.state if known else ''}"
+            name = f"{named(one, self._names)} {known.state if known else ''}"
+            name = "undetermined" if one == UNDETERMINED else name
             rows.append((self._bgr(one), f"{name.strip()}, {counts[k]}"))
         if not rows:
             return

@@ -117,11 +117,12 @@ class Observer:
         ended = tracks.ended if len(tracks.ended) else None
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
+        known = bool(np.isfinite(sigma[shown]).all())
         yield self._builder.observation(
             stamp_ns=tracks.stamp_ns,
             ids=tracks.ids[shown],
             positions=positions[shown],
-            sigma=sigma[shown].astype(np.float32),
+            sigma=sigma[shown].astype(np.float32) if known else None,
             ended=ended,
         )
 

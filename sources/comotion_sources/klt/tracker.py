@@ -47,7 +47,7 @@ class Tracks:
     pixels
         float32 [N, 2], px.
     pixel_sigma
-        float64 [N], one-sigma noise of `pixels`, px.
+        float64 [N], one-sigma noise of `pixels`, px; NaN where it is not known.
     points
         float64 [N, 3] in the optical frame of the camera, m; rows of NaN: no depth in this frame. None
         for a tracker without intrinsics.

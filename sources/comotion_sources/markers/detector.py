@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..calibration.planar import planar_poses
-from ..cameras.types import CameraError, Image
+from ..cameras.types import Image
+from ..errors import InputError
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class MarkerOptions:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.size) and self.size > 0):
-            raise CameraError(f"marker size {self.size} m is not above zero")
+            raise InputError(f"marker size {self.size} m is not above zero")
         find_dictionary(self.dictionary)
 
 
@@ -72,14 +73,14 @@ def find_dictionary(name: str) -> Any:
 
     Raises
     ------
-    CameraError
+    InputError
         If there is no dictionary of that name.
     """
     wanted = name.upper().removeprefix(_PREFIX)
     for known, value in vars(cv2.aruco).items():
         if known.startswith(_PREFIX) and known.upper().removeprefix(_PREFIX) == wanted:
             return cv2.aruco.getPredefinedDictionary(value)
-    raise CameraError(f"no marker dictionary {name!r}; one of {', '.join(dictionary_names())}")
+    raise InputError(f"no marker dictionary {name!r}; one of {', '.join(dictionary_names())}")
 
 
 def make_detector(dictionary: Any) -> Any:
@@ -109,12 +110,12 @@ class MarkerDetector:
 
     def detect(self, image: Image) -> Markers:
         """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR)."""
-        found, numbers, _ = self._detector.detectMarkers(image)
+        outlines, numbers, _ = self._detector.detectMarkers(image)
         flat = np.empty(0, np.int64) if numbers is None else np.asarray(numbers, np.int64).ravel()
         seen: list[tuple[int, NDArray[np.float32], Extrinsics, float]] = []
         for number in np.unique(flat).tolist():
             places = np.flatnonzero(flat == number)
-            corners = np.asarray(found[places[0]], np.float32).reshape(4, 2)
+            corners = np.asarray(outlines[places[0]], np.float32).reshape(4, 2)
             posed = self._pose(number, corners) if len(places) == 1 else None
             if posed is not None:
                 seen.append((number, corners, *posed))

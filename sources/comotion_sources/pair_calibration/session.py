@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.files import ImageFiles
 from ..cameras.types import Camera, Frame
+from ..errors import InputError
 from .solve import PairedView, RelativePose, relative_pose
 from .targets import Target
 
@@ -51,7 +51,7 @@ def calibrate_pair(
 
     Raises
     ------
-    CalibrationError
+    InputError
         If no frame pair shows the target to both cameras, or an image size does not match.
     """
     views: list[PairedView] = []
@@ -96,7 +96,7 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
 
     Raises
     ------
-    CameraError
+    InputError
         If a camera fails.
     """
     deadline = time.monotonic() + timeout
@@ -114,7 +114,7 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
 def _check_size(name: str, frame: Frame, camera: Intrinsics) -> None:
     height, width = frame.image.shape[:2]
     if (width, height) != (camera.width, camera.height):
-        raise CalibrationError(
+        raise InputError(
             f"camera {name}: images of {width} x {height}, calibration for {camera.width} x {camera.height}"
         )
 
@@ -124,10 +124,10 @@ def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Int
 
     Raises
     ------
-    CalibrationError
+    InputError
         If there are none.
     """
-    found = given or camera.intrinsics
-    if found is None:
-        raise CalibrationError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
-    return found
+    intrinsics = given or camera.intrinsics
+    if intrinsics is None:
+        raise InputError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
+    return intrinsics

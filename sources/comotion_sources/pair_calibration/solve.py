@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..calibration.planar import planar_poses, reprojection, rms
+from ..errors import InputError
 
 Floats = NDArray[np.float64]
 
@@ -52,18 +52,18 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
 
     Raises
     ------
-    CalibrationError
+    InputError
         If there is no view, or no view gives a pose.
     """
     if not views:
-        raise CalibrationError("the target was never seen by both cameras")
+        raise InputError("the target was never seen by both cameras")
     poses_a = [_poses(camera_a, view.points, view.pixels_a) for view in views]
     poses_b = [_poses(camera_b, view.points, view.pixels_b) for view in views]
     candidates = [
         a.after(b.inverse()) for pa, pb in zip(poses_a, poses_b, strict=True) for a in pa for b in pb
     ]
     if not candidates:
-        raise CalibrationError("no pose fits the images of the target; is its size right?")
+        raise InputError("no pose fits the images of the target; is its size right?")
     chosen = candidates[:: max(1, len(candidates) // _MAX_CANDIDATES)]
     scored = [(_score(c, camera_b, views, poses_a), i) for i, c in enumerate(chosen)]
     start = chosen[min(scored)[1]]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from comotion_schemas.errors import KnownError
 
-from ..calibration.files import CalibrationError
 from ..cameras.types import Image
+from ..errors import InputError
 from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detector
 
 Floats = NDArray[np.float64]
@@ -37,7 +37,7 @@ def parse_target(text: str) -> Target:
 
     Raises
     ------
-    CalibrationError
+    InputError
         If the text has none of the forms in :data:`FORMS`.
     """
     kind, *values = text.split(":")
@@ -48,11 +48,11 @@ def parse_target(text: str) -> Target:
             return Charuco(*_grid(values[0]), _length(values[1]), _length(values[2]), *values[3:])
         if kind == "marker" and len(values) in {1, 2}:
             return SingleMarkers(_length(values[0]), *values[1:])
-    except CalibrationError:
+    except InputError:
         raise
     except ValueError as error:
-        raise CalibrationError(f"target {text!r}: {error}") from None
-    raise CalibrationError(f"target {text!r} is not one of {FORMS}")
+        raise InputError(f"target {text!r}: {error}") from None
+    raise InputError(f"target {text!r} is not one of {FORMS}")
 
 
 def _grid(text: str) -> tuple[int, int]:
@@ -78,12 +78,12 @@ class Chessboard:
 
     def __init__(self, columns: int, rows: int, square: float) -> None:
         if (columns + rows) % 2 == 0:
-            raise CalibrationError(
+            raise InputError(
                 f"a chessboard of {columns} x {rows} inner corners looks the same upside down; "
                 "use one even and one odd number, or a ChArUco board"
             )
         if min(columns, rows) < 3:
-            raise CalibrationError("a chessboard needs at least 3 inner corners each way")
+            raise InputError("a chessboard needs at least 3 inner corners each way")
         self._size = (columns, rows)
         y, x = np.mgrid[:rows, :columns]
         self._points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * square
@@ -92,8 +92,8 @@ class Chessboard:
         """Find the inner corners; empty unless all are visible."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
-        if not found:
+        detected, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
+        if not detected:
             return {}
         fine = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _SUBPIX)
         pixels = self._upright(np.asarray(grey, np.uint8), fine.reshape(-1, 2).astype(np.float64))
@@ -121,7 +121,7 @@ class Charuco:
         self, columns: int, rows: int, square: float, marker: float, dictionary: str = DEFAULT_DICTIONARY
     ) -> None:
         if marker >= square:
-            raise CalibrationError(f"markers of {marker} m do not fit in squares of {square} m")
+            raise InputError(f"markers of {marker} m do not fit in squares of {square} m")
         board = cv2.aruco.CharucoBoard((columns, rows), square, marker, find_dictionary(dictionary))
         self._points = np.asarray(board.getChessboardCorners(), np.float64)
         self._detector = cv2.aruco.CharucoDetector(board)
@@ -146,12 +146,12 @@ class SingleMarkers:
 
     def find(self, image: Image) -> TargetPoints:
         """Find the markers whose number occurs once in the image."""
-        found, numbers, _ = self._detector.detectMarkers(image)
+        detected, numbers, _ = self._detector.detectMarkers(image)
         flat = [] if numbers is None else [int(n) for n in np.ravel(numbers)]
         return {
             f"marker {number}": dict(
                 enumerate(zip(self._points, np.asarray(corners, np.float64).reshape(4, 2), strict=True))
             )
-            for number, corners in zip(flat, found, strict=True)
+            for number, corners in zip(flat, detected, strict=True)
             if flat.count(number) == 1
         }

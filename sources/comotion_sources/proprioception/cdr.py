@@ -2,25 +2,12 @@
 
 from typing import Any
 
-from comotion_schemas.ros_types import CdrError, from_cdr, store
+from comotion_schemas.ros_types import from_cdr
 
-from .samples import JointSample, SampleError, joint_sample
+from ..errors import InputError
+from .samples import JointSample, joint_sample
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-
-
-def ros_types() -> Any:
-    """Return the type store of rosbags.
-
-    Raises
-    ------
-    SampleError
-        If rosbags is not installed.
-    """
-    try:
-        return store()
-    except ImportError:
-        raise SampleError("rosbags is not installed: pip install 'comotion[ros]'") from None
 
 
 def decode_message(raw: bytes) -> Any:
@@ -28,14 +15,10 @@ def decode_message(raw: bytes) -> Any:
 
     Raises
     ------
-    SampleError
+    InputError
         If the payload is not a JointState.
     """
-    ros_types()
-    try:
-        return from_cdr(raw, JOINT_STATE)
-    except CdrError as error:
-        raise SampleError(str(error)) from None
+    return from_cdr(raw, JOINT_STATE)
 
 
 def from_message(message: Any, received_ns: int) -> JointSample:
@@ -43,7 +26,7 @@ def from_message(message: Any, received_ns: int) -> JointSample:
 
     Raises
     ------
-    SampleError
+    InputError
         If names and positions do not match or a number is not finite.
     """
     stamp = message.header.stamp
@@ -59,7 +42,7 @@ def ros_key(topic: str, domain: int = 0) -> str:
 
     Raises
     ------
-    SampleError
+    InputError
         If the topic is not a valid ROS name.
     """
     name = topic.strip("/")
@@ -67,5 +50,5 @@ def ros_key(topic: str, domain: int = 0) -> str:
     if not all(chunk and (chunk[0].isalpha() or chunk[0] == "_") for chunk in chunks) or not all(
         character.isascii() and (character.isalnum() or character in "_/") for character in name
     ):
-        raise SampleError(f"{topic!r} is not a ROS topic")
+        raise InputError(f"{topic!r} is not a ROS topic")
     return f"{domain}/{name}/sensor_msgs::msg::dds_::JointState_/*"

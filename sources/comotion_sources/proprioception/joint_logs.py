@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TextIO
 
 from comotion_schemas.errors import KnownError
+from comotion_schemas.ros_types import store
 from comotion_schemas.time_units import seconds
 
-from .cdr import JOINT_STATE, decode_message, from_message, ros_types
-from .samples import JointSample, SampleError, joint_sample
+from ..errors import InputError
+from .cdr import JOINT_STATE, decode_message, from_message
+from .samples import JointSample, joint_sample
 
 _MAX_LINE = 100_000
 _MAX_JOINTS = 1000
@@ -27,7 +29,7 @@ def read_csv(path: Path) -> Iterator[JointSample]:
 
     Raises
     ------
-    SampleError
+    InputError
         If the file is not such a log; the message names the line.
     """
     try:
@@ -42,9 +44,9 @@ def read_csv(path: Path) -> Iterator[JointSample]:
                     first = _judged(path, first, sample)
                     yield sample
     except OSError as error:
-        raise SampleError(f"{path}: {error.strerror}") from None
+        raise InputError(f"{path}: {error.strerror}") from None
     except (csv.Error, UnicodeDecodeError) as error:
-        raise SampleError(f"{path}: not a CSV file: {error}") from None
+        raise InputError(f"{path}: not a CSV file: {error}") from None
 
 
 def _judged(path: Path, first: list[int], sample: JointSample) -> list[int]:
@@ -56,7 +58,7 @@ def _judged(path: Path, first: list[int], sample: JointSample) -> list[int]:
         try:
             seconds([stamp / 1e9 for stamp in stamps])
         except KnownError as error:
-            raise SampleError(f"{path}: {error}") from None
+            raise InputError(f"{path}: {error}") from None
     return stamps
 
 
@@ -64,27 +66,27 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
     """Lines of a bounded length: a file without line ends may be larger than the memory."""
     while line := file.readline(_MAX_LINE + 1):
         if len(line) > _MAX_LINE:
-            raise SampleError(f"{path}: a line has more than {_MAX_LINE} characters")
+            raise InputError(f"{path}: a line has more than {_MAX_LINE} characters")
         yield line
 
 
 def _check_header(path: Path, header: list[str]) -> None:
     if not header or (header[0] != "stamp_ns" and header[0] not in _SECONDS):
-        raise SampleError(f"{path}: the first column must be stamp_ns or time, then one per joint")
+        raise InputError(f"{path}: the first column must be stamp_ns or time, then one per joint")
     if len(header) > _MAX_JOINTS:
-        raise SampleError(f"{path}: more than {_MAX_JOINTS} columns")
+        raise InputError(f"{path}: more than {_MAX_JOINTS} columns")
     if len(header) < 2:
-        raise SampleError(f"{path}: no joint columns")
+        raise InputError(f"{path}: no joint columns")
 
 
 def _csv_sample(path: Path, line: int, header: list[str], row: list[str]) -> JointSample:
     try:
         if len(row) != len(header):
-            raise SampleError(f"{len(row)} cells, expected {len(header)}")
+            raise InputError(f"{len(row)} cells, expected {len(header)}")
         stamp = int(row[0]) if header[0] == "stamp_ns" else round(float(row[0]) * 1e9)
         return joint_sample(stamp, header[1:], [float(cell) for cell in row[1:]])
     except (ValueError, OverflowError) as error:
-        raise SampleError(f"{path}, line {line}: {error}") from None
+        raise InputError(f"{path}, line {line}: {error}") from None
 
 
 def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
@@ -101,10 +103,9 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
 
     Raises
     ------
-    SampleError
+    InputError
         If the file is not a bag, if there is no such topic or several, or if a message is malformed.
     """
-    ros_types()  # says how to get rosbags when it is missing
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.interfaces import Connection
 
@@ -112,14 +113,14 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
         return connection.msgtype == JOINT_STATE and topic in (None, connection.topic)
 
     try:
-        with AnyReader([path], default_typestore=ros_types()) as reader:
+        with AnyReader([path], default_typestore=store()) as reader:
             connections = [c for c in reader.connections if wanted(c)]
             topics = sorted({c.topic for c in connections})
             if len(topics) != 1:
-                found = f"several: {', '.join(topics)}; name one" if topics else "none"
+                which = f"several: {', '.join(topics)}; name one" if topics else "none"
                 called = f" named {topic}" if topic else ""
-                raise SampleError(f"{path}: topics with joint states{called}: {found}")
+                raise InputError(f"{path}: topics with joint states{called}: {which}")
             for _, recorded_ns, raw in reader.messages(connections=connections):
                 yield from_message(decode_message(raw), recorded_ns)
     except (AnyReaderError, OSError) as error:
-        raise SampleError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from None

@@ -6,17 +6,17 @@ caller can send samples that it holds back. Malformed samples are counted and le
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, cast
 
 from comotion_schemas import DecodeError, JointStates, decode_on
-from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
+from comotion_schemas.transport import SessionSettings
 
-from ..received import Received
+from ..errors import InputError
+from ..received import Received, subscribed
 from ..runtime import SourcePublisher
 from .cdr import decode_message, from_message, ros_key
-from .samples import JointSample, SampleError, joint_sample
+from .samples import JointSample, joint_sample
 
 _Read: TypeAlias = Callable[[str, bytes, int], JointSample]
 
@@ -43,14 +43,8 @@ class SceneJoints:
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
         """Yield samples of the stream until the source stops."""
-        component = source.component
-        received = Received(source)
-        key = component.keys.stream("joints", self.name)
-        subscriber = declare_subscriber(component.session, key, "joints", received.receive)
-        try:
+        with subscribed(source, source.component.keys.stream("joints", self.name)) as received:
             yield from _samples(received, source, _from_wire)
-        finally:
-            subscriber.undeclare()
 
 
 @dataclass(frozen=True)
@@ -71,13 +65,7 @@ class RosTopic:
 
     def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
         """Yield samples of the topic until the source stops."""
-        received = Received(source)
-        with ExitStack() as stack:
-            session = source.component.session
-            if self.settings is not None:
-                session = stack.enter_context(open_session(self.settings))
-            subscriber = session.declare_subscriber(ros_key(self.topic, self.domain), received.receive)
-            stack.callback(subscriber.undeclare)
+        with subscribed(source, ros_key(self.topic, self.domain), self.settings) as received:
             yield from _samples(received, source, _from_ros)
 
 
@@ -122,7 +110,7 @@ def _samples(received: Received, source: SourcePublisher, read: _Read) -> Iterat
             yield read(*arrival)
         except DecodeError as error:
             source.reject(error.reason)
-        except SampleError:
+        except InputError:
             source.reject("malformed")
 
 

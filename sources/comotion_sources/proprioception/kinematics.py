@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..calibration.model import Extrinsics
-from ..errors import SceneError
-from ..workcell.extra import require_mujoco
-from .model import couplings
-from .samples import JointSample, SampleError, Vector
+from ..errors import InputError
+from ..workcell.extra import couplings, require_mujoco
+from .samples import JointSample, Vector
 
 Vectors = NDArray[np.float64]
 
@@ -73,7 +72,7 @@ class Kinematics:
 
     Raises
     ------
-    SceneError
+    InputError
         If a link does not exist, no link moves, or a joint has more than one degree of freedom.
     """
 
@@ -91,10 +90,10 @@ class Kinematics:
         names = [model.body(i).name for i in range(model.nbody)]
         self.links = tuple(links) if links else tuple(n for i, n in enumerate(names) if model.body_jntnum[i])
         if not self.links:
-            raise SceneError("the model has no link that a joint moves")
+            raise InputError("the model has no link that a joint moves")
         for link in self.links:
             if link not in names:
-                raise SceneError(f"no link {link!r}; one of {', '.join(n for n in names[1:] if n)}")
+                raise InputError(f"no link {link!r}; one of {', '.join(n for n in names[1:] if n)}")
         self._bodies = [names.index(link) for link in self.links]
         self._couplings = [
             (t, d, np.polynomial.Polynomial(coefficients)) for t, d, coefficients in couplings(model)
@@ -108,7 +107,7 @@ class Kinematics:
 
         Raises
         ------
-        SampleError
+        InputError
             If one of :attr:`joints` is missing.
         """
         self._place(sample)
@@ -133,11 +132,11 @@ class Kinematics:
         return JointSample(sample.stamp_ns, sample.names, rounded)
 
     def _place(self, sample: JointSample) -> None:
-        given: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
+        positions: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
         for index, joint in zip(self._needed, self.joints, strict=True):
-            if joint not in given:
-                raise SampleError(f"no position of joint {joint!r}")
-            self._data.qpos[self._model.jnt_qposadr[index]] = given[joint]
+            if joint not in positions:
+                raise InputError(f"no position of joint {joint!r}")
+            self._data.qpos[self._model.jnt_qposadr[index]] = positions[joint]
         for target, driver, polynomial in self._couplings:
             value = polynomial(self._data.qpos[self._model.jnt_qposadr[driver]])
             self._data.qpos[self._model.jnt_qposadr[target]] = value
@@ -161,19 +160,19 @@ class Kinematics:
 
     def _find_joints(self) -> list[int]:
         """Indices of the joints between the world and the links, coupled ones replaced by their driver."""
-        model, found = self._model, set[int]()
+        model, joints = self._model, set[int]()
         for body in self._bodies:
             while body:
                 first = int(model.body_jntadr[body])
-                found.update(range(first, first + int(model.body_jntnum[body])))
+                joints.update(range(first, first + int(model.body_jntnum[body])))
                 body = int(model.body_parentid[body])  # noqa: PLW2901 - walking up the tree
         drivers = {target: driver for target, driver, _ in self._couplings}
-        needed = sorted({drivers.get(joint, joint) for joint in found})
+        needed = sorted({drivers.get(joint, joint) for joint in joints})
         single = (int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE))
         for joint in needed:
             if int(model.jnt_type[joint]) not in single:
                 name = model.joint(joint).name
-                raise SceneError(f"joint {name!r} is neither a hinge nor a slide")
+                raise InputError(f"joint {name!r} is neither a hinge nor a slide")
         return needed
 
     def _resolutions(self) -> Vector:

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from ..errors import SceneError
+from ..errors import InputError
 from ..workcell.extra import require_mujoco
 
 _MAX_BYTES = 16_000_000
@@ -18,35 +18,25 @@ def load_model(path: Path) -> Any:
 
     Raises
     ------
-    SceneError
+    InputError
         If the file is neither, or MuJoCo is not installed; the message is one line.
     """
     mujoco = require_mujoco()
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise SceneError(f"{path}: more than {_MAX_BYTES} bytes")
+            raise InputError(f"{path}: more than {_MAX_BYTES} bytes")
         root = ET.parse(path).getroot()  # noqa: S314 - a file the user names; expat limits expansion
         if root.tag == "robot":
             return mujoco.MjModel.from_xml_string(_kinematics_only(root))
         return mujoco.MjModel.from_xml_path(str(path))
     except OSError as error:
-        raise SceneError(f"{path}: {error.strerror}") from None
+        raise InputError(f"{path}: {error.strerror}") from None
     except RecursionError:
-        raise SceneError(f"{path}: its elements are nested too deeply") from None
-    except SceneError:
+        raise InputError(f"{path}: its elements are nested too deeply") from None
+    except InputError:
         raise
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise SceneError(f"{path}: {' '.join(str(error).split())}") from None
-
-
-def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
-    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
-    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
-    return [
-        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
-        for i in range(model.neq)
-        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
-    ]
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
 
 
 def _kinematics_only(robot: ET.Element) -> str:

@@ -8,22 +8,6 @@ from .kinematics import Kinematics, LinkPoses
 from .samples import JointSample
 
 
-@dataclass(frozen=True, kw_only=True)
-class Packing:
-    """How joint samples are grouped into batches.
-
-    Attributes
-    ----------
-    rate
-        Most instants per second; further samples are left out.
-    span
-        Time covered by one batch, seconds.
-    """
-
-    rate: float = 200.0
-    span: float = 0.02
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Pack:
     """The columns of one batch: one row per instant and link, oldest first.
@@ -47,6 +31,15 @@ class Pack:
 class Packer:
     """Groups joint samples into batches.
 
+    Parameters
+    ----------
+    kinematics
+        Robot and links.
+    rate
+        Most instants per second; further samples are left out.
+    span
+        Time covered by one batch, seconds.
+
     Attributes
     ----------
     stale
@@ -55,11 +48,10 @@ class Packer:
         Number of samples left out because of the rate.
     """
 
-    def __init__(self, kinematics: Kinematics, packing: Packing | None = None) -> None:
+    def __init__(self, kinematics: Kinematics, *, rate: float = 200.0, span: float = 0.02) -> None:
         self._kinematics = kinematics
-        packing = packing or Packing()
-        self._period_ns = round(1e9 / packing.rate)
-        self._span_ns = round(packing.span * 1e9)
+        self._period_ns = round(1e9 / rate)
+        self._span_ns = round(span * 1e9)
         self._pending: list[tuple[int, LinkPoses]] = []
         self._newest: int | None = None
         self._due = 0
@@ -70,7 +62,7 @@ class Packer:
 
         Raises
         ------
-        SampleError
+        InputError
             If a joint is missing in the sample.
         """
         if self._newest is not None and sample.stamp_ns <= self._newest:

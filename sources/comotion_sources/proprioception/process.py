@@ -8,11 +8,12 @@ import numpy as np
 
 from comotion_schemas.component import Where
 
+from ..errors import InputError
 from ..runtime import SourcePublisher
 from .joint_readers import JointReader
 from .kinematics import Kinematics
-from .packer import Pack, Packer, Packing
-from .samples import JointSample, SampleError
+from .packer import Pack, Packer
+from .samples import JointSample
 
 _SET_BACK_NS = 1_000_000_000
 """Stamps that go back by more than this mean that the clock was reset, not that samples are late."""
@@ -23,7 +24,8 @@ def run(
     kinematics: Kinematics,
     reader: JointReader,
     *,
-    packing: Packing | None = None,
+    rate: float = 200.0,
+    span: float = 0.02,
     truth: Mapping[str, tuple[int, str]] | None = None,
     name: str = "proprioception",
     space: str = "world",
@@ -37,8 +39,8 @@ def run(
         Robot and links.
     reader
         Where the joint samples come from.
-    packing
-        Rate and batch length.
+    rate, span
+        Most instants per second, and s of instants in one batch.
     truth
         Link -> (object number, name), where known (the workcell).
     name, space
@@ -51,19 +53,18 @@ def run(
     ValueError
         If the name of the scene or source is not valid, or the log is malformed.
     """
-    packing = packing or Packing()
     source = SourcePublisher(
         name,
         space=space,
         unit="m",
         dim=3,
-        rate=1.0 / max(packing.span, 1.0 / packing.rate),
+        rate=1.0 / max(span, 1.0 / rate),
         message=f"poses of {', '.join(kinematics.links)}",
         feature_names=dict(enumerate(kinematics.links)),
         **where,
     )
     with source:
-        relay = _Relay(source, Packer(kinematics, packing))
+        relay = _Relay(source, Packer(kinematics, rate=rate, span=span))
         if truth is not None:
             _publish_truth(source, kinematics, truth)
         source.ready()
@@ -90,7 +91,7 @@ class _Relay:
         stale = self._packer.stale
         try:
             pack = self._packer.add(sample)
-        except SampleError as error:
+        except InputError as error:
             self._source.reject("schema", str(error))
             return
         if self._packer.stale > stale:

@@ -30,8 +30,8 @@ class JointSample:
     positions: Vector
 
 
-class SampleError(InputError):
-    """An input is not a valid joint sample; the message is one line."""
+SampleError = InputError
+"""The error of an input that is not a valid joint sample."""
 
 
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> JointSample:
@@ -39,16 +39,16 @@ def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> Join
 
     Raises
     ------
-    SampleError
+    InputError
         If names and positions do not match, a name occurs twice, or a position is not finite.
     """
     values = np.asarray(positions, np.float64)
     if values.shape != (len(names),):
-        raise SampleError(f"{len(names)} joint names but {values.size} positions")
+        raise InputError(f"{len(names)} joint names but {values.size} positions")
     if len(set(names)) != len(names):
-        raise SampleError("a joint is named twice")
+        raise InputError("a joint is named twice")
     if not np.isfinite(values).all():
-        raise SampleError("a joint position is not finite")
+        raise InputError("a joint position is not finite")
     if not 0 <= stamp_ns < 2**63:
-        raise SampleError(f"stamp {stamp_ns} is out of range")
+        raise InputError(f"stamp {stamp_ns} is out of range")
     return JointSample(stamp_ns, tuple(names), values)

@@ -15,8 +15,15 @@ __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches",
 _log = logging.getLogger(__name__)
 
 
-def read_recording(path: str | Path) -> Recording:
-    """Read a recording: ``.c3d`` or ``.npz``, by its suffix.
+def read_recording(path: str | Path, fps: float | None = None) -> Recording:
+    """Read a recording, by its suffix: ``.c3d``, ``.npz``, ``.npy`` or ``.csv``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    fps
+        Frames per second of tracks whose file has no times.
 
     Raises
     ------
@@ -25,7 +32,7 @@ def read_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     try:
-        recording = _read(path)
+        recording = _read(path, fps)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
     except RecordingError as error:
@@ -35,15 +42,19 @@ def read_recording(path: str | Path) -> Recording:
     return recording
 
 
-def _read(path: Path) -> Recording:
+def _read(path: Path, fps: float | None) -> Recording:
     from .c3d import read_c3d
-    from .npz import read_npz
+    from .npz import read_npy, read_npz
+    from .track_table import read_csv
 
     if path.stat().st_size == 0:
         raise RecordingError("the file is empty")
-    readers = {".c3d": read_c3d, ".npz": read_npz}
-    reader = readers.get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    if suffix == ".c3d":
+        return read_c3d(path)
+    readers = {".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
+    reader = readers.get(suffix)
     if reader is None:
         # A recorded scene has readers of its own; it is accepted wherever these are.
-        raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
-    return reader(path)
+        raise RecordingError(f"its ending is not one of {', '.join(('.c3d', *readers, SUFFIX))}")
+    return reader(path, fps)

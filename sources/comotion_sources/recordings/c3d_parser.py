@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import InputError
 
 # From the C3D specification: block size in bytes, key byte, processor types and their byte order, and
 # the largest frame number that the header can hold.
@@ -28,10 +28,6 @@ _SATURATED = 0xFFFF
 _MEMORY = 4 << 30  # bytes; ten minutes of 300 markers at 200 Hz take about 1 GiB
 # Model outputs in the list of points that are not positions.
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-
-
-class NotReadableError(KnownError):
-    """The file cannot be read; the message is for the user."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +55,15 @@ def read_header(raw: bytes) -> Header:
 
     Raises
     ------
-    NotReadableError
+    InputError
         If this is not a C3D file.
     """
     if len(raw) < _BLOCK or raw[1] != _MAGIC:
-        raise NotReadableError("it is not a C3D file")
+        raise InputError("it is not a C3D file")
     processor_at = (raw[0] - 1) * _BLOCK + 3
     processor = raw[processor_at] if 0 <= processor_at < len(raw) else 0
     if processor not in _PROCESSORS:
-        raise NotReadableError("it is damaged or truncated: no parameter section")
+        raise InputError("it is damaged or truncated: no parameter section")
     first, last = struct.unpack_from(_PROCESSORS[processor] + "HH", raw, 6)
     return Header(processor, None if last == _SATURATED else last - first + 1)
 
@@ -77,7 +73,7 @@ def parse(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    NotReadableError
+    InputError
         If the file is not a C3D file, or is truncated.
     """
     with path.open("rb") as file:
@@ -85,7 +81,7 @@ def parse(path: Path) -> dict[str, Any]:
     points = _with_c3d(path) if header.processor == _SGI else _with_ezc3d(path)
     frames = len(points.positions)
     if header.frames is not None and frames < header.frames:
-        raise NotReadableError(f"it is truncated: {frames} of {header.frames} frames")
+        raise InputError(f"it is truncated: {frames} of {header.frames} frames")
     wanted = [label not in points.others for label in points.labels]
     # Exporters write a lost marker with a negative residual, as NaN, or exactly at the origin.
     lost = (points.residuals < 0) | np.all(points.positions == 0, axis=2)
@@ -151,7 +147,7 @@ def main(arguments: list[str]) -> int:
     try:
         arrays = parse(Path(arguments[0]))
     except Exception as error:  # the libraries raise many types on damaged files
-        message = str(error) if isinstance(error, NotReadableError) else f"it is damaged ({error})"
+        message = str(error) if isinstance(error, InputError) else f"it is damaged ({error})"
         sys.stderr.write(" ".join(message.split()) + "\n")
         return 1
     buffer = io.BytesIO()

@@ -4,6 +4,8 @@ Arrays: ``positions`` (F, N, 2 or 3) with NaN where unobserved, and ``times`` (F
 or as whole numbers of ms, us or ns. Optional: ``labels`` (N,), number of the true object from 1 on;
 ``segment_names`` or ``label_names``; ``units`` (``m``, ``cm`` or ``mm``; m by default). Positions with two
 coordinates are in pixels.
+
+Files without ``positions`` are read as those of a point tracker (:mod:`.tracks`).
 """
 
 import math
@@ -21,6 +23,7 @@ from comotion_schemas.time_units import seconds
 
 from ..errors import RecordingError
 from .recording import Recording, clean, clean_labels
+from .tracks import NAMES, tracks_recording
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 # Raised by zipfile, zlib and NumPy on damaged archives.
@@ -42,8 +45,15 @@ _MAX_BYTES = 2 << 30
 _MAX_LABEL = np.iinfo(np.int32).max
 
 
-def read_npz(path: Path) -> Recording:
+def read_npz(path: Path, fps: float | None = None) -> Recording:
     """Read an ``.npz`` recording.
+
+    Parameters
+    ----------
+    path
+        The file.
+    fps
+        Frames per second of tracks without times.
 
     Raises
     ------
@@ -58,7 +68,7 @@ def read_npz(path: Path) -> Recording:
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise RecordingError("it is not an .npz archive")
-            return _recording(path.stem, archive)
+            return _recording(path.stem, archive, fps)
     except RecordingError:
         raise
     except _DAMAGED as error:
@@ -67,8 +77,36 @@ def read_npz(path: Path) -> Recording:
         ) from None
 
 
-def _recording(name: str, archive: Any) -> Recording:
-    positions, times = _numbers(archive, "positions", 3), _array(archive, "times")
+def read_npy(path: Path, fps: float | None = None) -> Recording:
+    """Read the positions of a point tracker, one array; as :func:`read_npz`.
+
+    Raises
+    ------
+    RecordingError
+        If it is not such an array.
+    OSError
+        If it cannot be opened.
+    """
+    try:
+        # A mapped array is not allocated: its header may announce more than the file holds.
+        return tracks_recording(path.stem, {"tracks": np.load(path, mmap_mode="r", allow_pickle=False)}, fps)
+    except RecordingError:
+        raise
+    except _DAMAGED as error:
+        raise RecordingError(
+            f"it is not an array of numbers, or is damaged ({type(error).__name__})"
+        ) from None
+
+
+def _recording(name: str, archive: Any, fps: float | None) -> Recording:
+    if "positions" not in archive:
+        found = {key: _array(archive, key) for key in NAMES if key in archive}
+        return tracks_recording(name, found, fps)
+    positions = _numbers(archive, "positions", 3)
+    if fps is not None and "times" not in archive:
+        times = np.arange(len(positions)) / fps
+    else:
+        times = _array(archive, "times")
     frames, markers, dim = positions.shape
     if dim not in {2, 3}:
         raise RecordingError(f"its positions have {dim} coordinates, not 2 or 3")

@@ -28,6 +28,10 @@ class Recording:
         int64 [N], number of the true object, -1 for ambiguous; None without truth.
     label_names
         Names of the objects by number.
+    sigma
+        float64 [F, N], one-sigma noise of a position in `unit`, above 0 where observed; None: unknown.
+    ids
+        uint64 [N], ids of the features; None: their numbers.
     space, unit, dim
         Coordinate space: ``world`` in m for 3-D, ``pixels`` in px for 2-D.
     """
@@ -37,6 +41,8 @@ class Recording:
     positions: NDArray[np.float64]
     labels: NDArray[np.int64] | None
     label_names: dict[int, str]
+    sigma: NDArray[np.float64] | None = None
+    ids: NDArray[np.uint64] | None = None
 
     @property
     def dim(self) -> int:
@@ -112,7 +118,8 @@ def decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]
 class RecordedFrames:
     """The frames of some markers of a recording at some of its instants; may be iterated repeatedly.
 
-    The id of a feature is the number of its marker. A feature ends with its last observation.
+    The id of a feature is that of the recording, else the number of its marker. A feature ends with its last
+    observation.
 
     Parameters
     ----------
@@ -122,22 +129,16 @@ class RecordedFrames:
         intp [M], numbers of the markers.
     instants
         intp [K], numbers of the instants.
-    time_scale
-        Factor on the times.
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        *,
-        markers: NDArray[np.intp],
-        instants: NDArray[np.intp],
-        time_scale: float = 1.0,
+        self, recording: Recording, *, markers: NDArray[np.intp], instants: NDArray[np.intp]
     ) -> None:
-        self._times = recording.times[instants] * time_scale
+        self._times = recording.times[instants]
         self._positions = recording.positions[np.ix_(instants, markers)]
         self._seen: NDArray[np.bool_] = np.isfinite(self._positions[..., 0])
-        self._ids = markers.astype(np.uint64)
+        self._ids = (markers if recording.ids is None else recording.ids[markers]).astype(np.uint64)
+        self._sigma = None if recording.sigma is None else recording.sigma[np.ix_(instants, markers)]
         labels = recording.labels
         self._objects = None if labels is None else labels[markers].astype(np.int32)
         # Index of the last observation; -2 where there is none, so that the feature never ends.
@@ -156,6 +157,7 @@ class RecordedFrames:
                 positions=self._positions[k, seen],
                 objects=None if self._objects is None else self._objects[seen],
                 ended=self._ids[self._last == k - 1],
+                sigma=None if self._sigma is None else self._sigma[k, seen],
             )
 
 

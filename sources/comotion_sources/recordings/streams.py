@@ -17,7 +17,6 @@ def recording_streams(
     split: int = 1,
     rates: Sequence[float] | None = None,
     source: str = DEFAULT_NAME,
-    time_scale: float = 1.0,
 ) -> list[Stream]:
     """Divide the markers of a recording among sources.
 
@@ -32,8 +31,6 @@ def recording_streams(
         has 1/k of the rate of the recording.
     source
         Name of the source; with several sources, the k-th is ``<source>-k``.
-    time_scale
-        Factor on the times.
 
     Raises
     ------
@@ -42,11 +39,11 @@ def recording_streams(
     ValueError
         If the number of rates is neither one nor the number of sources.
     """
-    wanted: Sequence[float | None]
+    rate_of_part: Sequence[float | None]
     if rates is None:
-        wanted = [None, *(recording.rate / k for k in range(2, split + 1))]
+        rate_of_part = [None, *(recording.rate / k for k in range(2, split + 1))]
     else:
-        wanted = [rate_of(Part(part, split), rates) for part in range(split)]
+        rate_of_part = [rate_of(Part(part, split), rates) for part in range(split)]
     return [
         Stream(
             name=numbered(source, part, split),
@@ -54,13 +51,10 @@ def recording_streams(
             unit=recording.unit,
             dim=recording.dim,
             objects=recording.label_names,
-            rate=(wanted[part] or recording.rate) / time_scale,
-            length=recording.length * time_scale,
+            rate=rate_of_part[part] or recording.rate,
+            length=recording.length,
             frames=RecordedFrames(
-                recording,
-                markers=markers,
-                instants=decimate(recording.times, wanted[part]),
-                time_scale=time_scale,
+                recording, markers=markers, instants=decimate(recording.times, rate_of_part[part])
             ),
         )
         for part, markers in enumerate(split_markers(recording.positions.shape[1], split))
@@ -88,4 +82,4 @@ def recording_batches(
         Stamp of the first instant.
     """
     streams = recording_streams(recording, split=split, rates=rates, source=source)
-    return merged(streams, session=session, epoch_ns=epoch_ns)
+    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=True)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
-from comotion_schemas.ros_types import CdrError, from_cdr
+from comotion_schemas.ros_types import from_cdr
+
+from ..errors import InputError
 
 TF = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
@@ -21,10 +22,6 @@ ID_FIELDS = ("id", "track_id", "marker_id", "label")
 """Fields of a point cloud that name the feature, in the order of preference."""
 _LARGEST_ID = 2.0**53  # beyond, a float is no longer one whole number
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-
-
-class MessageError(KnownError):
-    """A message that cannot be observations; one line."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +73,10 @@ class Converter:
 
         Raises
         ------
-        MessageError
+        InputError
             If the bytes are not a message of this type, or a cloud has no field that names features.
         """
-        try:
-            message = from_cdr(raw, kind)
-        except CdrError as error:
-            raise MessageError(str(error)) from None
+        message = from_cdr(raw, kind)
         if kind == CLOUD:
             return [_cloud(message, received_ns)]
         poses: dict[tuple[int, str], list[tuple[int, list[float], list[float]]]] = {}
@@ -100,11 +94,11 @@ def _poses(kind: str, message: Any) -> Iterator[tuple[str, Any, Any, Any]]:
     if kind == POSE:
         yield "pose", message.header, message.pose.position, message.pose.orientation
     elif kind == NAMED_POSES:
-        for one in message.poses:
-            yield one.name, message.header, one.pose.position, one.pose.orientation
+        for pose in message.poses:
+            yield pose.name, message.header, pose.pose.position, pose.pose.orientation
     else:
-        for one in message.transforms if kind == TF else [message]:
-            yield one.child_frame_id, one.header, one.transform.translation, one.transform.rotation
+        for pose in message.transforms if kind == TF else [message]:
+            yield pose.child_frame_id, pose.header, pose.transform.translation, pose.transform.rotation
 
 
 def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list[float]]]) -> Observed:
@@ -122,11 +116,11 @@ def _cloud(message: Any, received_ns: int) -> Observed:
     fields = {field.name: field for field in message.fields}
     name = next((one for one in ID_FIELDS if one in fields), None)
     if name is None or not {"x", "y", "z"} <= fields.keys():
-        raise MessageError(f"a cloud needs the fields x, y, z and one of {', '.join(ID_FIELDS)}")
+        raise InputError(f"a cloud needs the fields x, y, z and one of {', '.join(ID_FIELDS)}")
     count = int(message.width) * int(message.height)
     data, step = np.asarray(message.data).tobytes(), int(message.point_step)
     if len(data) < count * step:
-        raise MessageError("a cloud is shorter than it says")
+        raise InputError("a cloud is shorter than it says")
     order = ">" if message.is_bigendian else "<"
     chosen = [fields[one] for one in ("x", "y", "z", name)]
     try:
@@ -139,7 +133,7 @@ def _cloud(message: Any, received_ns: int) -> Observed:
             }
         )
     except (KeyError, ValueError):
-        raise MessageError("a cloud has fields that do not fit its points") from None
+        raise InputError("a cloud has fields that do not fit its points") from None
     points = np.frombuffer(data, kind, count)
     positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
     ids = _ids(points[name])

@@ -1,15 +1,15 @@
 """Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Unpack
 
 from comotion_schemas.component import Where
-from comotion_schemas.transport import SessionSettings, open_session
+from comotion_schemas.transport import SessionSettings
 
-from ..received import Received
+from ..errors import InputError
+from ..received import subscribed
 from ..runtime import SourcePublisher
-from .convert import Converter, MessageError, Observed, kind_of
+from .convert import Converter, Observed, kind_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class Ros2Source:
 
 
 def run(
-    what: Ros2Source,
+    followed: Ros2Source,
     *,
     name: str = "ros2",
     space: str = "world",
@@ -55,20 +55,13 @@ def run(
         unit="m",
         dim=3,
         drop_invalid=True,
-        message=f"ROS topic {what.topic}",
+        message=f"ROS topic {followed.topic}",
         **where,
     )
-    received = Received(source)
-    with source, ExitStack() as stack:
-        session = source.component.session
-        if what.ros is not None:
-            session = stack.enter_context(open_session(what.ros))
-        subscriber = session.declare_subscriber(
-            f"{what.domain}/{what.topic.strip('/')}/*/*", received.receive
-        )
-        stack.callback(subscriber.undeclare)
+    key = f"{followed.domain}/{followed.topic.strip('/')}/*/*"
+    with source, subscribed(source, key, followed.ros) as received:
         source.ready()
-        relay = _Relay(source, what)
+        relay = _Relay(source, followed)
         for arrival in received:
             if arrival is not None:
                 relay.take(*arrival)
@@ -77,9 +70,9 @@ def run(
 class _Relay:
     """Converts and publishes; what cannot be used is counted, and said once."""
 
-    def __init__(self, source: SourcePublisher, what: Ros2Source) -> None:
-        self._source, self._frame = source, what.frame
-        self._converter = Converter(what.pattern)
+    def __init__(self, source: SourcePublisher, followed: Ros2Source) -> None:
+        self._source, self._frame = source, followed.frame
+        self._converter = Converter(followed.pattern)
 
     def take(self, key: str, raw: bytes, received_ns: int) -> None:
         kind = kind_of(key)
@@ -87,24 +80,24 @@ class _Relay:
             self._source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
             return
         try:
-            found = self._converter.convert(kind, raw, received_ns)
-        except MessageError as error:
+            observations = self._converter.convert(kind, raw, received_ns)
+        except InputError as error:
             self._source.reject("malformed", str(error))
             return
-        for one in found:
-            self._publish(one)
+        for observed in observations:
+            self._publish(observed)
 
-    def _publish(self, one: Observed) -> None:
-        self._frame = self._frame or one.frame
-        if one.frame != self._frame:
-            self._source.reject("space-mismatch", f"frame {one.frame!r} is not {self._frame!r}")
+    def _publish(self, observed: Observed) -> None:
+        self._frame = self._frame or observed.frame
+        if observed.frame != self._frame:
+            self._source.reject("space-mismatch", f"frame {observed.frame!r} is not {self._frame!r}")
             return
         try:
             self._source.observe(
-                ids=one.ids,
-                positions=one.positions,
-                quaternions=one.quaternions,
-                stamp_ns=one.stamp_ns,
+                ids=observed.ids,
+                positions=observed.positions,
+                quaternions=observed.quaternions,
+                stamp_ns=observed.stamp_ns,
             )
         except ValueError as error:
             self._source.reject("malformed", str(error).partition("\n")[0])

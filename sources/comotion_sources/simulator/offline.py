@@ -56,6 +56,8 @@ def batches(
     publish_sigma
         Publish the true noise of every feature.
     """
-    given = [simulations] if isinstance(simulations, Simulation) else simulations
-    streams = [stream(one, numbered(source, one.part, one.parts)) for one in given]
+    chosen = [simulations] if isinstance(simulations, Simulation) else simulations
+    streams = [
+        stream(simulation, numbered(source, simulation.part, simulation.parts)) for simulation in chosen
+    ]
     return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)

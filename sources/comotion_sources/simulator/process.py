@@ -2,54 +2,15 @@
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.component import Where
 
-from ..parts import Part, rate_of
-from ..playback import publish
-from ..player import Schedule
+from ..replay import play_streams
 from ..streams import numbered
+from ..tape import Schedule
 from .offline import stream
-from .simulation import Simulation, Split, simulate
-from .spec import SceneSpec
-
-
-def choose_sources(
-    spec: SceneSpec,
-    *,
-    part: Part | None = None,
-    rates: Sequence[float] | None = None,
-    seed: int = 0,
-    noise: float = 1.0,
-    time_scale: float = 1.0,
-    split: Split = "features",
-) -> list[Simulation]:
-    """Build the sources that one process publishes.
-
-    Parameters
-    ----------
-    spec
-        The scene.
-    part
-        Publish only this part; None: all parts.
-    rates
-        Hz of each source, or of all; None: those of the scene.
-    seed, noise, time_scale, split
-        As in :class:`Simulation`.
-
-    Raises
-    ------
-    ValueError
-        If the number of rates is wrong, or an argument is out of range.
-    """
-    options = {"seed": seed, "noise": noise, "time_scale": time_scale}
-    if part is None:
-        return simulate(spec, rates=rates, split=split, **options)  # type: ignore[arg-type]
-    known = spec.rates if len(spec.rates) == part.count else [spec.rate]
-    rate = rate_of(part, rates or known)
-    return [Simulation(spec, rate=rate, part=part.index, parts=part.count, split=split, **options)]  # type: ignore[arg-type]
+from .simulation import Simulation
 
 
 def run(
@@ -57,10 +18,8 @@ def run(
     schedule: Schedule,
     *,
     name: str | None = None,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
     publish_sigma: bool = False,
+    **where: Unpack[Where],
 ) -> None:
     """Publish simulated sources until the scene ends, a signal arrives or the schedule ends.
 
@@ -72,10 +31,10 @@ def run(
         When frames are due, and their stamps.
     name
         Name of the source; with several sources, the k-th is ``<name>-k``.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
     publish_sigma
         Publish the true noise of every feature.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -85,14 +44,13 @@ def run(
     streams = [stream(simulation) for simulation in simulations]
     if name is not None:
         streams = [
-            dataclasses.replace(one, name=numbered(name, k, len(streams))) for k, one in enumerate(streams)
+            dataclasses.replace(source, name=numbered(name, k, len(streams)))
+            for k, source in enumerate(streams)
         ]
-    publish(
+    play_streams(
         streams,
         schedule,
-        scene=scene,
-        settings=settings,
-        ready_file=ready_file,
-        publish_sigma=publish_sigma,
         message=f"simulates {simulations[0].spec.title}",
+        publish_sigma=publish_sigma,
+        **where,
     )

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..errors import SceneError
+from ..errors import InputError
 from ..frames import Frame
+from ..parts import Part, rate_of
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec, frame_count
@@ -44,7 +45,7 @@ class Simulation:
 
     Raises
     ------
-    SceneError
+    InputError
         If an argument is out of range.
     """
 
@@ -87,11 +88,11 @@ class Simulation:
         return frame_count(self.duration, self.rate, self._phase)
 
     def __iter__(self) -> Iterator[Frame]:
-        before = np.zeros(len(self._mine), bool)
+        alive_before = np.zeros(len(self._mine), bool)
         for number in range(len(self)):
             alive = self._alive(self._time(number))
-            yield self._frame(number, alive, before & ~alive)
-            before = alive
+            yield self._frame(number, alive, alive_before & ~alive)
+            alive_before = alive
 
     def poses(self, body: int, times: Array) -> Poses:
         """True poses of a body in the observing frame.
@@ -103,9 +104,9 @@ class Simulation:
         times
             float64 [T], seconds since the start of the source.
 
-            rns
-            ---
-            tions float64 [T, dim, dim] and translations float64 [T, dim].
+        Returns
+        -------
+        Rotations float64 [T, dim, dim] and translations float64 [T, dim].
         """
         scene_times = np.atleast_1d(np.asarray(times, np.float64)) * self.time_scale
         pose = self._actors.paths[body].at(scene_times)
@@ -114,15 +115,15 @@ class Simulation:
 
     def _check(self) -> None:
         if self.seed < 0:
-            raise SceneError(f"seed {self.seed} is negative")
+            raise InputError(f"seed {self.seed} is negative")
         if not 0 < self.rate <= 1000:
-            raise SceneError(f"rate {self.rate:g} is not within 0 to 1000 Hz")
+            raise InputError(f"rate {self.rate:g} is not within 0 to 1000 Hz")
         if not 0 <= self.noise < np.inf:
-            raise SceneError(f"noise factor {self.noise:g} is negative or infinite")
+            raise InputError(f"noise factor {self.noise:g} is negative or infinite")
         if not 0 < self.time_scale <= 1000:
-            raise SceneError(f"time scale {self.time_scale:g} is not within 0 to 1000")
+            raise InputError(f"time scale {self.time_scale:g} is not within 0 to 1000")
         if not 0 <= self.part < self.parts:
-            raise SceneError(f"part {self.part + 1} of {self.parts} does not exist")
+            raise InputError(f"part {self.part + 1} of {self.parts} does not exist")
 
     def _time(self, number: int) -> float:
         return (number + self._phase) / self.rate
@@ -183,22 +184,30 @@ def simulate(
     noise: float = 1.0,
     time_scale: float = 1.0,
     split: Split = "features",
+    part: Part | None = None,
 ) -> list[Simulation]:
-    """Build the sources that together observe a scene.
+    """Build the sources that together observe a scene, or one of them.
 
     Parameters
     ----------
     spec, seed, noise, time_scale, split
         As in :class:`Simulation`.
     rates
-        Frames per second, one per source; None: those of the scene.
+        Frames per second, one per source; None: those of the scene. With a `part` one, or one per part.
+    part
+        Build only this source; None: all.
 
     Raises
     ------
-    SceneError
-        If an argument is out of range.
+    ValueError
+        If the number of rates is wrong, or an argument is out of range.
     """
-    chosen = spec.rates if rates is None else rates
+    if part is None:
+        given = spec.rates if rates is None else rates
+        chosen = [(Part(index, len(given)), rate) for index, rate in enumerate(given)]
+    else:
+        known = spec.rates if len(spec.rates) == part.count else [spec.rate]
+        chosen = [(part, rate_of(part, rates or known))]
     return [
         Simulation(
             spec,
@@ -206,9 +215,9 @@ def simulate(
             rate=rate,
             noise=noise,
             time_scale=time_scale,
-            part=part,
-            parts=len(chosen),
+            part=each.index,
+            parts=each.count,
             split=split,
         )
-        for part, rate in enumerate(chosen)
+        for each, rate in chosen
     ]

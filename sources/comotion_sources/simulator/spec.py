@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from comotion_schemas.errors import KnownError, describe
 
 from ..bounded import parse_toml, read_text
-from ..errors import InputError, SceneError
+from ..errors import InputError
 
 _MAX_BYTES = 1_000_000
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -221,16 +221,16 @@ def load_scene(scene: str | Path) -> SceneSpec:
 
     Raises
     ------
-    SceneError
+    InputError
         If the scene does not exist or is malformed; the message is one line.
     """
     text = _read(scene)
     try:
         return SceneSpec.model_validate(parse_toml(text))
     except ValidationError as error:
-        raise SceneError(f"scene {scene}: {describe(error)}") from None
+        raise InputError(f"scene {scene}: {describe(error)}") from None
     except ValueError as error:
-        raise SceneError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
+        raise InputError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
 
 
 def _read(scene: str | Path) -> str:
@@ -238,12 +238,10 @@ def _read(scene: str | Path) -> str:
         if str(scene) in scene_names():
             return (_shipped() / f"{scene}.toml").read_text(encoding="utf-8")
         if not Path(scene).exists():
-            raise SceneError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
+            raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
         return read_text(Path(scene), _MAX_BYTES)
-    except InputError as error:
-        raise SceneError(str(error)) from None
     except OSError as error:
-        raise SceneError(f"{scene}: {error.strerror}") from None
+        raise InputError(f"{scene}: {error.strerror}") from None
 
 
 def _shipped() -> Traversable:

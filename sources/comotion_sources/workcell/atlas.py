@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
+from ..errors import InputError
 from .drawing import Image
 from .extra import require_mujoco
 from .textures import TEXTURES
@@ -72,7 +72,7 @@ def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]
 
     Raises
     ------
-    SceneError
+    InputError
         If the geom is not a box, cylinder or sphere.
     """
     geom = require_mujoco().mjtGeom
@@ -83,7 +83,7 @@ def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]
         return [(np.pi * a, b), (a, a), (a, a)]
     if kind == geom.mjGEOM_SPHERE:
         return [(np.pi * a, np.pi * a / 2)]
-    raise SceneError(f"the renderer supports boxes, cylinders and spheres, not geoms of type {kind}")
+    raise InputError(f"the renderer supports boxes, cylinders and spheres, not geoms of type {kind}")
 
 
 def build_atlas(model: Any, seed: int) -> Atlas:
@@ -91,7 +91,7 @@ def build_atlas(model: Any, seed: int) -> Atlas:
 
     Raises
     ------
-    SceneError
+    InputError
         If a geom or material has no texture.
     """
     textures: list[tuple[int, int, Image, tuple[float, float], float]] = []
@@ -116,7 +116,7 @@ def _material_of(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
     index = int(model.geom_matid[geom])
     name = model.material(index).name if index >= 0 else "plain"
     if name not in TEXTURES:
-        raise SceneError(f"no texture {name!r}; materials are named {', '.join(sorted(TEXTURES))}")
+        raise InputError(f"no texture {name!r}; materials are named {', '.join(sorted(TEXTURES))}")
     if np.allclose(rgba, _DEFAULT_RGBA) and index >= 0:
         rgba = tuple(float(v) for v in model.mat_rgba[index])
     return TEXTURES[name], np.array(rgba[2::-1]) * 255.0

@@ -14,20 +14,21 @@ In both modes the time of the scene is the stamp modulo the period.
 import logging
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import parse_qsl
 
 import zenoh
+from pydantic import Field, TypeAdapter
 
 from comotion_schemas import DecodeError, JointStates, Keys, decode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
-from comotion_schemas.types import is_name
+from comotion_schemas.types import Name
 
-from ..cameras.types import CameraError, Frame
-from ..errors import SceneError
+from ..cameras.types import Frame
+from ..errors import InputError
 from .history import JointHistory
 from .scene import Scene, Vector
 from .viewpoint import Cover, Viewpoint
@@ -75,7 +76,7 @@ def parse(text: str) -> CameraSpec:
 
     Raises
     ------
-    CameraError
+    InputError
         If the name is malformed.
 
     Examples
@@ -86,36 +87,16 @@ def parse(text: str) -> CameraSpec:
     path, _, query = text.removeprefix(PREFIX).partition("?")
     scene, slash, camera = path.partition("/")
     if not (scene and slash and camera):
-        raise CameraError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
+        raise InputError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
     values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in _OPTIONS:
-            raise CameraError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
+            raise InputError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
         try:
             values[key] = _OPTIONS[key](value)
         except ValueError:
-            raise CameraError(f"{text}: {key}={value} is not valid") from None
+            raise InputError(f"{text}: {key}={value} is not valid") from None
     return CameraSpec(scene=scene, camera=camera, **values)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, height = (int(part) for part in text.split("x"))
-    if not (16 <= width <= 4096 and 16 <= height <= 4096):
-        raise KnownError(text)
-    return width, height
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1e6:
-        raise KnownError(text)
-    return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise KnownError(text)
-    return int(text)
 
 
 def _cover(text: str) -> Cover:
@@ -125,19 +106,15 @@ def _cover(text: str) -> Cover:
     return Cover(start, stop)
 
 
-def _name(text: str) -> str:
-    if not is_name(text):
-        raise KnownError(text)
-    return text
-
-
-_OPTIONS = {
-    "size": _size,
-    "rate": _positive,
-    "seed": _seed,
+_EDGE_PX = Annotated[int, Field(ge=16, le=4096)]
+_POSITIVE = TypeAdapter(Annotated[float, Field(gt=0, lt=1e6)])
+_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "size": lambda text: TypeAdapter(tuple[_EDGE_PX, _EDGE_PX]).validate_python(tuple(text.split("x"))),
+    "rate": _POSITIVE.validate_python,
+    "seed": TypeAdapter(Annotated[int, Field(ge=0)]).validate_python,
     "cover": _cover,
-    "duration": _positive,
-    "follow": _name,
+    "duration": _POSITIVE.validate_python,
+    "follow": TypeAdapter(Name).validate_python,
 }
 
 
@@ -146,17 +123,14 @@ class WorkcellCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If the scene or camera does not exist, or MuJoCo is not installed.
     """
 
     def __init__(self, spec: CameraSpec) -> None:
         self.spec = spec
-        try:
-            self.scene = Scene.named(spec.scene, spec.seed)
-            self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
-        except SceneError as error:
-            raise CameraError(str(error)) from None
+        self.scene = Scene.named(spec.scene, spec.seed)
+        self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
         self.live = False
         self.has_depth = True
         self.rate: float | None = spec.rate
@@ -258,7 +232,7 @@ def open_camera(text: str) -> WorkcellCamera:
 
     Raises
     ------
-    CameraError
+    InputError
         If the name is malformed or the camera does not exist; the message is one line.
     """
     return WorkcellCamera(parse(text))

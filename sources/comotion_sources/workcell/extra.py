@@ -1,8 +1,9 @@
-"""Imports MuJoCo, an optional dependency."""
+"""MuJoCo, an optional dependency, and what is read of its models."""
 
 from types import ModuleType
+from typing import Any
 
-from ..errors import SceneError
+from ..errors import InputError
 
 
 def require_mujoco() -> ModuleType:
@@ -10,11 +11,21 @@ def require_mujoco() -> ModuleType:
 
     Raises
     ------
-    SceneError
+    InputError
         If it is not installed.
     """
     try:
         import mujoco
     except ImportError:
-        raise SceneError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
+        raise InputError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
     return mujoco  # type: ignore[no-any-return]
+
+
+def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
+    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
+    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
+    return [
+        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
+        for i in range(model.neq)
+        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
+    ]

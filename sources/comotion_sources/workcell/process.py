@@ -8,11 +8,11 @@ of the scene: a restarted process continues at the right place.
 import logging
 import time
 from collections.abc import Callable
-from pathlib import Path
+from typing import Unpack
 
-from comotion_schemas import DEFAULT_SCENE, JointStates, encode
-from comotion_schemas.component import Component, StatusFields
-from comotion_schemas.transport import Publisher, SessionSettings, stream_publisher
+from comotion_schemas import JointStates, encode
+from comotion_schemas.component import Component, Rates, StatusFields, Where
+from comotion_schemas.transport import Publisher, stream_publisher
 
 from .scene import Scene
 
@@ -28,15 +28,13 @@ class _Driver:
         self._scene, self._name = workcell, name
         self._period_ns = round(1e9 / rate)
         self._seq = self.overruns = 0
-        self._before = (time.monotonic(), 0)
+        self._rates = Rates()
 
     def status(self) -> StatusFields:
         """Build the Status of the process."""
-        now, seq = time.monotonic(), self._seq
-        before, count = self._before
-        self._before = (now, seq)
+        seq = self._seq
         return StatusFields(
-            rates={"joints": (seq - count) / (now - before) if now > before else 0.0},
+            rates=self._rates.of({"joints": seq}),
             counters={"batches": seq, "overruns": self.overruns},
             message=f"workcell {self._scene.name}, {self._scene.model.njnt} joints",
         )
@@ -76,9 +74,7 @@ def run(
     rate: float = 200.0,
     duration: float | None = None,
     name: str = "workcell",
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> None:
     """Publish the joint states of a workcell until a signal arrives or the duration ends.
 
@@ -92,8 +88,8 @@ def run(
         Joint states per second.
     name
         Name of the stream of joint states.
-    scene, settings, ready_file
-        As in :class:`comotion_schemas.component.Component`.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -101,16 +97,8 @@ def run(
         If the name of the scene or stream is not valid.
     """
     driver = _Driver(workcell, rate, name)
-    component = Component(
-        # Not "source": the service reports sources that publish no observations.
-        role="viewer",
-        name=name,
-        scene=scene,
-        settings=settings,
-        status=driver.status,
-        ready_file=ready_file,
-    )
-    with component:
+    # Not "source": the service reports sources that publish no observations.
+    with Component(role="viewer", name=name, status=driver.status, **where) as component:
         publisher = stream_publisher(component.session, component.keys, "joints", name)
         component.ready()
         until = float("inf") if duration is None else time.monotonic() + duration

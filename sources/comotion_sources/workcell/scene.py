@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ..errors import SceneError
+from ..errors import InputError
 from ..frames import AMBIGUOUS
-from .extra import require_mujoco
+from .extra import couplings, require_mujoco
 
 BACKGROUND = 0
 """Object number of everything that cannot move."""
@@ -89,7 +89,7 @@ class Scene:
 
     Raises
     ------
-    SceneError
+    InputError
         If the scene is unknown or violates the conventions, or MuJoCo is not installed.
     """
 
@@ -101,7 +101,7 @@ class Scene:
         self.joints: tuple[str, ...] = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.period = float(self._numeric("period", [0.0])[0])
         self._curves = self._read_motion()
-        self._couplings = self._read_couplings()
+        self._couplings = couplings(self.model)
         self._warp = self._draw_warp()
         self.objects, self.body_objects = self._number_objects()
         self.geom_objects = self.body_objects[self.model.geom_bodyid]
@@ -113,11 +113,11 @@ class Scene:
 
         Raises
         ------
-        SceneError
+        InputError
             If there is no scene of that name.
         """
         if name not in scene_names():
-            raise SceneError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
+            raise InputError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
         return cls(name, seed)
 
     def configuration(self, t: float) -> Vector:
@@ -160,27 +160,27 @@ class Scene:
 
         Raises
         ------
-        SceneError
+        InputError
             If the body does not exist.
         """
         try:
             return int(self.body_objects[self.model.body(body).id])
         except KeyError:
-            raise SceneError(f"{self.name} has no body {body!r}") from None
+            raise InputError(f"{self.name} has no body {body!r}") from None
 
     def _load(self, name: str) -> Any:
         path = scene_folder() / f"{name}.xml" if name in scene_names() else Path(name)
         if not path.is_file():
-            raise SceneError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
+            raise InputError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
         try:
             return self._mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
-            raise SceneError(f"{path}: {' '.join(str(error).split())}") from None
+            raise InputError(f"{path}: {' '.join(str(error).split())}") from None
 
     def _check_joints(self) -> None:
         kinds = {int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE)}
         if not set(self.model.jnt_type.tolist()) <= kinds:
-            raise SceneError(f"{self.name}: only hinge and slide joints can be driven")
+            raise InputError(f"{self.name}: only hinge and slide joints can be driven")
 
     def _numeric(self, name: str, default: list[float]) -> list[float]:
         try:
@@ -199,7 +199,7 @@ class Scene:
         names = [self.model.numeric(i).name for i in range(self.model.nnumeric)]
         for name in names:
             if name.startswith(_MOTION) and name.removeprefix(_MOTION) not in self.joints:
-                raise SceneError(f"{self.name}: {name}: no such joint")
+                raise InputError(f"{self.name}: {name}: no such joint")
         return [self._curve(_MOTION + joint) for joint in self.joints]
 
     def _curve(self, name: str) -> PchipInterpolator | None:
@@ -208,18 +208,10 @@ class Scene:
             return None
         times, values = keys[0::2], keys[1::2]
         if len(times) != len(values) or len(times) < 2 or (np.diff(times) <= 0).any():
-            raise SceneError(f"{self.name}: {name}: expected 'time value' pairs with growing times")
+            raise InputError(f"{self.name}: {name}: expected 'time value' pairs with growing times")
         if times[0] != 0 or (self.period and (times[-1] != self.period or values[-1] != values[0])):
-            raise SceneError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
+            raise InputError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
         return PchipInterpolator(times, values)
-
-    def _read_couplings(self) -> list[tuple[int, int, Vector]]:
-        model, kind = self.model, int(self._mujoco.mjtEq.mjEQ_JOINT)
-        return [
-            (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), np.array(model.eq_data[i, :5]))
-            for i in range(model.neq)
-            if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
-        ]
 
     def _draw_warp(self) -> tuple[float, float]:
         if self.seed == 0 or not self.period:

@@ -3,8 +3,6 @@
 from pathlib import Path
 
 from ..cameras.tum import TumWriter
-from ..cameras.types import CameraError
-from ..errors import SceneError
 from .camera import WorkcellCamera
 
 
@@ -13,18 +11,15 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
 
     Raises
     ------
-    SceneError
+    InputError
         If the folder exists and is not empty.
     OSError
         If it cannot be written.
     """
     count = 0
-    try:
-        with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
-            for frame in camera:
-                pose = camera.viewpoint.pose(camera.scene.configuration(frame.stamp_ns * 1e-9))
-                writer.write(frame, pose)
-                count += 1
-    except CameraError as error:
-        raise SceneError(str(error)) from None
+    with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
+        for frame in camera:
+            pose = camera.viewpoint.pose(camera.scene.configuration(frame.stamp_ns * 1e-9))
+            writer.write(frame, pose)
+            count += 1
     return count

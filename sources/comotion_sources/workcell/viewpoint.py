@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
-from ..errors import SceneError
+from ..errors import InputError
 from ..frames import AMBIGUOUS
 from .atlas import Atlas
 from .render import Renderer
@@ -39,11 +39,11 @@ def calibration(
 
     Raises
     ------
-    SceneError
+    InputError
         If the scene has no such camera.
     """
     if camera not in scene.cameras:
-        raise SceneError(f"{scene.name} has no camera {camera!r}; one of {', '.join(scene.cameras)}")
+        raise InputError(f"{scene.name} has no camera {camera!r}; one of {', '.join(scene.cameras)}")
     model, index = scene.model, scene.cameras.index(camera)
     width, height = size
     focal = height / 2 / np.tan(np.deg2rad(model.cam_fovy[index]) / 2)

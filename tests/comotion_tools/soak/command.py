@@ -14,7 +14,7 @@ from .schedule import draw
 from .series import kill_in_a_row, stop_each
 
 if TYPE_CHECKING:
-    from comotion_deploy.commands.soak import Soak
+    from ..commands.soak import Soak
 
 
 def soak(options: "Soak") -> bool:

@@ -17,8 +17,9 @@ _TIMING = frozenset({"service", "router"})
 # Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
 _GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
 _LIFE_SAMPLES = 20
-# Most memory of a process, whatever attacks it.
-_MOST_MB = 800.0
+# Most memory of a process, whatever attacks it; what of it is kept, and the time in which the rest is given
+# back: the trajectories of an attack leave the window of 10 s, and housekeeping comes by.
+_MOST_MB, _KEPT_MB, _GIVEN_BACK_S = 800.0, 60.0, 25.0
 _LOG_BYTES_PER_MINUTE = 60_000
 _ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
 
@@ -70,6 +71,8 @@ def _growth(soak: Soak) -> list[str]:
         for life in sorted({starts for _, starts, _ in samples}):
             for stretch in _stretches(soak, [one for one in samples if one[1] == life]):
                 found += [f"{name}, life {life}: {text}" for text in _grown(stretch)]
+            kept = _kept(soak, [(at_s, one.memory_mb) for at_s, starts, one in samples if starts == life])
+            found += [f"{name}, life {life}: {text}" for text in kept]
             most = max(usage.memory_mb for _, starts, usage in samples if starts == life)
             if most > _MOST_MB:
                 found.append(f"{name}, life {life}: memory reached {most:.0f} MB")
@@ -79,11 +82,33 @@ def _growth(soak: Soak) -> list[str]:
     return found
 
 
+def _kept(soak: Soak, samples: list[tuple[float, float]]) -> list[str]:
+    """What a process has not given back after attacks, of its memory in MB at some s."""
+    attacks = [(at_s, at_s + fault.lasts_s) for at_s, fault in soak.faults if fault.kind == "hostile"]
+    found = []
+    for begun_s, end_s in attacks:
+        before = [memory_mb for at_s, memory_mb in samples if at_s <= begun_s]
+        later = next((begun for begun, _ in attacks if begun > begun_s), float("inf"))
+        after = [memory_mb for at_s, memory_mb in samples if end_s + _GIVEN_BACK_S <= at_s < later]
+        # What was there before the first attack of its life: what each leaves adds up.
+        if before and after and min(after) > (first := _before_attacks(attacks, samples)) + _KEPT_MB:
+            found.append(
+                f"memory was {first:.0f} MB, and {min(after):.0f} after the attack at {begun_s:.0f} s"
+            )
+    return found
+
+
+def _before_attacks(attacks: list[tuple[float, float]], samples: list[tuple[float, float]]) -> float:
+    """The last memory of a life before an attack."""
+    first_s = min(begun_s for begun_s, _ in attacks if begun_s >= samples[0][0])
+    return [memory_mb for at_s, memory_mb in samples if at_s <= first_s][-1]
+
+
 def _stretches(soak: Soak, samples: list[tuple[float, int, Usage]]) -> list[list[Usage]]:
     """What a process held, by the stretches of its life between attacks.
 
-    An attack within the limits grows arrays and queues up to their bounds, and arrays stay as large. A leak
-    grows between attacks too.
+    An attack within the limits grows arrays and queues up to their bounds; that they are given back is judged
+    apart. A leak grows between attacks too.
     """
     attacks = [
         (at_s, at_s + fault.lasts_s + _BELONGS_S) for at_s, fault in soak.faults if fault.kind == "hostile"

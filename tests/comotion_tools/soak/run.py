@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
@@ -178,7 +178,10 @@ class Runner:
         self.result.faults.append((round(self.now_s, 1), fault))
         self.say(f"{fault}")
         if fault.kind == HOSTILE:
+            at_s = self.now_s
             self._attack(len(self.result.faults))
+            lasted_s = round(self.now_s - at_s, 1)
+            self.result.faults[-1] = (round(at_s, 1), replace(fault, lasts_s=lasted_s))
             return
         process = self.processes.get(fault.target)
         if process is None:

@@ -84,15 +84,7 @@ def test_live_agrees_with_offline(
     assert not ready.exists()
 
 
-def test_a_scene_without_a_service_is_one_clear_line(start: Callable, endpoint: str) -> None:
-    process = start("evaluate", "--connect", endpoint, ready=False)
-    process.wait_line(lambda line: line == "waiting for updates")
-    process.interrupt()
-    assert process.wait() == 2
-    assert process.lines[-1] == "error: no update was received in scene 'default': is the service running?"
-
-
-def test_with_a_duration_it_ends_by_itself_in_a_scene_that_nobody_has(
+def test_a_scene_that_nobody_serves_is_one_clear_line(
     endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(live, "FIRST_UPDATE_TIMEOUT_S", 0.6)

@@ -1,8 +1,6 @@
 """A fleet of agents over real etcd: scenes are served, and go on when agents are lost, drained or added."""
 
 import json
-import logging
-import os
 import threading
 import time
 from contextlib import ExitStack
@@ -17,21 +15,12 @@ from comotion_deploy.fleet.plan import Place, Scene
 from comotion_schemas import HypothesisUpdate
 
 from ..conftest import DEADLINE
-from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..etcd_cluster import NEEDS_ETCD
 from .test_service import is_sorted_out, labels
 
 pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
-SCENES = int(os.environ.get("COMOTION_FLEET_SCENES", "2"))
-"""How many scenes the fleet serves; 12 for the figures of docs/fleet.md."""
-FEW = 2
-"""With so few scenes, an agent is drained at once when the new one is there: that moves as much."""
-OPTIONS = tuple(os.environ.get("COMOTION_FLEET_OPTIONS", "--set window=7").split())
-
-
-@pytest.fixture
-def etcd(tmp_path):
-    with EtcdCluster(tmp_path) as cluster:
-        yield cluster
+SCENES = 2
+OPTIONS = ("--set", "window=7")
 
 
 @pytest.fixture
@@ -63,35 +52,20 @@ class Clients:
             f"s{k}": stack.enter_context(Subscription(session, HypothesisUpdate, f"s{k}"))
             for k in range(SCENES)
         }
-        self.last = {}
-        self._arrived = {}
-        self._gaps = dict.fromkeys(self.of, 0.0)
-
-    def gaps(self):
-        """The longest time between two updates since the last call, s, by scene."""
-        self.drain()
-        found, self._gaps = self._gaps, dict.fromkeys(self.of, 0.0)
-        return found
-
-    def drain(self):
-        for scene, subscription in self.of.items():
-            for at, update in subscription.drain():
-                self._gaps[scene] = max(self._gaps[scene], at - self._arrived.get(scene, at))
-                self._arrived[scene], self.last[scene] = at, update
 
     def until(self, condition):
-        """Wait until every scene has gone on and is sorted out, and `condition` holds."""
-        since = time.monotonic()
-        while time.monotonic() < since + DEADLINE:
-            self.drain()
-            went_on = len(self._arrived) == SCENES and min(self._arrived.values()) > since
-            if went_on and all(map(is_sorted_out, self.last.values())) and condition():
-                return
+        """Wait until every scene has gone on and is sorted out, and `condition` holds; labels by scene."""
+        last, end = {}, time.monotonic() + DEADLINE
+        for subscription in self.of.values():
+            subscription.drain()
+        while time.monotonic() < end:
+            for scene, subscription in self.of.items():
+                if arrived := subscription.drain():
+                    _, last[scene] = arrived[-1]
+            if len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition():
+                return {scene: labels(update) for scene, update in last.items()}
             threading.Event().wait(0.1)
         raise AssertionError("what was awaited did not come")
-
-    def labels(self):
-        return {scene: labels(update) for scene, update in self.last.items()}
 
 
 @pytest.fixture
@@ -100,72 +74,37 @@ def clients(session):
         yield Clients(session, stack)
 
 
-def settled(client, agents):
-    """All places are held by these agents, and ready."""
-
-    def check():
-        found = read_fleet(client)
-        held = found.held()
-        return (
-            len(held) == 2 * SCENES
-            and all(holder.ready for holder in held.values())
-            and {holder.agent for holder in held.values()} == agents
-        )
-
-    return check
+def served_by(client, agents):
+    """Whether all places are held by these agents, and ready."""
+    held = read_fleet(client).held().values()
+    ready = len(held) == 2 * SCENES and all(holder.ready for holder in held)
+    return ready and {holder.agent for holder in held} == set(agents)
 
 
-class Phases:
-    """Runs what changes the fleet, and logs how long it took and the longest time without an update."""
-
-    def __init__(self, client, clients):
-        self._client, self._clients = client, clients
-
-    def until_served_by(self, agents, what):
-        self._until(settled(self._client, set(agents)), what)
-
-    def until_changed(self, scene, wanted):
-        def check():
-            held = read_fleet(self._client).held()
-            versions = {holder.version for place, holder in held.items() if place.scene == scene}
-            return versions == {wanted.version}
-
-        self._until(check, "change")
-
-    def _until(self, condition, what):
-        began = time.monotonic()
-        self._clients.until(condition)
-        took, gaps = time.monotonic() - began, sorted(self._clients.gaps().values())
-        logging.getLogger(__name__).info(
-            "%s: %.1f s; longest times without an update, s: %s", what, took, [round(gap, 2) for gap in gaps]
-        )
+def versions(client, scene):
+    """The versions of a scene that are served."""
+    return {holder.version for place, holder in read_fleet(client).held().items() if place.scene == scene}
 
 
 def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, sources, clients, capsys):
     client, at = Etcd(etcd.urls), ("--etcd", etcd.urls[0])
-    phases = Phases(client, clients)
     agents = fleet(*"abc")
     assert run(["fleet", "add", "s0", *at, "--", *OPTIONS]) == 0
     for k in range(1, SCENES):
         add_scene(client, f"s{k}", Scene(OPTIONS))
-    phases.until_served_by("abc", "start")
-    before = clients.labels()
+    before = clients.until(lambda: served_by(client, "abc"))
 
     loads = read_fleet(client).loads()
     lost = max("abc", key=lambda name: loads[name])
     agents[lost].kill()
     others = set("abc") - {lost}
-    phases.until_served_by(others, "kill")
-    assert clients.labels() == before
+    assert clients.until(lambda: served_by(client, others)) == before
 
+    # With so few scenes, an agent is drained at once when the new one is there: that moves as much.
     fleet("d")
-    if SCENES > FEW:
-        phases.until_served_by(others | {"d"}, "add")
-        assert clients.labels() == before
     drained = min(others)
     assert run(["fleet", *at, "drain", drained]) == 0
-    phases.until_served_by((others | {"d"}) - {drained}, "drain")
-    assert clients.labels() == before
+    assert clients.until(lambda: served_by(client, (others | {"d"}) - {drained})) == before
     capsys.readouterr()
     assert run(["fleet", "list", "--json", *at]) == 0
     listed = json.loads(capsys.readouterr().out)
@@ -173,8 +112,7 @@ def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, source
 
     changed = Scene((*OPTIONS, "--set", "max_lag=0.2"))
     assert run(["fleet", "add", "s0", "--change", *at, "--", *changed.serve]) == 0
-    phases.until_changed("s0", changed)
-    assert clients.labels() == before
+    assert clients.until(lambda: versions(client, "s0") == {changed.version}) == before
 
     assert run(["fleet", "remove", "s0", *at]) == 0
     end = time.monotonic() + DEADLINE

@@ -177,7 +177,9 @@ def test_a_source_that_is_there_but_silent_is_reported(busy) -> None:
     busy.statuses.until(lambda s: "mute" not in s.message)
 
 
-def test_of_services_that_start_together_one_has_the_scene(start, endpoint, session, listen) -> None:
+def test_of_services_that_start_together_one_has_the_scene_until_it_stops(
+    start, endpoint, session, listen
+) -> None:
     updates = listen(session, KEYS.hypotheses, "hypotheses")
     both = [start("serve", "--connect", endpoint, "--no-state", ready=False) for _ in range(2)]
     refused = both[0].wait_line(lambda line: line == "ready" or "already served" in line) != "ready"
@@ -186,15 +188,29 @@ def test_of_services_that_start_together_one_has_the_scene(start, endpoint, sess
     assert loser.wait() == 2
     assert "error: scene 'default' is already served by 'fusion'" in loser.lines
     assert len({updates.next().session for _ in range(5)}) == 1
+    winner.signal(signal.SIGTERM)
+    assert winner.wait() == 0
+    assert winner.lines == ["ready"]
+    while list(session.liveliness().get(KEYS.all_live("service"))):
+        pass  # else the time limit of the test strikes
 
 
-def test_a_service_that_was_stopped_yields_to_its_successor(
+def test_a_service_that_was_stopped_goes_on_or_yields_to_its_successor(
     start, endpoint, session, listen, tmp_path: Path
 ) -> None:
     arguments = ("serve", "--connect", endpoint, "--state", tmp_path / "s")
     updates = listen(session, KEYS.hypotheses, "hypotheses")
+    presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
     first = start(*arguments)
-    before = updates.next()
+    assert presence.recv().kind == zenoh.SampleKind.PUT
+    first.signal(signal.SIGSTOP)
+    assert presence.recv().kind == zenoh.SampleKind.DELETE
+    last = updates.drain()[-1]
+    first.signal(signal.SIGCONT)
+    before = updates.until(lambda u: u.seq > last.seq)
+    assert before.session == last.session
+    presence.undeclare()
+
     first.signal(signal.SIGSTOP)
     # The second waits until the token of the first has vanished.
     start(*arguments)
@@ -205,19 +221,6 @@ def test_a_service_that_was_stopped_yields_to_its_successor(
     assert {updates.next().session for _ in range(5)} | {u.session for u in updates.drain()} == {
         after.session
     }
-
-
-def test_a_service_that_was_stopped_and_has_no_successor_goes_on(start, endpoint, session, listen) -> None:
-    updates = listen(session, KEYS.hypotheses, "hypotheses")
-    presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
-    service = start("serve", "--connect", endpoint, "--no-state")
-    assert presence.recv().kind == zenoh.SampleKind.PUT
-    service.signal(signal.SIGSTOP)
-    assert presence.recv().kind == zenoh.SampleKind.DELETE
-    last = updates.drain()[-1]
-    service.signal(signal.SIGCONT)
-    assert updates.until(lambda u: u.seq > last.seq).session == last.session
-    presence.undeclare()
 
 
 def test_updates_come_from_the_start_and_are_numbered(serve) -> None:
@@ -271,17 +274,6 @@ def test_an_overloaded_service_leaves_out_work_and_no_observation(serve, connect
     later = service.statuses.until(lambda s: s.counters["shed"] > status.counters["shed"])
     assert later.counters["fused"] > status.counters["fused"]
     assert later.counters["late"] == later.counters["lost"] == later.counters["overflow"] == 0
-
-
-def test_a_stop_is_clean_and_withdraws_the_service(start, endpoint, session) -> None:
-    presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
-    service = start("serve", "--connect", endpoint)
-    assert presence.recv().kind == zenoh.SampleKind.PUT
-    service.signal(signal.SIGTERM)
-    assert service.wait() == 0
-    assert service.lines == ["ready"]
-    assert presence.recv().kind == zenoh.SampleKind.DELETE
-    presence.undeclare()
 
 
 def test_waiting_for_a_router_can_be_interrupted(start, free_port_endpoint) -> None:

@@ -10,6 +10,8 @@ from comotion_schemas import Keys, ObservationBatch
 from comotion_sources.recordings import read_recording, recording_batches
 from comotion_sources.simulator import Simulation, load_scene
 
+from ..conftest import routing
+
 pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
@@ -35,10 +37,10 @@ motion = { kind = "key-states", states = [[0.0, 0.0, 0.0, 0.0], [2.0, 1.0, 0.0, 
 
 
 @pytest.fixture(scope="module")
-def endpoint(start_shared, shared_endpoint):
+def endpoint(shared_endpoint):
     """One router for all tests of this module."""
-    start_shared("router", "--listen", shared_endpoint)
-    return shared_endpoint
+    with routing(shared_endpoint):
+        yield shared_endpoint
 
 
 @pytest.fixture

@@ -21,7 +21,8 @@ from comotion_schemas.transport import declare_publisher
 
 from ... import builders
 from ...builders import SESSION
-from ..conftest import DEADLINE
+from ...command_line import refused
+from ..conftest import DEADLINE, every
 
 pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
@@ -30,22 +31,15 @@ KEYS = Keys("default")
 @pytest.fixture
 def scene(session: zenoh.Session) -> Iterator[None]:
     """A source and a service, at 20 Hz."""
-    over = threading.Event()
     observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
 
-    def publish() -> None:
-        seq = 0
-        while not over.wait(0.05):
-            observations.put(encode(builders.batch("camera", seq, time.time_ns(), ids=[7])))
-            hypotheses.put(encode(update(seq)))
-            seq += 1
+    def publish(seq: int) -> None:
+        observations.put(encode(builders.batch("camera", seq, time.time_ns(), ids=[7])))
+        hypotheses.put(encode(update(seq)))
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with every(0.05, publish):
+        yield
 
 
 def update(seq: int) -> HypothesisUpdate:
@@ -67,10 +61,9 @@ def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
     assert found["service"]["state"] == "ok"
 
 
-def test_once_without_a_scene_is_one_clear_line(start: Callable, endpoint: str) -> None:
-    process = start("watch", "--once", "--timeout", 0.3, "--connect", endpoint, ready=False)
-    assert process.wait() == 2
-    assert process.lines == [f"error: no message of scene 'default' arrives at {endpoint}"]
+def test_once_without_a_scene_is_one_clear_line(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
+    assert said == f"error: no message of scene 'default' arrives at {endpoint}"
 
 
 def test_lines_when_the_output_is_no_terminal(start: Callable, endpoint: str, scene: None) -> None:

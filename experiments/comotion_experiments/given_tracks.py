@@ -1,0 +1,83 @@
+"""Tracks of another tracker, frame by frame, and frames without a picture for tracks without a video."""
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+
+from comotion_sources.cameras.files import RecordedCamera
+from comotion_sources.cameras.types import Camera, CameraError, Frame
+from comotion_sources.klt import Tracks
+from comotion_sources.recordings import Recording
+
+_log = logging.getLogger(__name__)
+_LARGEST_PX = 4096
+
+
+class GivenTracks:
+    """The tracks of a recording as those of the frames of a video.
+
+    Parameters
+    ----------
+    recording
+        In pixels; its instants are the frames of the video.
+    camera
+        The video.
+
+    Raises
+    ------
+    CameraError
+        If the recording is in metres.
+    """
+
+    def __init__(self, recording: Recording, camera: Camera) -> None:
+        if recording.dim != 2:
+            raise CameraError(f"{recording.name}: its tracks are in m; in an image they are in px")
+        frames = getattr(camera, "frames", None)
+        if frames not in {None, len(recording)}:
+            first = min(frames, len(recording))
+            text = "%s has %d frames, the video %d: the first %d are used"
+            _log.warning(text, recording.name, len(recording), frames, first)
+        self._positions = recording.positions.astype(np.float32)
+        self._sigma = recording.sigma
+        self._seen = np.isfinite(self._positions[..., 0])
+        count = self._positions.shape[1]
+        self._ids = np.arange(count, dtype=np.uint64) if recording.ids is None else recording.ids
+        self._first = np.argmax(self._seen, axis=0)
+        self._last = len(recording) - 1 - np.argmax(self._seen[::-1], axis=0)
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    def at(self, number: int, frame: Frame) -> Tracks:
+        """The features of a frame, by its number."""
+        seen = self._seen[number]
+        count = int(seen.sum())
+        ended = self._ids[(self._last == number - 1) & self._seen.any(axis=0)]
+        return Tracks(
+            stamp_ns=frame.stamp_ns,
+            ids=self._ids[seen],
+            pixels=self._positions[number, seen],
+            pixel_sigma=np.full(count, np.nan) if self._sigma is None else self._sigma[number, seen],
+            points=None,
+            sigma=None,
+            born=self._first[seen] == number,
+            ended=ended,
+        )
+
+
+class BlankFrames(RecordedCamera):
+    """Black frames that are as large as tracks need, at their times."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__(recording.rate, len(recording))
+        extent = np.nanmax(recording.positions.reshape(-1, recording.dim), axis=0)[:2]
+        # Encoders want even sizes.
+        width, height = (np.clip(np.ceil((extent + 1) / 2), 8, _LARGEST_PX / 2).astype(int) * 2).tolist()
+        self._shape, self._times = (height, width, 3), recording.times
+
+    def __iter__(self) -> Iterator[Frame]:
+        for t in self._times.tolist():
+            if self._closed:
+                return
+            yield Frame(round(t * 1e9), np.zeros(self._shape, np.uint8))

@@ -1,0 +1,104 @@
+"""Takes of scenes for pictures, without processes: what a recorder would hold of them.
+
+They are the same on every machine, however busy it is.
+"""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from comotion_schemas import Message, ObservationBatch, Preview, Status, TruthBatch
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt import TrackerConfig
+from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.proprioception.packer import Packer
+from comotion_sources.streams import OFFLINE_SESSION
+from comotion_sources.workcell import Scene
+from comotion_sources.workcell.camera import CameraSpec
+
+from .rendered import Filmed, filmed
+from .samples import received
+
+_SIZE = (480, 360)
+_CAMERAS = {"a": (10.0, 150), "b": (5.0, 120)}
+"""Rate (Hz) and features of each camera."""
+_ROBOT, _ROBOT_RATE = "robot", 50.0
+
+
+def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
+    """A scene of the workcell, seen by both of its cameras and felt by its robot: (time in ns, message).
+
+    Raises
+    ------
+    comotion_sources.cameras.types.CameraError
+        If MuJoCo is not installed (extra ``sim3d``).
+    """
+    scene = Scene.named(name, 0)
+    messages: list[tuple[int, Message]] = [(0, _links(scene))]
+    given = list(_robot(scene, seconds))
+    for camera, (rate, features) in _CAMERAS.items():
+        source = f"klt-{camera}"
+        spec = CameraSpec(scene=name, camera=camera, size=_SIZE, rate=rate, duration=seconds)
+        for one in filmed(spec, source, TrackerConfig(max_features=features)):
+            messages.append((one.frame.stamp_ns, _preview(source, one)))
+            given += [(one.frame.stamp_ns, message) for message in one.messages]
+    in_time_order = (message for _, message in sorted(given, key=lambda one: one[0]))
+    messages += received(in_time_order, seconds)
+    return sorted(messages, key=lambda one: one[0])
+
+
+def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
+    """Poses of the robot's links, with joint positions rounded to encoder counts as a robot's are."""
+    kinematics = Kinematics(scene.model, scene.robot)
+    packer = Packer(kinematics, rate=_ROBOT_RATE)
+    builder = MessageBuilder(source=_ROBOT, session=OFFLINE_SESSION, space="world", unit="m", dim=3)
+    numbers = [scene.object_of(link) for link in kinematics.links]
+    ids = np.arange(len(numbers), dtype=np.uint64)
+    yield 0, builder.truth(ids=ids, objects=numbers, names=scene.objects)
+    for index in range(round(seconds * _ROBOT_RATE)):
+        t = index / _ROBOT_RATE
+        reading = JointSample(round(1e9 * t), scene.joints, scene.configuration(t))
+        pack = packer.add(kinematics.encoded(reading))
+        if pack is not None:
+            yield (
+                pack.stamp_ns,
+                builder.observation(
+                    stamp_ns=pack.stamp_ns,
+                    ids=pack.ids,
+                    positions=pack.positions,
+                    sigma=pack.sigma,
+                    quaternions=pack.quaternions,
+                    stamps_ns=pack.stamps_ns,
+                ),
+            )
+
+
+def _links(scene: Scene) -> Status:
+    """What the robot says of its links."""
+    return Status(
+        component=_ROBOT,
+        role="source",
+        session=OFFLINE_SESSION,
+        stamp_ns=0,
+        state="ok",
+        rates={},
+        ages={},
+        counters={},
+        rejected={},
+        message="",
+        feature_names={str(k): link for k, link in enumerate(Kinematics(scene.model, scene.robot).links)},
+    )
+
+
+def _preview(source: str, seen: Filmed) -> Preview:
+    _, encoded = cv2.imencode(".jpg", seen.frame.image)
+    return Preview(
+        source=source,
+        session=OFFLINE_SESSION,
+        stamp_ns=seen.frame.stamp_ns,
+        encoding="jpeg",
+        image=encoded.tobytes(),
+        ids=seen.tracks.ids,
+        pixels=seen.tracks.pixels.astype(np.float32),
+    )

@@ -1,0 +1,144 @@
+"""Runs the benchmark: every method at every number of features, each in a separate process."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comotion import FusionConfig
+from comotion_experiments.inputs import find_inputs
+from comotion_experiments.processes import Progress, alone, quiet
+from comotion_experiments.tables import plain
+
+from .machine import Machine, describe_machine
+from .scene import SceneSpec
+from .timing import Timing, time_input, time_scene
+
+_MIN_FITTED = 500
+# From this number of features on the default method gets a longer period, s.
+_MANY = 5000
+_LONG_PERIOD = 0.25
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; times in ms per update, including the ingest of its batches.
+
+    `features` is the requested number, for a recording the median.
+    """
+
+    scene: str
+    method: str
+    features: int
+    rate: float
+    period: float
+    median_ms: float
+    p99_ms: float
+    ingest_ms: float
+    cpu_ms: float
+    cpu_share: float
+    memory_mb: float
+    nmi: float
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Results of a run."""
+
+    machine: Machine
+    rows: list[Row]
+
+    def exponents(self) -> dict[str, float]:
+        """Exponent of the cost in the number of features, by method, from scenes with at least 500."""
+        found = {}
+        for method in dict.fromkeys(row.method for row in self.rows):
+            rows = [r for r in self.scenes(method) if r.features >= _MIN_FITTED]
+            if len({row.features for row in rows}) > 1:
+                sizes = np.log([row.features for row in rows])
+                found[method] = float(np.polyfit(sizes, np.log([row.median_ms for row in rows]), 1)[0])
+        return found
+
+    def scenes(self, method: str) -> list[Row]:
+        """Rows of generated scenes at the lowest rate."""
+        rows = [row for row in self.rows if row.method == method and row.scene == "made up"]
+        return [row for row in rows if row.rate == min(r.rate for r in rows)]
+
+    def as_json(self) -> Any:
+        """Plain values."""
+        return plain({**vars(self), "exponents": self.exponents()})
+
+
+def run_bench(
+    scenes: Sequence[SceneSpec],
+    configs: Sequence[FusionConfig],
+    updates: int,
+    *,
+    recordings: Sequence[str] = (),
+    progress: Progress = quiet,
+) -> Costs:
+    """Time every configuration on every scene and recording.
+
+    Each runs in a fresh process, so that peak memory and threads are not shared.
+
+    Parameters
+    ----------
+    scenes, configs
+        Generated scenes and parameters.
+    updates
+        Number of updates to time in each scene.
+    recordings
+        Paths or ``sim:NAME``, as for ``comotion evaluate``.
+    progress
+        Called with the name of the next run.
+    """
+    inputs = find_inputs(recordings)
+    rows = []
+    for config in configs:
+        for spec in scenes:
+            progress(f"{config.method}, {spec.features} features at {spec.rate:g} Hz")
+            sized = _sized(config, spec)
+            rows.append(_row("made up", spec.rate, alone(time_scene, spec, sized, updates)))
+            rows[-1] = replace(rows[-1], features=spec.features)
+        for item in inputs:
+            progress(f"{config.method}, {item.name}")
+            rows.append(_row(Path(item.name).name, math.nan, alone(_time_named, item.name, config)))
+    return Costs(describe_machine(), rows)
+
+
+def _time_named(name: str, config: FusionConfig) -> Timing:
+    return time_input(find_inputs([name])[0], config)
+
+
+def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
+    changes: dict[str, Any] = {"max_tracks": max(config.max_tracks, 2 * spec.features)}
+    given = config.period != FusionConfig().period
+    if config.method == "comotion" and spec.features >= _MANY and not given:
+        changes["period"] = _LONG_PERIOD
+    return config.model_copy(update=changes)
+
+
+def _row(scene: str, rate: float, timing: Timing) -> Row:
+    total = timing.total_ms
+    return Row(
+        scene=scene,
+        method=timing.method,
+        features=int(np.median(timing.features)),
+        rate=rate,
+        period=timing.period,
+        median_ms=float(np.median(total)),
+        p99_ms=float(np.percentile(total, 99)),
+        ingest_ms=float(np.median(timing.ingest_ms)),
+        cpu_ms=float(np.median(timing.cpu_ms)),
+        cpu_share=float(np.sum(timing.cpu_ms)) / (1e3 * timing.period * len(total)),
+        memory_mb=timing.memory_mb,
+        nmi=float(np.nanmean(timing.nmi)) if np.isfinite(timing.nmi).any() else math.nan,
+    )
+
+
+def scaled(spec: SceneSpec, sizes: Iterable[int], rates: Iterable[float]) -> list[SceneSpec]:
+    """Vary the number of features and the rate (Hz) of a scene."""
+    rates = list(rates)
+    return [replace(spec, features=n, rate=rate) for n in sizes for rate in rates]

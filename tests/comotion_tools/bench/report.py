@@ -1,0 +1,97 @@
+"""The benchmark as a table, as Markdown and as a picture."""
+
+import math
+from pathlib import Path
+
+from comotion_experiments.plot import new_figure
+from comotion_experiments.tables import Table
+from comotion_schemas.errors import KnownError
+
+from .experiment import Costs
+
+TITLES = (
+    "scene",
+    "method",
+    "N",
+    "Hz",
+    "period",
+    "ms",
+    "p99",
+    "ingest",
+    "CPU ms",
+    "CPU",
+    "MB",
+    "NMI",
+)
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+
+
+def table(costs: Costs) -> Table:
+    """Build a line for each scene and method."""
+    found = Table(TITLES, words=2)
+    for row in costs.rows:
+        found.add(
+            row.scene,
+            row.method,
+            f"{row.features}",
+            "-" if math.isnan(row.rate) else f"{row.rate:g}",
+            f"{1e3 * row.period:.0f}",
+            f"{row.median_ms:.1f}",
+            f"{row.p99_ms:.1f}",
+            f"{row.ingest_ms:.1f}" if row.ingest_ms else "-",
+            f"{row.cpu_ms:.1f}",
+            f"{100 * row.cpu_share:.0f} %",
+            f"{row.memory_mb:.0f}",
+            f"{row.nmi:.3f}",
+        )
+    return found
+
+
+def lines(costs: Costs) -> list[str]:
+    """Format the results that are not in the table."""
+    machine = costs.machine
+    versions = ", ".join(f"{name} {number}" for name, number in machine.versions.items())
+    head = f"{machine.processor}, {machine.cores} cores, load {machine.load:.1f}; {versions}"
+    return [
+        head,
+        *(f"{method}: cost grows as N to the {power:.2f}" for method, power in costs.exponents().items()),
+    ]
+
+
+def markdown(costs: Costs, picture: str, command: str) -> str:
+    """Format the measured part of the page; `picture` is the path of the plot."""
+    listed = "\n".join(f"- {line}" for line in lines(costs))
+    drawn = table(costs).markdown()
+    return f"Made by `{command}`.\n\n{listed}\n\n{drawn}\n\n![cost against N]({picture})\n"
+
+
+def save_picture(path: Path, costs: Costs) -> None:
+    """Draw the cost against the number of features, with the fitted power."""
+    figure = new_figure(6, 4.5)
+    axes = figure.subplots()
+    powers = costs.exponents()
+    for colour, method in zip(_COLOURS, dict.fromkeys(row.method for row in costs.rows), strict=False):
+        rows = costs.scenes(method)
+        label = method + (f", N^{powers[method]:.2f}" if method in powers else "")
+        size, middle = [row.features for row in rows], [row.median_ms for row in rows]
+        axes.plot(size, middle, marker="o", color=colour, label=label)
+        axes.fill_between(size, middle, [row.p99_ms for row in rows], color=colour, alpha=0.2)
+    axes.set(
+        xscale="log", yscale="log", xlabel="features N", ylabel="ms per update (line: median, band: to p99)"
+    )
+    sizes = sorted({row.features for row in costs.rows if row.scene == "made up"})
+    axes.set_xticks(sizes, [str(n) for n in sizes])
+    axes.minorticks_off()
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend()
+    figure.savefig(path)
+
+
+def write_page(page: Path, text: str) -> None:
+    """Replace the measured part of a page between its marks."""
+    begin, end = "<!-- core: begin -->", "<!-- core: end -->"
+    old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
+    if begin not in old or end not in old:
+        raise KnownError(f"{page}: has no marks '{begin}' and '{end}'")
+    head, tail = old.split(begin)[0], old.split(end)[1]
+    page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")

@@ -1,0 +1,212 @@
+"""Tracks of other trackers: what CoTracker, TAPIR and others save is read, replayed and segmented."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from comotion_deploy.cli import run
+from comotion_schemas import ObservationBatch
+from comotion_sources.errors import RecordingError
+from comotion_sources.recordings import read_recording, recording_batches
+
+FRAMES, POINTS = 24, 60
+MOVING = 25
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Positions [T, N, 2] of 25 points that move to the right before others at rest, and which are seen."""
+    rng = np.random.default_rng(0)
+    places = rng.uniform([5, 5], [155, 115], (POINTS, 2))
+    places[:MOVING] = rng.uniform([10, 30], [60, 90], (MOVING, 2))
+    tracks = np.repeat(places[None], FRAMES, axis=0)
+    tracks[:, :MOVING, 0] += 3.0 * np.arange(FRAMES)[:, None]
+    tracks += rng.normal(0, 0.05, tracks.shape)
+    seen = rng.uniform(size=(FRAMES, POINTS)) > 0.05
+    return tracks, seen
+
+
+def log_odds(truth):
+    return np.where(truth, 4.0, -4.0)
+
+
+def saved(form, tracks, seen):
+    """Arrays as the demos and predictors of a tracker give them."""
+    points_first = tracks.swapaxes(0, 1)
+    return {
+        "CoTracker": {"pred_tracks": tracks[None], "pred_visibility": seen[None, ..., None]},
+        "CoTracker, renamed": {"tracks": tracks[None].astype(np.float32), "visibility": seen[None]},
+        "TAPIR": {"tracks": points_first, "visibles": seen.T},
+        "TAPIR, as it leaves the network": {
+            "tracks": points_first[None],
+            "occlusion": log_odds(~seen.T)[None],
+            "expected_dist": np.full((1, POINTS, FRAMES), -9.0),
+        },
+        "TAP-Vid": {"points": points_first, "occluded": ~seen.T, "query_points": np.zeros((POINTS, 3))},
+        "PointOdyssey": {"trajs_2d": tracks, "visibs": seen},
+        "points first, said by nothing": {"tracks": points_first, "visibility": seen.T.astype(np.uint8)},
+        "frames first, said by the times": {
+            "tracks": tracks,
+            "visibles": seen,
+            "times": np.arange(FRAMES) / 10,
+        },
+    }[form]
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "CoTracker",
+        "CoTracker, renamed",
+        "TAPIR",
+        "TAPIR, as it leaves the network",
+        "TAP-Vid",
+        "PointOdyssey",
+        "points first, said by nothing",
+        "frames first, said by the times",
+    ],
+)
+def test_every_tracker_gives_the_same_recording(scene, tmp_path, form):
+    tracks, seen = scene
+    np.savez(tmp_path / "apple.npz", **saved(form, tracks, seen))
+    found = read_recording(tmp_path / "apple.npz", 10.0)
+    assert (found.unit, found.rate, len(found)) == ("px", pytest.approx(10.0), FRAMES)
+    np.testing.assert_allclose(found.positions, np.where(seen[..., None], tracks, np.nan), rtol=1e-6)
+
+
+def write_table(path, tracks, seen, **columns):
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["frame", "track", "x", "y", "visibility", *columns])
+        for k, n in np.ndindex(*seen.shape):
+            values = [column[k, n] for column in columns.values()]
+            rows.writerow([k + 7, 100 + n, *tracks[k, n], bool(seen[k, n]), *values])
+    return path
+
+
+def test_a_table_and_a_plain_array_are_read_too(scene, tmp_path):
+    tracks, seen = scene
+    table = read_recording(write_table(tmp_path / "apple.csv", tracks, seen), 10.0)
+    np.testing.assert_allclose(table.positions, np.where(seen[..., None], tracks, np.nan))
+    assert table.ids.tolist() == list(range(100, 100 + POINTS))
+    np.save(tmp_path / "apple.npy", tracks)
+    np.testing.assert_array_equal(read_recording(tmp_path / "apple.npy", 10.0).positions, tracks)
+
+
+def test_confidence_is_noise_and_less_than_half_is_unseen(scene, tmp_path):
+    tracks, seen = scene
+    confidence = np.full(seen.shape, 1.0)
+    confidence[:, 1], confidence[:, 2], confidence[:, 3] = 0.99, 0.7, 0.4
+    np.savez(tmp_path / "a.npz", pred_tracks=tracks, pred_visibility=seen, confidence=confidence)
+    found = read_recording(tmp_path / "a.npz", 10.0)
+    assert np.isnan(found.positions[:, 3]).all()
+    noise = [float(np.median(found.sigma[seen[:, n], n])) for n in range(3)]
+    assert 0.1 <= noise[0] < 0.2  # as the differences of its positions say
+    assert 2 * noise[0] < noise[1] < noise[2] / 3
+    batches = [m for m in recording_batches(found) if isinstance(m, ObservationBatch)]
+    shown = dict(zip(batches[5].ids.tolist(), batches[5].sigma.tolist(), strict=True))
+    assert shown == pytest.approx({n: found.sigma[5, n] for n in shown})
+    assert 3 not in shown
+
+
+def test_a_given_sigma_is_published_as_it_is(scene, tmp_path):
+    tracks, seen = scene
+    path = write_table(tmp_path / "a.csv", tracks, seen, sigma=np.full(seen.shape, 0.7))
+    batches = [m for m in recording_batches(read_recording(path, 10.0)) if isinstance(m, ObservationBatch)]
+    assert [float(batch.sigma) for batch in batches] == pytest.approx([0.7] * FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"tracks": np.ones((9, 4, 2)) * 9}, "--fps says how many frames per second"),
+        ({"tracks": np.ones((4, 9, 4, 2))}, r"shape \(4, 9, 4, 2\), not \(T, N, 2\)"),
+        ({"tracks": np.ones((9, 4, 2)) / 2, "fps": 30}, "within 0 to 1: multiply"),
+        ({"tracks": np.ones((9, 4, 2)) * 9, "visibility": np.ones((9, 3))}, "'visibility' has the shape"),
+        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": 30, "sigma": np.zeros((9, 4))}, "sigma is not above 0"),
+        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": -1.0}, "not above 0"),
+        ({"tracks": np.full((9, 4, 2), "x")}, "'tracks' has no numbers"),
+        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": 30, "visibility": np.zeros((9, 4))}, "no observation"),
+    ],
+)
+def test_what_cannot_be_read_is_one_clear_line(tmp_path, arrays, words):
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(RecordingError, match=words) as caught:
+        read_recording(tmp_path / "a.npz")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("frame,track,x\n1,2,3\n", "no columns x and y"),
+        ("track,x,y\n1,2,3\n", "no column 'frame'"),
+        ("frame,x,y\n1,2,3\n", "no column 'track'"),
+        ("frame,track,x,y\n1,2,3,4\n1,2,3,4\n", "a frame has a track twice"),
+        ("frame,track,x,y\n1,2,3\n", "line 2 has 3 cells, the first line 4"),
+        ("frame,track,x,y\n1,2,3,left\n", "line 2: 'left' is not a number"),
+        ("frame,track,x,y\n1,-2,3,4\n", "not whole numbers from 0 on"),
+        ("frame,track,x,y\n,2,3,4\n", "neither frame nor track"),
+    ],
+)
+def test_a_table_that_is_none_is_one_clear_line(tmp_path, text, words):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordingError, match=words) as caught:
+        read_recording(tmp_path / "a.csv", 30.0)
+    assert "\n" not in str(caught.value)
+
+
+def hypotheses_of(path):
+    """Hypotheses at the end by track, of a table of `comotion segment`."""
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    last = max(int(row["frame"]) for row in rows)
+    return {int(row["feature"]): row["hypothesis"] for row in rows if int(row["frame"]) == last}
+
+
+def test_segment_groups_tracks_of_another_tracker(scene, tmp_path, capsys):
+    tracks, seen = scene
+    table = write_table(tmp_path / "apple.csv", tracks, seen)
+    found = tmp_path / "labels.csv"
+    assert run(["segment", "--tracks", str(table), "--fps", "10", "--csv", str(found), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["frames"], said["duration_s"]) == (FRAMES, pytest.approx(2.3))
+    labels = hypotheses_of(found)
+    moving = {label for track, label in labels.items() if track < 100 + MOVING}
+    resting = {label for track, label in labels.items() if track >= 100 + MOVING}
+    assert len(moving) == len(resting) == 1
+    assert moving != resting
+    # Its own table is read again: what is tracked stays, what was found is left out.
+    again = read_recording(found)
+    assert again.positions.shape == (FRAMES, POINTS, 2)
+    assert again.sigma is None
+
+
+def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, capsys, caplog):
+    tracks, seen = scene
+    np.savez(tmp_path / "apple.npz", pred_tracks=tracks[:-4], pred_visibility=seen[:-4])
+    for k in range(FRAMES):
+        (tmp_path / "images").mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / "images" / f"{k:04d}.png"), np.full((120, 160, 3), 200, np.uint8))
+    out = tmp_path / "out"
+    call = ["segment", str(tmp_path / "images"), "--tracks", str(tmp_path / "apple.npz"), "--rate", "10"]
+    assert run([*call, "--out", str(out)]) == 0
+    assert "apple has 20 frames, the video 24: the first 20 are used" in caplog.text
+    drawn = sorted(out.iterdir())
+    assert len(drawn) == FRAMES - 4
+    assert cv2.imread(str(drawn[-1])).shape == (120, 160, 3)
+    capsys.readouterr()
+    assert run([*call, "--max-features", "9"]) == 2
+    assert "--max-features is of our own tracker" in capsys.readouterr().err
+    assert run([*call, "--fps", "9"]) == 2
+    assert "has a rate of its own" in capsys.readouterr().err
+
+
+def test_segment_wants_a_video_or_tracks(tmp_path, capsys):
+    assert run(["segment"]) == 2
+    assert "name a video, or tracks with --tracks FILE" in capsys.readouterr().err
+    np.savez(tmp_path / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
+    assert run(["segment", "--tracks", str(tmp_path / "room.npz"), "--json"]) == 2
+    assert "in an image they are in px" in capsys.readouterr().err

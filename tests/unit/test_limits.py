@@ -1,0 +1,191 @@
+"""Bounds of docs/limits.md that no other test shows, and that each of its rows has a test."""
+
+import json
+import logging
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import msgpack
+import numpy as np
+import pytest
+
+from comotion import Fusion, FusionConfig
+from comotion.config import LimitsConfig
+from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
+from comotion.runtime import queries
+from comotion.runtime.log_limit import LogLimit
+from comotion.runtime.problems import Problems
+from comotion.runtime.queries import Queryables
+from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
+from comotion.trajectories.window import Window
+from comotion_schemas import DecodeError, Keys, decode
+
+from ..builders import MS, T0, S, batch
+
+ROOT = Path(__file__).parents[2]
+ROWS = re.findall(
+    r"^\| ([^|]+) \| (`(?:unit|property|e2e|adversary)/[^|]+) \|$",
+    (ROOT / "docs" / "limits.md").read_text(),
+    re.MULTILINE,
+)
+
+
+@pytest.mark.parametrize(("what", "tests"), ROWS, ids=[what for what, _ in ROWS])
+def test_what_is_said_of_a_bound_has_a_test(what, tests):
+    for where, names in re.findall(r"`([a-z0-9_/]+\.py)`: ((?:`[a-z0-9_]+`(?:, )?)+)", tests):
+        text = (ROOT / "tests" / where).read_text()
+        for name in re.findall(r"`([a-z0-9_]+)`", names):
+            assert f"def {name}(" in text, (what, where, name)
+
+
+def test_there_are_such_rows():
+    assert len(ROWS) > 30
+
+
+def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
+    ledger = Ledger(Stats())
+    ledger.arrive(("waits", ""))
+    for k in range(MAX_ACCOUNTS + 10):
+        ledger.refuse(("cam", f"{k:016x}"), "limit")
+    accounts = ledger.accounts()
+    assert len(accounts) == MAX_ACCOUNTS
+    assert ("waits", "") in accounts
+    assert ("cam", f"{MAX_ACCOUNTS + 9:016x}") in accounts
+    assert ledger.total.batches == MAX_ACCOUNTS + 11
+
+
+def test_of_ids_that_have_ended_the_newest_are_remembered():
+    index = TrackIndex(Window(3, S, S))
+    index.end(np.arange(MAX_ENDED, dtype=np.uint64), 1)
+    index.end(np.arange(MAX_ENDED, MAX_ENDED + 5, dtype=np.uint64), 1)
+    asked = np.array([0, 4, 5, MAX_ENDED + 4], np.uint64)
+    assert index.has_ended(asked, 1).tolist() == [False, False, True, True]
+
+
+def test_a_message_of_too_many_items_is_refused():
+    with pytest.raises(DecodeError) as refused:
+        decode(msgpack.packb({str(k): [0] * 90_000 for k in range(6)}))
+    assert refused.value.reason == "limit"
+
+
+class TestSpaces:
+    def run(self, fusion: Fusion, seconds: float, space: str, source: str) -> None:
+        start = fusion.timeline.at_ns or T0
+        for k in range(round(seconds * 5)):
+            now = start + (k + 1) * 200 * MS
+            fusion.ingest(batch(source, now // (200 * MS), now, space=space))
+            fusion.update(now)
+
+    def test_one_without_data_for_5_s_gives_way_to_another(self):
+        fusion = Fusion(FusionConfig(limits=LimitsConfig(spaces=2)))
+        self.run(fusion, 1, "one", "a")
+        self.run(fusion, 1, "two", "b")
+        self.run(fusion, 1, "three", "c")
+        assert sorted(fusion.spaces) == ["one", "two"]
+        self.run(fusion, 4, "two", "b")
+        self.run(fusion, 1, "three", "c")
+        assert sorted(fusion.spaces) == ["three", "two"]
+
+    def test_one_that_is_empty_is_forgotten_after_60_s(self):
+        fusion = Fusion()
+        self.run(fusion, 1, "one", "a")
+        # Without any source event time stands still, and nothing leaves the window.
+        self.run(fusion, 58, "two", "b")
+        assert sorted(fusion.spaces) == ["one", "two"]
+        self.run(fusion, 4, "two", "b")
+        assert list(fusion.spaces) == ["two"]
+
+
+class TestQueries:
+    """A session whose queryables give what waits."""
+
+    def declared(self, handler):
+        self.replies: list[bytes] = []
+        self.waiting = {"config": 3, "schema": 1}
+        return Queryables(self, Keys(), {"config": handler, "schema": handler})
+
+    def declare_queryable(self, key, ring):
+        name = key.rpartition("/")[2]
+
+        def try_recv():
+            self.waiting[name] -= 1
+            return None if self.waiting[name] < 0 else self
+
+        return SimpleNamespace(try_recv=try_recv)
+
+    parameters = ""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def reply(self, key, payload, encoding):
+        self.replies.append(payload)
+
+    def reply_err(self, payload, encoding):
+        self.replies.append(payload)
+
+    def test_one_is_answered_in_any_case_and_the_names_have_turns(self):
+        queryables = self.declared(lambda _: (b"done", "text/plain"))
+        queryables.answer(1)
+        assert (self.replies, self.waiting) == ([b"done"], {"config": 2, "schema": 1})
+        queryables.answer(1)
+        assert (len(self.replies), self.waiting) == (2, {"config": 2, "schema": 0})
+        queryables.answer()
+        assert len(self.replies) == 4
+
+    def test_64_of_a_name_wait(self, monkeypatch):
+        rings = []
+        monkeypatch.setattr(queries, "RingChannel", rings.append)
+        self.declared(None)
+        assert rings == [64, 64]
+
+    def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
+        monkeypatch.setattr(queries, "MAX_BYTES", 3)
+        self.declared(lambda _: (b"done", "text/plain")).answer()
+        assert set(self.replies) == {b"the answer has 4 bytes, the limit is 3"}
+
+    def test_affinities_of_too_many_trajectories_are_refused_before_they_are_computed(self, monkeypatch):
+        fusion = Fusion()
+        fusion.ingest(batch("cam", 0, T0, np.zeros((5, 3))))
+        fusion.update(T0)
+        monkeypatch.setattr(queries, "MAX_BYTES", 99)
+        monkeypatch.setattr(fusion, "affinity", None)
+        answers = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)
+        with pytest.raises(queries.QueryError, match="5 trajectories exceed"):
+            answers["affinity"]({})
+
+
+def test_a_session_of_which_nobody_knows_is_null_in_the_accounts():
+    fusion = Fusion()
+    for name in ("gone", "stays"):
+        fusion.ingest(batch(name, 0, T0))
+    fusion.update(T0)
+    fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
+    fusion.ingest(batch("stays", 3, T0 + S))
+    payload, _ = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
+    assert {one["source"]: one["lost"] for one in json.loads(payload)["accounts"]} == {
+        "gone": None,
+        "stays": 2,
+    }
+
+
+def test_of_many_problems_64_are_listed():
+    told = Problems()
+    found = {(f"cam-{k}", "silent"): "no data" for k in range(200)}
+    assert len(told.update(found, 0)) == 64
+    assert told.update({}, 11 * S) == []
+
+
+def test_lines_are_left_out_and_one_says_how_many(caplog):
+    times = [0.0]
+    limit = LogLimit(3, 10.0, lambda: times[0])
+    logger = logging.getLogger("comotion.test")
+    for _ in range(8):
+        limit.log(logger, 30, "again")
+    times[0] = 11.0
+    limit.log(logger, 30, "later")
+    assert caplog.messages == ["again"] * 3 + ["5 more lines like these were left out", "later"]
