@@ -84,7 +84,7 @@ WRONG = {
         (npz(positions=np.ones((10, 3, 3)), units=np.array("furlong")), "unit is 'furlong'"),
         (npz(positions=np.array([[object()]])), "damaged"),
     ],
-    "take.avi": [(b"RIFF", "its ending is not one of .c3d, .npz, .mcap")],
+    "take.avi": [(b"RIFF", "its ending is not one of .c3d, .npz, .npy, .csv, .mcap")],
     "joints.csv": [
         (b"lift,time\n1,2\n", "first column must be"),
         (b"time\n1\n", "no joint columns"),
