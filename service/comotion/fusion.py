@@ -164,6 +164,8 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
+        wrong = timeline.steps.troubles(at_ns)
+        self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions_in_use()
         timeline.forget_idle(in_use)

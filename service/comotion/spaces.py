@@ -136,6 +136,11 @@ class Spaces:
         for space in self:
             space.index.end_session(session)
 
+    def mistrust(self, mistimed: frozenset[int]) -> None:
+        """Compare no motion with that of sessions whose clock is known to be wrong, by number."""
+        for space in self:
+            space.drift.mistimed = mistimed
+
     def update(
         self,
         stamp_ns: int,

@@ -64,8 +64,12 @@ class _Seen:
 
 @dataclass
 class DriftCheck:
-    """Follows the sources of one space."""
+    """Follows the sources of one space, without those of which `mistimed` has the session numbers.
 
+    Where a clock is known to be wrong, nobody can tell which of two sources has moved.
+    """
+
+    mistimed: frozenset[int] = frozenset()
     # Times, keys and hypotheses of the last looks.
     _looks: deque[tuple[int, Stamps, Labels]] = field(default_factory=deque)
     # By session number: looks in a row that have found a drift, and when one did last.
@@ -91,6 +95,7 @@ class DriftCheck:
         """
         if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
             return
+        current = current[~np.isin(window.source[current], list(self.mistimed))]
         # What has parted since is a question: what was one body before?
         while len(self._looks) > 1 and self._looks[1][0] <= stamp_ns - _LAG_NS - _SPAN_NS:
             self._looks.popleft()
@@ -126,34 +131,25 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
     """Sessions that drift, of which some are `known` to; who cannot be judged is as it was.
 
-    Of those apart from all others that one drifts without which the others agree best; then the rest is
-    compared without it. Of two nobody knows; that which sees the calmest body move less is believed.
+    Of those apart from all others the clearest one drifts; then the rest is compared without it. Of two
+    nobody knows; that which sees the calmest body move less is believed.
     """
     drifting = set(known)
     while True:
         rest = seen.where(np.isin(seen.source, list(drifting), invert=True))
-        gains = _gains(rest)
+        gains = {}
+        for one in np.unique(rest.source).tolist():
+            mine = np.asarray(rest.source == one)
+            gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
         apart = {one: gain for one, gain in gains.items() if gain >= 1}
         if not apart:
             break
         if len(gains) == 2:
             apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
-        elif len(apart) > 1:
-            others = {one: _gains(rest.where(rest.source != one)) for one in apart}
-            apart = {one: -max([0.0, *(g for g in others[one].values() if g >= 0)]) for one in apart}
         drifting.add(max(apart, key=lambda one: apart[one]))
     motions = _motions(rest)
     steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
     return drifting - steady
-
-
-def _gains(seen: _Seen) -> dict[int, float]:
-    """How clearly each source is apart from all others, as :func:`_gain` says."""
-    gains = {}
-    for one in np.unique(seen.source).tolist():
-        mine = np.asarray(seen.source == one)
-        gains[one] = _gain(_motions(seen.where(~mine)), seen.where(mine))
-    return gains
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
