@@ -60,8 +60,8 @@ def thinned(indices: Ints, count: int) -> Ints:
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
-def find(wanted: Stamps, keys: Stamps) -> Ints:
-    """Where each wanted key, int64 [m], is among keys, int64 [n] ascending: intp [m], -1 where it is not."""
+def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:
+    """Where each wanted key [m] is among ascending keys [n], integers: intp [m], -1 where it is not."""
     if not len(keys):
         return np.full(len(wanted), -1, np.intp)
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)

@@ -234,7 +234,6 @@ class Space:
             self._stats.tracks += len(opened)
             self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
-        self.index.expect(ids, session, slots)
         return slots, len(fresh), ended
 
     def occupied(self) -> int:
@@ -272,9 +271,7 @@ class Space:
         self._opened = [some[window.used[some]] for some in self._opened]
         return len(gone)
 
-    def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, *, grouped: bool = True
-    ) -> SpaceUpdate:
+    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
 
         Parameters
@@ -285,8 +282,6 @@ class Space:
             Gives the time without observation after which a trajectory of a session number is outdated.
         effort
             What to do and what to leave out.
-        grouped
-            Whether to group; else the trajectories keep their groups.
         """
         window = self._window
         self._evict(stamp_ns)
@@ -297,7 +292,7 @@ class Space:
         self._opened = []
         self._follow_sources()
         self.extent.look(window, current)
-        partition = self._partition(stamp_ns, effort, grouped=grouped)
+        partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
@@ -336,12 +331,10 @@ class Space:
         columns = {name: getattr(last, name)[kept] for name in _COLUMNS}
         return replace(last, **columns, events=[], view=view)
 
-    def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
+    def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
         previous = self._hypotheses.labels.previous(window)
-        if not grouped and self._last is not None and len(self._last.current):
-            return self._last.extended(window, current, previous.labels)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns)

@@ -15,7 +15,7 @@ from comotion_schemas.hypotheses import EventKind, JointKind
 from comotion_schemas.rigid import matrix, rotation, spin, three
 
 from ..arrays import Floats
-from ..config import FusionConfig, JointsConfig, to_ns
+from ..config import JointsConfig
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
 from ..saving import plain, restored
@@ -61,12 +61,11 @@ class Joints:
     Parameters
     ----------
     config
-        `joints` and `window` matter here.
+        How many pairs are judged together.
     """
 
-    def __init__(self, config: FusionConfig) -> None:
-        self._config: JointsConfig = config.joints
-        self._window_ns = to_ns(config.window)
+    def __init__(self, config: JointsConfig) -> None:
+        self._config = config
         self._pairs: dict[Key, Pair] = {}
         self._judged_ns: int | None = None
 

@@ -50,11 +50,10 @@ class ThesisMethod(Method):
     established = False
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec, cluster: ClusterFunction | None = None) -> None:
-        self._sigma_switch = config.thesis.switch_for(spec.unit)
         v_move = config.thesis.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
-        self._pair_sums = PairSums(v_move)
+        self._pair_sums = PairSums(v_move, config.thesis.switch_for(spec.unit))
         self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
 
@@ -74,7 +73,7 @@ class ThesisMethod(Method):
         """Group the current trajectories."""
         # 1. Trajectories: the window holds them up to date; `current` are those to group.
         # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
-        self._affinity = self._pair_sums.affinity(window, current, self._sigma_switch)
+        self._affinity = self._pair_sums.affinity(window, current)
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
         clusters = self._cluster(self._affinity, current)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
@@ -98,7 +97,7 @@ class ThesisMethod(Method):
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Compute the sums anew from the window."""
         del state
-        self._pair_sums.rebuild(window, window.slots())
+        self._pair_sums.rebuild(window)
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis tells no more of its motion."""
