@@ -147,6 +147,8 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
         if len(gains) == 2:
             apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
         drifting.add(max(apart, key=lambda one: apart[one]))
+    if not known:
+        return drifting
     motions = _motions(rest)
     steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
     return drifting - steady

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots
-from ..compiled import worth_waking
-from .kernels import gather
 
 # 2-means always ends, since no step makes the scatter larger; this bounds what one update may cost.
 _MOST_STEPS = 100
@@ -69,7 +67,7 @@ class DivisiveKMeans:
             second = halve(part, sums, self._sides[depth, slots[members]])
             self._sides[depth, slots[members]] = second
             halves = np.flatnonzero(second), np.flatnonzero(~second)
-            pending += [(_part(part, half), members[half], depth + 1) for half in halves]
+            pending += [(part.take(half, 0).take(half, 1), members[half], depth + 1) for half in halves]
         return labels, inside
 
     def _holds_weak_edge(self, affinity: Floats32) -> bool:
@@ -105,7 +103,8 @@ def halve(affinity: Floats32, sums: Floats, guess: Bools) -> Bools:
         if _apart(known, guess) <= n // _SETTLED_SHARE:
             return known
     count = _STARTS if small else max(_STARTS * _MANY_STARTS_SIZE // n, 2)
-    return _two_means(rows, sums, np.hstack([starts, _around_rows(rows, sums, count)]))
+    starts = np.hstack([starts, _around_rows(rows, sums, count)])
+    return _two_means(rows, sums, starts[:, starts.any(0) & ~starts.all(0)])
 
 
 def _around_rows(rows: Floats | Floats32, sums: Floats, count: int) -> Bools:
@@ -152,11 +151,6 @@ def _two_means(rows: Floats | Floats32, sums: Floats, second: Bools) -> Bools:
         if moved.max() <= settled:
             break
     return np.asarray(second[:, int(scatter.argmin())])
-
-
-def _part(affinity: Floats32, members: Slots) -> Floats32:
-    many = worth_waking(affinity.size)
-    return gather(affinity, members) if many else affinity[np.ix_(members, members)]
 
 
 def _product(rows: Floats | Floats32, other: Floats | Bools) -> Floats:

@@ -1,4 +1,4 @@
-"""Compiled: samples of trajectories at some instants, and one pass over the sums of all pairs with them.
+"""Compiled: one pass over the sums of all pairs, with the samples of trajectories at some instants.
 
 The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
 comes out is the logarithm of (3.4). 64 consecutive slots are a strip, and two strips make a block of 64 x 64
@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
-from ..arrays import Floats, Floats32, Slots, Stamps
+from ..arrays import Floats, Floats32, Slots
 from ..compiled import compiled, numba_range
-from ..trajectories.kernels import newest_at, newest_from, segment_at
 
 STRIP = 64
 """Slots that are worked on together: the sums of 64 x 64 pairs are 131 kB, which the L2 cache holds."""
@@ -26,90 +25,17 @@ WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
-NEVER, LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
-"""Times before and after all others."""
 # Of the affinity of a pair that cannot be compared: neither high nor low.
 _LOG_HALF = math.log(0.5)
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
 _LEAST_LOG = -40.0
 
 
-@compiled()
-def fill_samples(
-    times: Stamps,
-    positions: Floats,
-    speeds: Floats,
-    start: Slots,
-    stop: Slots,
-    slots: Slots,
-    after: Stamps,
-    until: Stamps,
-    stamps: Stamps,
-    gap_ns: int,
-    sign: float,
-    rate: float,
-    offset: float,
-    samples: Floats,
-    at: int,
-) -> None:
-    """Write the samples of n trajectories at T ascending instants, T of 1 or more.
-
-    Parameters
-    ----------
-    times, positions, speeds, start, stop
-        Columns of the window.
-    slots, after, until
-        intp [n], and int64 [n] ns: the states of a slot in (after, until] come or go.
-    stamps
-        int64 [T].
-    gap_ns
-        Longest segment to interpolate.
-    sign
-        1 where samples come, -1 where they go.
-    rate, offset
-        Of the weight (3.2), ``1 - exp(rate * v**2 + offset)``.
-    samples, at
-        Out: float64 [strips, at + T or more, SAMPLE_PLANES, STRIP], of which T instants from `at` on.
-    """
-    samples[:, at : at + len(stamps)] = 0.0
-    for n in range(len(slots)):
-        s, strip, inside = slots[n], slots[n] // STRIP, slots[n] % STRIP
-        newest = newest_at(times[s], start[s], stop[s], stamps[0])
-        for t in range(len(stamps)):
-            newest = newest_from(times[s], newest, stop[s], stamps[t])
-            left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
-            if left < 0:
-                continue
-            for c in range(positions.shape[2]):
-                before = positions[s, left, c]
-                samples[strip, at + t, c, inside] = before + share * (positions[s, right, c] - before)
-            samples[strip, at + t, WEIGHT, inside] = 1.0 - np.exp(rate * speeds[s, right] ** 2 + offset)
-            samples[strip, at + t, OBSERVED, inside] = left == right
-            samples[strip, at + t, CHANGING, inside] = after[n] < stamps[t] <= until[n]
-            samples[strip, at + t, SIGN, inside] = sign
-
-
-@compiled()
-def find_unsummed(
-    times: Stamps, start: Slots, stop: Slots, slots: Slots, known: Stamps, gap_ns: int, after: Stamps
-) -> None:
-    """Fill after [n] ns: states of a slot later than this are not in the sums yet.
-
-    `known` int64 [S] is the newest observation of each slot that is, or NEVER.
-    """
-    for n in range(len(slots)):
-        s, past = slots[n], known[slots[n]]
-        first = newest_at(times[s], start[s], stop[s], past) + 1
-        # The segment that ends with the first new observation is new as well.
-        follows = first > start[s] and past != NEVER and times[s, first] - past <= gap_ns
-        after[n] = past if follows else times[s, first] - 1
-
-
 @compiled(parallel=True)
 def update_blocks(
     sums: Floats,
     strips: int,
-    samples: Floats,
+    samples: Floats32,
     count: int,
     rate: float,
     place: Slots,
@@ -126,7 +52,7 @@ def update_blocks(
     strips
         How many are in use.
     samples, count
-        float64 [strips, T or more, SAMPLE_PLANES, STRIP], and T.
+        float32 or float64 [strips, T or more, SAMPLE_PLANES, STRIP], and T.
     rate
         -γ of (3.4).
     place, out
@@ -146,7 +72,7 @@ def update_blocks(
 
 @compiled(fastmath={"contract"})
 def _update_block(
-    block: Floats, number: int, samples: Floats, count: int, rate: float, place: Slots, out: Floats32
+    block: Floats, number: int, samples: Floats32, count: int, rate: float, place: Slots, out: Floats32
 ) -> None:
     """One block, by its number; the other parameters are those of :func:`update_blocks`."""
     row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
@@ -178,15 +104,16 @@ def _update_block(
 
 
 @compiled(fastmath={"contract"})
-def _add_samples(change: Floats, one: Floats, others: Floats) -> None:
+def _add_samples(change: Floats, one: Floats32, others: Floats32) -> None:
     """Add the samples of a trajectory with those of a strip to `change`, [PLANES, STRIP]."""
     x, y, z, weight, observed, changing = one[X], one[Y], one[Z], one[WEIGHT], one[OBSERVED], one[CHANGING]
     for j in range(STRIP):
         dx, dy, dz = x - others[X, j], y - others[Y, j], z - others[Z, j]
-        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        # Sums of squares need all digits, distances do not.
+        distance = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
         sign = others[SIGN, j] * max(observed, others[OBSERVED, j]) * max(changing, others[CHANGING, j])
         # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-        share = sign * max(weight, others[WEIGHT, j])
+        share = np.float64(sign * max(weight, others[WEIGHT, j]))
         change[WEIGHTS, j] += share
         change[FIRST, j] += share * distance
         change[SECOND, j] += share * distance * distance
@@ -214,15 +141,3 @@ def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
         for i in range(STRIP):
             if mine[i] >= 0 and theirs[j] >= 0:
                 out[theirs[j], mine[i]] = logs[i, j]
-
-
-@compiled(parallel=True)
-def gather(matrix: Floats32, members: Slots) -> Floats32:
-    """Rows and columns of a matrix, float32 [n, n]: as NumPy's fancy indices, in a tenth of the time."""
-    n = len(members)
-    found = np.empty((n, n), np.float32)
-    for r in numba_range(n):
-        row = matrix[members[r]]
-        for c in range(n):
-            found[r, c] = row[members[c]]
-    return found

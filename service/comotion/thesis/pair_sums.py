@@ -9,25 +9,22 @@ takes them into the sums of (3.3) of all pairs.
 
 import math
 from bisect import bisect_left, bisect_right
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, aligned_zeros
 from ..compiled import worth_waking
 from ..partition import Rows
+from ..trajectories.interpolation import states_at
+from ..trajectories.kernels import locate_newest
 from ..trajectories.window import Window
-from .equations import AFFINITY_AT_SWITCH, weight_exponent
-from .kernels import (
-    LATEST,
-    NEVER,
-    PLANES,
-    SAMPLE_PLANES,
-    STRIP,
-    fill_samples,
-    find_unsummed,
-    update_blocks,
-)
+from .equations import AFFINITY_AT_SWITCH, weight
+from .kernels import CHANGING, OBSERVED, PLANES, SAMPLE_PLANES, SIGN, STRIP, WEIGHT, update_blocks
 
+# Times before and after all others.
+_NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
 # Instants that wait for a pass at most: bounds the memory that their samples take.
 _MOST_INSTANTS = 64
@@ -50,6 +47,8 @@ class PairSums:
         Speed of λ in (3.2), in the space's unit per second; None: equal weights.
     sigma_switch
         Standard deviation at which the affinity is 0.5, in the unit of the distances.
+    dtype
+        Precision of places and distances: float32, or float64 in twice the time.
 
     Attributes
     ----------
@@ -57,8 +56,10 @@ class PairSums:
         float64 [blocks or more, PLANES, STRIP, STRIP], those of :func:`.kernels.update_blocks`.
     """
 
-    def __init__(self, v_move: float | None, sigma_switch: float) -> None:
-        self._exponent = weight_exponent(v_move)
+    def __init__(
+        self, v_move: float | None, sigma_switch: float, dtype: type[np.floating[Any]] = np.float32
+    ) -> None:
+        self._v_move = v_move
         self._sigma_switch = sigma_switch
         self.sums: Floats = aligned_zeros((0, PLANES, STRIP, STRIP), np.float64)
         # Newest observation of each slot whose samples have been taken in.
@@ -66,7 +67,7 @@ class PairSums:
         # Times at which anything was observed, ascending.
         self._times: list[int] = []
         # Samples at the instants that wait, of which there are so many.
-        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
+        self._samples: NDArray[Any] = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP), dtype)
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -86,7 +87,7 @@ class PairSums:
         interval begins there now.
         """
         self._take_in(window)
-        part = self._known[slots] != NEVER
+        part = self._known[slots] != _NEVER
         slots, counts = slots[part], counts[part]
         stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if stay.any():
@@ -96,8 +97,8 @@ class PairSums:
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
         slots = slots[slots < len(self._known)]
-        slots = slots[self._known[slots] != NEVER]
-        self._known[slots] = NEVER
+        slots = slots[self._known[slots] != _NEVER]
+        self._known[slots] = _NEVER
         for slot in slots.tolist():
             strip, inside = divmod(slot, STRIP)
             self._samples[strip, :, :, inside] = 0.0
@@ -144,13 +145,13 @@ class PairSums:
         """Hold all slots in use."""
         extra = window.capacity - len(self._known)
         if extra:
-            self._known = np.pad(self._known, (0, extra), constant_values=NEVER)
+            self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
         strips = -(-(int(np.flatnonzero(window.used).max(initial=-1)) + 1) // STRIP)
         if strips <= len(self._samples):
             return
         if self._waiting:
             self._pass()
-        self._samples = np.zeros((strips, *self._samples.shape[1:]))
+        self._samples = np.zeros((strips, *self._samples.shape[1:]), self._samples.dtype)
         if _blocks(strips) > len(self.sums):
             # A quarter more at once: growing copies everything.
             grown = aligned_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
@@ -170,13 +171,22 @@ class PairSums:
         fresh = newest > self._known[slots]
         if not fresh.any():
             return
-        columns = window.times, window.start, window.stop, slots[fresh], self._known, window.gap_ns
-        since = np.empty(np.count_nonzero(fresh), np.int64)
-        find_unsummed(*columns, since)
-        after, until = np.full((2, len(slots)), LATEST)
+        since = self._summed_until(window, slots[fresh])
+        after, until = np.full((2, len(slots)), _LATEST)
         after[fresh] = since
         self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
         self._known[slots] = np.maximum(self._known[slots], newest)
+
+    def _summed_until(self, window: Window, slots: Slots) -> Stamps:
+        """States later than this are not in the sums yet, ns [n], of slots with newer observations."""
+        known, first = self._known[slots], np.empty(len(slots), np.intp)
+        locate_newest(window.times, window.start, window.stop, slots, known, first)
+        first += 1
+        next_ns = window.times[slots, first]
+        # The segment that ends with the first new observation is new as well.
+        follows = (first > window.start[slots]) & (known != _NEVER)
+        follows[follows] = next_ns[follows] - known[follows] <= window.gap_ns
+        return np.where(follows, known, next_ns - 1)
 
     def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
         """Which slots were so far away, at an observation that goes, that subtracting it leaves a trace."""
@@ -189,7 +199,7 @@ class PairSums:
         """Note the samples that go with the oldest observations of each slot."""
         part, first = self._taking_part(window), window.start[slots]
         begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
-        after, until = np.full((2, len(part)), NEVER)
+        after, until = np.full((2, len(part)), _NEVER)
         until[np.searchsorted(part, slots)] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
         oldest = int(window.times[slots, first].min())
         del self._times[: bisect_left(self._times, oldest)]
@@ -200,15 +210,35 @@ class PairSums:
     ) -> None:
         """Have the samples in a span (after, until] wait for the next pass; a full buffer makes one."""
         first, last = (bisect_right(self._times, time) for time in span)
-        columns = window.times, window.positions, window.speed, window.start, window.stop
         while first < last:
             if self._waiting == _MOST_INSTANTS:
                 self._pass()
             stamps = np.array(self._times[first : min(last, first + _MOST_INSTANTS - self._waiting)])
-            rules = window.gap_ns, sign, *self._exponent
-            fill_samples(*columns, slots, *of, stamps, *rules, self._samples, self._waiting)
+            waiting = self._samples[:, self._waiting : self._waiting + len(stamps)]
+            waiting[:] = 0.0
+            waiting[slots // STRIP, :, :, slots % STRIP] = self._sampled(window, slots, of, stamps, sign)
             self._waiting += len(stamps)
             first += len(stamps)
+
+    def _sampled(
+        self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], stamps: Stamps, sign: float
+    ) -> Floats:
+        """Samples of n slots at T instants, float64 [n, T, SAMPLE_PLANES]."""
+        states = states_at(window, slots, stamps)
+        newest = np.empty(states.held.size, np.intp)
+        where = np.tile(slots, len(stamps)), np.repeat(stamps, len(slots))
+        locate_newest(window.times, window.start, window.stop, *where, newest)
+        # Between observations the speed is that of the segment, which is kept where it ends.
+        at = newest.reshape(states.held.shape) + ~states.observed
+        after, until = of
+        found = np.zeros((*states.held.shape, SAMPLE_PLANES))
+        found[..., : window.dim] = states.position
+        found[..., WEIGHT] = weight(window.speed[slots, np.where(states.held, at, 0)], self._v_move)
+        found[..., OBSERVED] = states.observed
+        found[..., CHANGING] = (after < stamps[:, None]) & (stamps[:, None] <= until)
+        found[..., SIGN] = sign
+        found[~states.held] = 0.0
+        return found.transpose(1, 0, 2)
 
     def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
         """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
