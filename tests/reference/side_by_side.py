@@ -27,7 +27,6 @@ class SideBySide:
     span: int = 1000 * MS
     gap: int = 500 * MS
     sigma_switch: float = 0.02
-    dtype: type = np.float64
     window: Window = field(init=False)
     pairs: PairSums = field(init=False)
     slots: dict[int, int] = field(default_factory=dict)
@@ -36,7 +35,7 @@ class SideBySide:
 
     def __post_init__(self) -> None:
         self.window = Window(self.dim, self.span, self.gap)
-        self.pairs = PairSums(self.v_move, self.sigma_switch, self.dtype)
+        self.pairs = PairSums(self.v_move, self.sigma_switch)
 
     def observe(self, stamp: int, points: dict[int, Point]) -> None:
         """One instant: {track: position}; new tracks are opened."""
@@ -117,7 +116,7 @@ class SideBySide:
                 assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)
 
     def check_affinities(self) -> None:
-        """Assert that affinities are equal to 1e-4, which single precision resolves at a few metres."""
+        """Assert that affinities are equal to 1e-5."""
         tracks = sorted(self.slots)
         found = self.pairs.affinity(self.window, self.slots_of(tracks))
         for a, i in enumerate(tracks):
@@ -126,4 +125,4 @@ class SideBySide:
                 comparable = min(len(t.times()) for t in pair) >= 2
                 of = self.gap, self.v_move, self.sigma_switch
                 expected = literal.affinity(*pair, *of) if comparable else 0.5
-                assert found[a, b] == found[b, a] == pytest.approx(expected, abs=1e-4), (i, j)
+                assert found[a, b] == found[b, a] == pytest.approx(expected, abs=1e-5), (i, j)

@@ -37,9 +37,9 @@ def test_small_motion_far_apart_keeps_its_digits(step):
 
 
 @pytest.mark.parametrize("v_move", [None, 0.1])
-def test_single_precision_shows_in_no_affinity(v_move):
+def test_affinities_are_those_of_the_definitions(v_move):
     rng = np.random.default_rng(0)
-    both = SideBySide(3, v_move, dtype=np.float32)
+    both = SideBySide(3, v_move)
     amplitude, pace, centre = rng.uniform(0, 0.5, (5, 3)), rng.uniform(0, 6, (5, 3)), rng.normal(0, 1, (5, 3))
     for ms in range(0, 2200, 10):
         x = centre + amplitude * np.sin(pace * ms * 1e-3) + rng.normal(0, 0.003, (5, 3))

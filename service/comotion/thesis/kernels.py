@@ -35,7 +35,7 @@ _LEAST_LOG = -40.0
 def update_blocks(
     sums: Floats,
     strips: int,
-    samples: Floats32,
+    samples: Floats,
     count: int,
     rate: float,
     place: Slots,
@@ -52,7 +52,7 @@ def update_blocks(
     strips
         How many are in use.
     samples, count
-        float32 or float64 [strips, T or more, SAMPLE_PLANES, STRIP], and T.
+        float64 [strips, T or more, SAMPLE_PLANES, STRIP], and T.
     rate
         -γ of (3.4).
     place, out
@@ -72,13 +72,13 @@ def update_blocks(
 
 @compiled(fastmath={"contract"})
 def _update_block(
-    block: Floats, number: int, samples: Floats32, count: int, rate: float, place: Slots, out: Floats32
+    block: Floats, number: int, samples: Floats, count: int, rate: float, place: Slots, out: Floats32
 ) -> None:
     """One block, by its number; the other parameters are those of :func:`update_blocks`."""
     row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
     column = number - row * (row + 1) // 2
     mine, theirs = samples[row], samples[column]
-    change, logs = np.empty((PLANES, STRIP)), np.empty((STRIP, STRIP), np.float32)
+    logs, chosen = np.empty((STRIP, STRIP), np.float32), np.empty(count, np.intp)
     held, observed, changing = np.zeros(count), np.zeros(count), np.zeros(count)
     for t in range(count):
         for j in range(STRIP):
@@ -86,15 +86,14 @@ def _update_block(
             observed[t] = max(observed[t], theirs[t, OBSERVED, j])
             changing[t] = max(changing[t], theirs[t, CHANGING, j])
     for i in range(STRIP):
-        change[:] = 0.0
+        found = 0
         for t in range(count):
             # A pair has a sample where both have a state, one is observed, and one comes or goes.
             either = max(mine[t, OBSERVED, i], observed[t]) * max(mine[t, CHANGING, i], changing[t])
             if mine[t, SIGN, i] * held[t] * either != 0.0:
-                _add_samples(change, mine[t, :, i], theirs[t])
-        for plane in range(PLANES):
-            for j in range(STRIP):
-                block[plane, i, j] += change[plane, j]
+                chosen[found] = t
+                found += 1
+        _add_samples(block, i, mine, theirs, chosen[:found])
         if len(out):
             _compare(block, i, rate, logs[i])
     if len(out):
@@ -104,20 +103,22 @@ def _update_block(
 
 
 @compiled(fastmath={"contract"})
-def _add_samples(change: Floats, one: Floats32, others: Floats32) -> None:
-    """Add the samples of a trajectory with those of a strip to `change`, [PLANES, STRIP]."""
-    x, y, z, weight, observed, changing = one[X], one[Y], one[Z], one[WEIGHT], one[OBSERVED], one[CHANGING]
-    for j in range(STRIP):
-        dx, dy, dz = x - others[X, j], y - others[Y, j], z - others[Z, j]
-        # Sums of squares need all digits, distances do not.
-        distance = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
-        sign = others[SIGN, j] * max(observed, others[OBSERVED, j]) * max(changing, others[CHANGING, j])
-        # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-        share = np.float64(sign * max(weight, others[WEIGHT, j]))
-        change[WEIGHTS, j] += share
-        change[FIRST, j] += share * distance
-        change[SECOND, j] += share * distance * distance
-        change[SAMPLES, j] += sign
+def _add_samples(block: Floats, i: int, mine: Floats, theirs: Floats, chosen: Slots) -> None:
+    """Add the samples at some instants of row i to its sums."""
+    weights, first, second, samples = block[WEIGHTS, i], block[FIRST, i], block[SECOND, i], block[SAMPLES, i]
+    for t in chosen:
+        x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
+        observed, changing, other = mine[t, OBSERVED, i], mine[t, CHANGING, i], theirs[t]
+        for j in range(STRIP):
+            dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
+            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+            sign = other[SIGN, j] * max(observed, other[OBSERVED, j]) * max(changing, other[CHANGING, j])
+            # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
+            share = sign * max(weight, other[WEIGHT, j])
+            weights[j] += share
+            first[j] += share * distance
+            second[j] += share * distance * distance
+            samples[j] += sign
 
 
 @compiled(fastmath={"contract"})

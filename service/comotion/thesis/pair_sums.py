@@ -9,10 +9,8 @@ takes them into the sums of (3.3) of all pairs.
 
 import math
 from bisect import bisect_left, bisect_right
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, aligned_zeros
 from ..compiled import worth_waking
@@ -47,8 +45,6 @@ class PairSums:
         Speed of λ in (3.2), in the space's unit per second; None: equal weights.
     sigma_switch
         Standard deviation at which the affinity is 0.5, in the unit of the distances.
-    dtype
-        Precision of places and distances: float32, or float64 in twice the time.
 
     Attributes
     ----------
@@ -56,9 +52,7 @@ class PairSums:
         float64 [blocks or more, PLANES, STRIP, STRIP], those of :func:`.kernels.update_blocks`.
     """
 
-    def __init__(
-        self, v_move: float | None, sigma_switch: float, dtype: type[np.floating[Any]] = np.float32
-    ) -> None:
+    def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
         self.sums: Floats = aligned_zeros((0, PLANES, STRIP, STRIP), np.float64)
@@ -67,7 +61,7 @@ class PairSums:
         # Times at which anything was observed, ascending.
         self._times: list[int] = []
         # Samples at the instants that wait, of which there are so many.
-        self._samples: NDArray[Any] = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP), dtype)
+        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -151,7 +145,7 @@ class PairSums:
             return
         if self._waiting:
             self._pass()
-        self._samples = np.zeros((strips, *self._samples.shape[1:]), self._samples.dtype)
+        self._samples = np.zeros((strips, *self._samples.shape[1:]))
         if _blocks(strips) > len(self.sums):
             # A quarter more at once: growing copies everything.
             grown = aligned_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
