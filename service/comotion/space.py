@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
-from .partition import Method, Partition, Rows, SpaceSpec
+from .partition import Method, Partition, SpaceSpec
 from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import Stored
@@ -151,7 +150,7 @@ class Space:
     def store(
         self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None
     ) -> Stored:
-        """Put instants into the window, and the method's sums where it keeps any.
+        """Put instants into the window.
 
         Parameters
         ----------
@@ -209,12 +208,6 @@ class Space:
             self._window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        slots, stamps = slots[stored], stamps[stored]
-        cuts = np.flatnonzero(stamps[1:] != stamps[:-1]) + 1
-        for first, stop in pairwise([0, *cuts.tolist(), len(stamps)]):
-            if stop > first:
-                rows_of_one = Rows(int(stamps[first]), slots[first:stop], instants.in_order)
-                self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(
         self, ids: Ids, session: int, allowance: Callable[[int], int]

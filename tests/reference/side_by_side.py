@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from comotion.partition import Rows
 from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, SAMPLES, SECOND, STRIP, WEIGHTS
 from comotion.thesis.pair_sums import PairSums
 from comotion.trajectories.window import Window
@@ -49,8 +48,7 @@ class SideBySide:
             self.lists[track].history.setdefault(stamp, x)
         slots = self.slots_of(points)
         positions = np.array(list(points.values()), float)
-        stored = self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
-        self.pairs.observed(self.window, Rows(stamp, slots[stored], in_order=True))
+        self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
 
     def slots_of(self, tracks: object) -> np.ndarray:
         return np.array([self.slots[track] for track in tracks], np.intp)  # type: ignore[attr-defined]

@@ -15,14 +15,13 @@ Steps 2 to 4 are in :mod:`~comotion.thesis.equations` as the thesis states them,
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig
 from ..matching import largest_first
-from ..partition import Group, Method, Partition, Previous, Rows, SpaceSpec
+from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .clustering import ClusterFunction, make_clustering
@@ -57,10 +56,6 @@ class ThesisMethod(Method):
         self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
 
-    def observed(self, window: Window, rows: Rows) -> None:
-        """One instant of one source has been stored."""
-        self._pair_sums.observed(window, rows)
-
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """The oldest observations of some slots are about to go."""
         self._pair_sums.evicting(window, slots, counts)
@@ -89,15 +84,6 @@ class ThesisMethod(Method):
     def affinity(self) -> Floats32:
         """Affinity [n, n] of the last update's trajectories."""
         return self._affinity.copy()
-
-    def state(self) -> dict[str, Any]:
-        """Nothing: the sums follow from the window."""
-        return {}
-
-    def load(self, state: dict[str, Any], window: Window) -> None:
-        """Compute the sums anew from the window."""
-        del state
-        self._pair_sums.rebuild(window)
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis tells no more of its motion."""

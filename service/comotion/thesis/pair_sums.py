@@ -8,13 +8,12 @@ takes them into the sums of (3.3) of all pairs.
 """
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, aligned_zeros
 from ..compiled import worth_waking
-from ..partition import Rows
 from ..trajectories.interpolation import states_at
 from ..trajectories.kernels import locate_newest
 from ..trajectories.window import Window
@@ -58,21 +57,12 @@ class PairSums:
         self.sums: Floats = aligned_zeros((0, PLANES, STRIP, STRIP), np.float64)
         # Newest observation of each slot whose samples have been taken in.
         self._known: Stamps = np.zeros(0, np.int64)
-        # Times at which anything was observed, ascending.
-        self._times: list[int] = []
+        # How many observations of each slot have been taken in.
+        self._held: Slots = np.zeros(0, np.intp)
         # Samples at the instants that wait, of which there are so many.
         self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
-
-    def observed(self, window: Window, rows: Rows) -> None:
-        """Take note of observations that have just been stored."""
-        self._fit(window)
-        at = bisect_left(self._times, rows.stamp_ns)
-        if self._times[at : at + 1] != [rows.stamp_ns]:
-            self._times.insert(at, rows.stamp_ns)
-        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
-        self.forget(rows.slots[self._known[rows.slots] >= rows.stamp_ns])
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -86,6 +76,7 @@ class PairSums:
         stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if stay.any():
             self._shorten(window, slots[stay], counts[stay])
+        self._held[slots] -= counts
         self.forget(slots[~stay])
 
     def forget(self, slots: Slots) -> None:
@@ -100,13 +91,6 @@ class PairSums:
             self.sums[first : first + strip + 1, :, inside, :] = 0.0
             below = np.arange(strip, len(self._samples))
             self.sums[_blocks(below) + strip, :, :, inside] = 0.0
-
-    def rebuild(self, window: Window) -> None:
-        """Compute all samples anew from the window."""
-        slots = window.slots()
-        self._fit(window)
-        self._times = sorted({time for slot in slots for time in window.held(window.times, slot).tolist()})
-        self.forget(slots)
 
     def affinity(self, window: Window, slots: Slots) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
@@ -140,6 +124,7 @@ class PairSums:
         extra = window.capacity - len(self._known)
         if extra:
             self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
+            self._held = np.pad(self._held, (0, extra))
         strips = -(-(int(np.flatnonzero(window.used).max(initial=-1)) + 1) // STRIP)
         if strips <= len(self._samples):
             return
@@ -161,24 +146,32 @@ class PairSums:
         self._fit(window)
         self.forget(np.flatnonzero(window.ended))
         slots = self._taking_part(window)
-        newest = window.times[slots, window.stop[slots] - 1]
-        fresh = newest > self._known[slots]
+        first, begin = self._first_new(window, slots), window.start[slots]
+        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
+        late = (self._known[slots] != _NEVER) & (first - begin != self._held[slots])
+        self.forget(slots[late])
+        first[late] = begin[late]
+        fresh = first < window.stop[slots]
         if not fresh.any():
             return
-        since = self._summed_until(window, slots[fresh])
+        newest = window.times[slots, window.stop[slots] - 1]
+        since = self._summed_until(window, slots[fresh], first[fresh])
         after, until = np.full((2, len(slots)), _LATEST)
         after[fresh] = since
         self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
-        self._known[slots] = np.maximum(self._known[slots], newest)
+        self._known[slots], self._held[slots] = newest, window.counts(slots)
 
-    def _summed_until(self, window: Window, slots: Slots) -> Stamps:
-        """States later than this are not in the sums yet, ns [n], of slots with newer observations."""
-        known, first = self._known[slots], np.empty(len(slots), np.intp)
-        locate_newest(window.times, window.start, window.stop, slots, known, first)
-        first += 1
-        next_ns = window.times[slots, first]
+    def _first_new(self, window: Window, slots: Slots) -> Slots:
+        """Which observation of each slot is the first that has not been taken in."""
+        newest = np.empty(len(slots), np.intp)
+        locate_newest(window.times, window.start, window.stop, slots, self._known[slots], newest)
+        return newest + 1
+
+    def _summed_until(self, window: Window, slots: Slots, first: Slots) -> Stamps:
+        """States later than this are not in the sums yet, ns [n]; `first` is the first new observation."""
+        known, next_ns = self._known[slots], window.times[slots, first]
         # The segment that ends with the first new observation is new as well.
-        follows = (first > window.start[slots]) & (known != _NEVER)
+        follows = known != _NEVER
         follows[follows] = next_ns[follows] - known[follows] <= window.gap_ns
         return np.where(follows, known, next_ns - 1)
 
@@ -196,18 +189,17 @@ class PairSums:
         after, until = np.full((2, len(part)), _NEVER)
         until[np.searchsorted(part, slots)] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
         oldest = int(window.times[slots, first].min())
-        del self._times[: bisect_left(self._times, oldest)]
         self._enqueue(window, part, (after, until), (oldest - 1, int(until.max())), -1.0)
 
     def _enqueue(
         self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], span: tuple[int, int], sign: float
     ) -> None:
         """Have the samples in a span (after, until] wait for the next pass; a full buffer makes one."""
-        first, last = (bisect_right(self._times, time) for time in span)
+        first, last = (bisect_right(window.instants, time) for time in span)
         while first < last:
             if self._waiting == _MOST_INSTANTS:
                 self._pass()
-            stamps = np.array(self._times[first : min(last, first + _MOST_INSTANTS - self._waiting)])
+            stamps = np.array(window.instants[first : min(last, first + _MOST_INSTANTS - self._waiting)])
             waiting = self._samples[:, self._waiting : self._waiting + len(stamps)]
             waiting[:] = 0.0
             waiting[slots // STRIP, :, :, slots % STRIP] = self._sampled(window, slots, of, stamps, sign)

@@ -5,6 +5,7 @@ reads a trajectory gets plain array views. Slots are reused after a trajectory i
 its birth number, never is.
 """
 
+from bisect import bisect_left
 from copy import copy
 from typing import Any, Self
 
@@ -36,6 +37,11 @@ class Window:
         Length of the window.
     gap_ns
         Longest time between two observations across which a trajectory may be interpolated.
+
+    Attributes
+    ----------
+    instants
+        Times at which anything in the window was observed, ns, ascending and distinct.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -48,6 +54,7 @@ class Window:
         # Most slots in use since the columns are as they are: so many have memory behind them.
         self._written = 0
         self._next_key = 0
+        self.instants: list[int] = []
         self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
         self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
         self.speed: Floats = np.zeros((0, _FIRST_ROWS))
@@ -144,6 +151,7 @@ class Window:
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
+        self._note([stamps] if isinstance(stamps, int) else np.unique(stamps).tolist())
         stamps = np.full(len(slots), stamps)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
@@ -159,6 +167,13 @@ class Window:
             at = int(slots[k]), int(stamps[k])
             stored[k] = self._insert_between(*at, positions[k], float(sigma[k]), turn)
         return stored
+
+    def _note(self, stamps: list[int]) -> None:
+        """Keep the instants, of which most come in order."""
+        for stamp in stamps:
+            at = bisect_left(self.instants, stamp)
+            if self.instants[at : at + 1] != [stamp]:
+                self.instants.insert(at, stamp)
 
     def _append(
         self, slots: Slots, stamps: Stamps, positions: Floats, sigma: Floats, quaternions: Floats | None
@@ -180,6 +195,9 @@ class Window:
         """Drop the oldest observations of slots."""
         self.start[slots] += counts
         self._complete[slots] = False
+        held = np.flatnonzero(self.used & (self.stop > self.start))
+        oldest = self.times[held, self.start[held]].min(initial=np.iinfo(np.int64).max)
+        del self.instants[: bisect_left(self.instants, int(oldest))]
 
     def _insert_between(
         self, slot: int, stamp_ns: int, position: Floats, sigma: float, quaternion: Floats | None
@@ -295,4 +313,5 @@ class Window:
         for name in _KEPT:
             getattr(self, name)[slots] = state[name]
         self._next_key = state["next_key"]
+        self.instants = np.unique(state["times"]).tolist()
         return slots
