@@ -293,8 +293,7 @@ class Space:
         present = [one for one in hypotheses if not one.absent]
         frame = None
         if self._frame is not None:
-            relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
-            hypotheses, frame = relative.hypotheses, relative.frame
+            hypotheses, frame = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
         owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
         motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (

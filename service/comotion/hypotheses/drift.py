@@ -155,13 +155,23 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
-    """Motion of each hypothesis that enough features tell."""
-    dim, found = seen.before.shape[1], {}
-    for label in np.unique(seen.label).tolist():
-        mine = seen.where(seen.label == label)
-        if len(mine.label) > dim:
-            found[label] = _fit(mine.before, mine.after)
-    return found
+    """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
+    dim = seen.before.shape[1]
+    names, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
+    share = (row == np.arange(len(names))[:, None]) / counts[:, None]
+    middle, now = share @ seen.before, share @ seen.after
+    before, after = seen.before - middle[row], seen.after - now[row]
+    U, _, V = np.linalg.svd((share[:, None] * before.T) @ after)
+    V[:, -1] *= np.sign(np.linalg.det(U @ V))[:, None]
+    R = (U @ V).transpose(0, 2, 1)
+    t = now - np.einsum("kij,kj->ki", R, middle)
+    squares = ((np.einsum("nij,nj->ni", R[row], before) - after) ** 2).sum(1)
+    squared = np.bincount(row, squares, len(names)).tolist()
+    return {
+        one: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
+        for k, (one, count) in enumerate(zip(names.tolist(), counts.tolist(), strict=True))
+        if count > dim
+    }
 
 
 def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
@@ -223,16 +233,3 @@ def _calmest(seen: _Seen) -> float:
     labels, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
     means = np.bincount(row, squared, len(labels)) / counts
     return float(means[counts >= _LEAST_FEATURES].min(initial=np.inf))
-
-
-def _fit(before: Floats, after: Floats) -> _Motion:
-    """The rigid motion that fits best (Kabsch), float64 [n, dim] each."""
-    n, dim = before.shape
-    middle, now = before.mean(0), after.mean(0)
-    U, _, V = np.linalg.svd((before - middle).T @ (after - now))
-    mirror = np.ones(dim)
-    mirror[-1] = np.sign(np.linalg.det(U @ V))
-    R = (V.T * mirror) @ U.T
-    t = now - R @ middle
-    squared = float(((before @ R.T + t - after) ** 2).sum())
-    return _Motion(R, t, squared, n * dim - dim * (dim + 1) // 2, n)
