@@ -116,6 +116,9 @@ _MARKDOWN = (
     ("spurious", "spurious", 0),
 )
 
+_OF_BOTH = {"nmi_apart", "delay"}
+_BOTH = ", of NMI and delay the default method before the thesis method"
+
 
 def _head(results: Results) -> str:
     listed = ", ".join(str(seed) for seed in results.seeds)
@@ -125,7 +128,9 @@ def _head(results: Results) -> str:
     opening = _OPENING.format(
         seeds=f"Seed{'s' if len(results.seeds) > 1 else ''} {listed} ({role}).",
         part="" if ran == set(ALL) else f" Here are {len(ran)} of {len(ALL)} families.",
-        both=", the default method before the thesis method" if len(results.methods) > 1 else "",
+        both=", of NMI and delay the default method before the thesis method"
+        if len(results.methods) > 1
+        else "",
     )
     return "\n\n".join(["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS])
 
@@ -140,7 +145,10 @@ def _group(results: Results, group: str) -> str:
     columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
     drawn = Table(("family", "what happens", *(title for _, title, _ in columns)), words=2)
     for name, row in rows.items():
-        cells = (" / ".join(_short(r[key], digits) for r in row) for key, _, digits in columns)
+        cells = (
+            " / ".join(_short(r[key], digits) for r in (row if key in _OF_BOTH else row[:1]))
+            for key, _, digits in columns
+        )
         drawn.add(f"`{name}`", FAMILIES[name].title, *cells)
     return f"## {group[0].upper()}{group[1:]}\n\n{drawn.markdown()}"
 
