@@ -122,19 +122,29 @@ made for pixels: in metres, lengths are scaled to a width of the scene that was 
 
 
 def _compared(results: Results) -> str:
-    """The comparator on every case, mean over seeds, beside both methods at the same times."""
+    """The comparator, mean over the cases of a group, beside both methods at the same times."""
     if not results.compared:
         return ""
     clusterings = list(next(iter(results.compared.values())))
+    groups = {case.name: case.group for case in results.experiment.cases}
+    rows = {name: _compared_means(results, name) for name in results.compared}
     table = Table(("", "default", "thesis", *clusterings))
-    rows: dict[str, list[list[float]]] = {}
-    for name, found in results.compared.items():
-        ours = [[_whole(o) for o in results.outcomes[name, method]] for method in (DEFAULT, THESIS)]
-        rows[name] = [*ours, *(found[c] for c in clusterings)]
-        table.add(name, *map(spread, rows[name]))
-    means = np.array([[np.mean(cell) for cell in row] for row in rows.values()]).mean(0)
-    table.add("**mean**", *(f"{one:.3f}" for one in means))
-    return f"{_COMPARED}\n\n{table.markdown()}"
+    for group in dict.fromkeys(groups[name] for name in rows):
+        some = [row for name, row in rows.items() if groups[name] == group]
+        table.add(f"{group} ({len(some)})", *(f"{one:.3f}" for one in np.mean(some, 0)))
+    table.add("**mean**", *(f"{one:.3f}" for one in np.mean(list(rows.values()), 0)))
+    better = ", ".join(
+        f"{name} ({max(row[2:]):.3f} against {row[0]:.3f})"
+        for name, row in rows.items()
+        if max(row[2:]) > row[0]
+    )
+    return f"{_COMPARED}\n\n{table.markdown()}\n\nBetter than the default: {better or 'nowhere'}."
+
+
+def _compared_means(results: Results, name: str) -> list[float]:
+    """Mean over seeds of the default, the thesis method and each clustering."""
+    ours = [np.mean([_whole(o) for o in results.outcomes[name, method]]) for method in (DEFAULT, THESIS)]
+    return [*map(float, ours), *(float(np.mean(cell)) for cell in results.compared[name].values())]
 
 
 def _whole(outcome: Outcome) -> float:
