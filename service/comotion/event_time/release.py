@@ -172,7 +172,7 @@ class Release:
         if watermark_ns is None:
             return
         due = {name for name, heap in self._waiting.items() if heap[0].key[0] <= watermark_ns}
-        self._budget.begin(at_ns, due)
+        self._budget.begin(at_ns, due, self._sources.new())
         while due:
             yield from self._turn(due, watermark_ns)
             if not self._budget.share_rest(due):
@@ -185,6 +185,8 @@ class Release:
         heapq.heapify(heads)
         while heads:
             _, name, _ = heapq.heappop(heads)
+            if not self._budget.allows(name):
+                continue
             heap = self._waiting[name]
             one = heapq.heappop(heap)
             found = self._released(one, watermark_ns, [*heads[:1], *(other.key for other in heap[:1])])
@@ -195,7 +197,7 @@ class Release:
             yield from found
             if not heap or heap[0].key[0] > watermark_ns:
                 due.discard(name)
-            elif self._budget.allows(name):
+            else:
                 heapq.heappush(heads, heap[0].key)
 
     def _released(
@@ -231,7 +233,7 @@ class Release:
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
-            self._troubles.note("over-budget", name, at_ns)
+            self._troubles.note("over-budget", name)
 
     def done(self, instants: Instants, refused: RejectionReason | None) -> None:
         """Book instants that came out: they were fused, or refused for a reason."""

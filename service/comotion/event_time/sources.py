@@ -20,6 +20,8 @@ PERIODS = 3
 _NEVER_NS = 2**62
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _LEAST_HANDOVER_NS = 200_000_000
+# ns over which a source must have sent to have a share of its own; until then all such have one together.
+_NEW_NS = 1_000_000_000
 # Batches of rivals that wait for the name.
 MAX_RIVALS = 256
 
@@ -56,6 +58,8 @@ class Source:
     heard_ns, agreed_ns
         When its session was last heard, and last heard with a clock that agrees with the scene's, on the
         clock of arrivals; None: not since the start.
+    since_ns
+        When the source was heard first, on the clock of arrivals; None: in an earlier run of the service.
     generation
         How many sessions it had started before.
     released, number
@@ -73,6 +77,7 @@ class Source:
     arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
     heard_ns: int | None = None
     agreed_ns: int | None = None
+    since_ns: int | None = None
     generation: int = 0
     released: int = -1
     number: int = -1
@@ -88,6 +93,12 @@ class Source:
     def arrival_period_ns(self) -> int:
         """Median time between its recent arrivals; 0 until there are two."""
         return int(median(self.arrivals_ns)) if self.arrivals_ns else 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether its batches have come for a short time only; not one that an earlier run has known."""
+        since_ns, heard_ns = self.since_ns, self.heard_ns
+        return since_ns is not None and heard_ns is not None and heard_ns - since_ns < _NEW_NS
 
     def start(self, session: str, stamp_ns: int, at_ns: int) -> None:
         """Start a new session; its clock starts anew."""
@@ -179,7 +190,7 @@ class Source:
         return cls(**(state | {"gaps_ns": gaps_ns, "past": past}))
 
 
-_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals"}
+_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "since_ns", "rivals"}
 
 
 class Sources(dict[str, Source]):
@@ -208,6 +219,10 @@ class Sources(dict[str, Source]):
     def sending(self, at_ns: int) -> list[Source]:
         """Sources whose batches still come."""
         return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
+
+    def new(self) -> set[str]:
+        """Names of those of which batches have come for a short time only."""
+        return {name for name, source in self.items() if source.is_new}
 
     def has_heard(self) -> bool:
         """Whether any source has been heard since the start."""

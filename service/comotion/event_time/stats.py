@@ -12,11 +12,19 @@ from typing import Any, Literal
 from comotion_schemas import RejectionReason
 from comotion_schemas.sequence import Order, SequenceCounter
 
+from .troubles import Troubles
+
 # A batch that was sent before a Status may arrive after it; and Statuses of a session within that time that
 # count: two a second are read.
 _GRACE_NS, _CLAIMS = 2_000_000_000, 8
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
+
+# What a person should know of batches beyond a bound.
+_BEYOND = {
+    "overflow": "batches come faster than they can be read; send fewer or smaller ones",
+    "limit": "batches are beyond a bound of `limits`; see docs/limits.md",
+}
 
 Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
 """What becomes of a batch that was read."""
@@ -113,6 +121,8 @@ class Ledger:
     ----------
     total
         The totals.
+    troubles
+        Whose batches are beyond a bound is noted there.
 
     Attributes
     ----------
@@ -121,8 +131,9 @@ class Ledger:
         sent meanwhile nobody knows.
     """
 
-    def __init__(self, total: Stats) -> None:
+    def __init__(self, total: Stats, troubles: Troubles | None = None) -> None:
         self.total = total
+        self._troubles = troubles or Troubles()
         self.unknown: set[Key] = set()
         # What sessions say they have sent, and when they said so.
         self._claims: dict[Key, deque[tuple[int, int]]] = {}
@@ -156,6 +167,8 @@ class Ledger:
         for account in (self.total, self._of(key)):
             for what, count in counts.items():
                 account.add(what, count)
+        for what in counts.keys() & _BEYOND.keys():
+            self._troubles.note("limit", key[0], _BEYOND[what])
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
@@ -177,8 +190,10 @@ class Ledger:
         They are accounted already, unless `count` is None: then the next gap in the numbers tells how many
         there were, and counts as overflow.
         """
-        before = self._unread.get(source, 0)
+        before = self._unread.pop(source, 0)
         self._unread[source] = None if count is None or before is None else before + count
+        if len(self._unread) > MAX_ACCOUNTS:
+            del self._unread[next(iter(self._unread))]
 
     def claim(self, key: Key, count: int, at_ns: int) -> None:
         """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""

@@ -31,9 +31,9 @@ Then the watermark moves and releases:
 10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
     Nothing of an ended session comes out any more: what still waits is dropped as `late`.
 
-11. What a source's instants cost is charged to it. One that has spent its share waits for its next one, and
-    comes out behind the watermark then. After a second behind it, its batches there are dropped
-    (`over-budget`). See :mod:`.budget`.
+11. What a source's instants cost is charged to it; those that have sent for less than a second have one
+    share together. One that has spent its share waits for its next one, and comes out behind the watermark
+    then. After a second behind it, its batches there are dropped (`over-budget`). See :mod:`.budget`.
 
 What is forgotten:
 
@@ -112,10 +112,10 @@ class Timeline:
         self._load = Load(config.limits)
         self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
         self.troubles = Troubles()
+        self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.at_ns = 0
         self.watermark_ns: int | None = None
-        self.ledger = Ledger(stats)
         self.steps = Steps(WallClock(self._window_ns), self._source_timeout_ns)
 
     def follow_recordings(self) -> None:
@@ -162,7 +162,7 @@ class Timeline:
             In event-time order. Of instants the caller says by :meth:`done` what became of them, and charges
             :attr:`budget` with what they cost before it takes the next.
         """
-        self.at_ns = at_ns = now_ns if at_ns is None else at_ns
+        self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
@@ -288,7 +288,7 @@ class Timeline:
         if source is None:
             if not self._admit_source():
                 return "limit"
-            source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
+            source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns, since_ns=at_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
             return "late" if over else "name"
@@ -313,7 +313,7 @@ class Timeline:
         waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
             if not follows:
-                self.troubles.note("duplicate-name", entry.batch.source, self.at_ns)
+                self.troubles.note("duplicate-name", entry.batch.source)
             self._take(entry, "watermark" if follows else "duplicate-name", now_ns)
         return len(source.rivals) < waiting
 

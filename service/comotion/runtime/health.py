@@ -95,7 +95,6 @@ class Health:
         now: Found = {
             **(found or {}),
             **problems.silence(present, sources, monotonic_ns),
-            **problems.bounds(stats, before.counters, before.rejected.get("limit", 0)),
             **problems.defects(stats, before.counters),
         }
         lasting = self._problems.update(now, monotonic_ns)

@@ -78,7 +78,7 @@ def of_fusion(fusion: Fusion) -> Found:
 def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
     """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
     some = islice(evidence.items(), _MOST_ALIKE)
-    found: Found = {(name, kind): f"{name}: {text(one)}" for name, one in some}
+    found: Found = {(name or None, kind): f"{name or 'invalid names'}: {text(one)}" for name, one in some}
     if len(evidence) > _MOST_ALIKE:
         found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
     return found
@@ -128,6 +128,7 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
         "instants or spaces"
     ),
+    "limit": str,
     "contradicts-space": lambda text: (
         f"says {text}; publish in a space of its own, or set what is right in [spaces] of the parameters"
     ),
@@ -156,21 +157,6 @@ def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_n
         **_each("no-data", no_data, _TEXTS["no-data"]),
         **_each("silent", silent, _TEXTS["silent"]),
     }
-
-
-def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:
-    """Bounds that were reached since the counters were `before`."""
-    words = {
-        "overflow": "batches came faster than they could be read; send fewer or smaller ones",
-        "refused_rows": "trajectories were refused: too many (max_tracks), ended before, or in two spaces",
-    }
-    now = stats.counters()
-    growth = {name: now[name] - before.get(name, 0) for name in words}
-    grown = [f"{growth[name]} {text}" for name, text in words.items() if growth[name] > 0]
-    refused = stats.rejected.get("limit", 0) - rejected_before
-    if refused > 0:
-        grown.append(f"{refused} batches were beyond a bound of `limits`; see docs/limits.md")
-    return {(None, "limit"): "; ".join(grown)} if grown else {}
 
 
 def defects(stats: Stats, before: Mapping[str, int]) -> Found:
