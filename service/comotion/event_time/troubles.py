@@ -28,11 +28,8 @@ class Troubles:
 
     def lately(self) -> dict[ProblemKind, dict[str, Any]]:
         """What has been seen within 3 s: by kind and source, the evidence."""
+        since_ns = self.at_ns - _LASTS_NS
         return {
-            kind: {
-                name: one
-                for name, (seen_ns, one) in sorted(seen.items())
-                if self.at_ns - seen_ns <= _LASTS_NS
-            }
+            kind: {name: one for name, (seen_ns, one) in sorted(seen.items()) if seen_ns >= since_ns}
             for kind, seen in self._seen.items()
         }

@@ -5,6 +5,7 @@ A problem is said once in the log when it begins, once when it ends, and is in t
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -24,7 +25,7 @@ _LASTS_NS = 10_000_000_000
 # A process that has just started may take so long to its first batch.
 _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
-_MOST = 64
+_MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
@@ -50,11 +51,13 @@ class Problems:
 
     def update(self, found: Found, monotonic_ns: int) -> list[Problem]:
         """Follow the problems; returns those that last, the oldest first."""
+        alike = Counter(kind for _, kind in self._lasting)
         for key, text in found.items():
             known = self._lasting.get(key)
             if known is not None:
                 known.seen_ns, known.text = monotonic_ns, text
-            elif len(self._lasting) < _MOST:
+            elif len(self._lasting) < _MOST and alike[key[1]] < _MOST_OF_A_KIND:
+                alike[key[1]] += 1
                 self._lasting[key] = _Lasting(time.time_ns(), monotonic_ns, text)
                 self._limit.log(_log, logging.WARNING, "%s: %s", key[1], text)
         for key, one in list(self._lasting.items()):
