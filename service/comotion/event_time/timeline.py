@@ -65,6 +65,8 @@ __all__ = ["FUTURE_NS", "Timeline"]
 _AHEAD_NS = 250_000_000
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
+# Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
+_ROUNDS = 3
 Verdict = Literal["clock", "name", "watermark"] | Fate
 """What a batch waits for, or what became of it."""
 
@@ -110,7 +112,7 @@ class Timeline:
         self.sources = Sources(config)
         self._inbox: list[Entry] = []
         self._load = Load(config.limits)
-        self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
+        self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
