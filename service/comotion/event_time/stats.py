@@ -12,6 +12,7 @@ from typing import Any, Literal
 from comotion_schemas import RejectionReason
 from comotion_schemas.sequence import Order, SequenceCounter
 
+from ..saving import NOT_KEPT, plain, refill
 from .troubles import Troubles
 
 # A batch that was sent before a Status may arrive after it; and Statuses of a session within that time that
@@ -114,33 +115,34 @@ class Stats(Account):
         return {name: value for name, value in asdict(self).items() if isinstance(value, int)}
 
 
+@dataclass
 class Ledger:
     """Keeps the account of every session, and the totals; follows their sequence numbers.
 
-    Parameters
+    Attributes
     ----------
     total
         The totals.
     troubles
         Whose batches are beyond a bound is noted there.
-
-    Attributes
-    ----------
     unknown
         The newest sessions of an earlier run of the service of which nothing has come since: what they have
         sent meanwhile nobody knows.
+    sequences
+        The sequence numbers.
     """
 
-    def __init__(self, total: Stats, troubles: Troubles | None = None) -> None:
-        self.total = total
-        self._troubles = troubles or Troubles()
-        self.unknown: set[Key] = set()
-        # What sessions say they have sent, and when they said so.
-        self._claims: dict[Key, deque[tuple[int, int]]] = {}
-        self.sequences = SequenceCounter(from_zero=True)
-        self._accounts: dict[Key, Account] = {}
-        # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
-        self._unread: dict[str, int | None] = {}
+    total: Stats = field(metadata=NOT_KEPT)
+    troubles: Troubles = field(default_factory=Troubles, metadata=NOT_KEPT)
+    unknown: set[Key] = field(default_factory=set)
+    sequences: SequenceCounter = field(
+        default_factory=lambda: SequenceCounter(from_zero=True), metadata=NOT_KEPT
+    )
+    # What sessions say they have sent, and when they said so.
+    _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
+    _accounts: dict[Key, Account] = field(default_factory=dict)
+    # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
+    _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
 
     def accounts(self) -> dict[Key, Account]:
         """Account of every (source, session), the one seen last at the end; session "" where unknown."""
@@ -168,7 +170,7 @@ class Ledger:
             for what, count in counts.items():
                 account.add(what, count)
         for what in counts.keys() & _BEYOND.keys():
-            self._troubles.note("limit", key[0], _BEYOND[what])
+            self.troubles.note("limit", key[0], _BEYOND[what])
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
@@ -211,28 +213,25 @@ class Ledger:
             if not claims:
                 del self._claims[key]
 
-    def state(self) -> list[Any]:
+    def state(self) -> dict[str, Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""
-        accounts = [[*key, asdict(account)] for key, account in self._accounts.items()]
-        claims = [[*key, said[-1][1]] for key, said in self._claims.items()]
-        return [asdict(self.total), accounts, self.sequences.state(), sorted(self.unknown), claims]
+        return plain(self) | {"total": plain(self.total), "sequences": self.sequences.state()}
 
-    def load(self, state: list[Any]) -> None:
+    def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.
 
         Raises
         ------
-        KeyError, TypeError, ValueError
+        AttributeError, KeyError, TypeError, ValueError
             If it is none.
         """
-        total, accounts, sequences, unknown, claims = state
-        vars(self.total).update(vars(Stats(**total)))
-        self._accounts = {(source, session): Account(**fields) for source, session, fields in accounts}
-        self.sequences.load(sequences)
-        newest = {source: session for source, session in self._accounts if session}
-        self.unknown = {*newest.items(), *((source, session) for source, session in unknown)}
+        refill(self, state)
+        refill(self.total, state["total"])
+        self.sequences.load(state["sequences"])
+        self.unknown |= {source: session for source, session in self._accounts if session}.items()
         self.unknown &= self._accounts.keys()
-        self._claims = {(source, session): deque([(-_GRACE_NS, sent)]) for source, session, sent in claims}
+        # The clock of arrivals has ended with the process: what was claimed then should be here.
+        self._claims = {key: deque([(-_GRACE_NS, said[-1][1])]) for key, said in self._claims.items()}
         for account in (self.total, *self._accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting

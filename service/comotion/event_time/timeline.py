@@ -50,6 +50,7 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..config import FusionConfig, to_ns
+from ..saving import plain, restored
 from .budget import Budget
 from .faults import Faults
 from .instants import Entry, Instants, SessionEnded, count_instants, in_time_order, size_of
@@ -374,20 +375,23 @@ class Timeline:
         return {
             "watermark": self.watermark_ns,
             "shift": self.steps.shift_ns,
-            "sources": self.sources.state(),
+            "sources": plain(self.sources),
+            "sessions": plain(self.sessions),
+            "next_number": self._release.next_number,
             "accounts": self.ledger.state(),
-        } | self._release.state()
+        }
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.
 
         Raises
         ------
-        KeyError, TypeError, ValueError
+        AttributeError, KeyError, TypeError, ValueError
             If it is none.
         """
         self.watermark_ns = state["watermark"]
         self.steps.shift_ns = int(state["shift"])
-        self.sources.load(state["sources"])
-        self._release.load(state)
+        self.sources.update(restored(dict[str, Source], state["sources"]))
+        self.sessions.update(restored(dict[int, Key], state["sessions"]))
+        self._release.next_number = int(state["next_number"])
         self.ledger.load(state["accounts"])
