@@ -67,14 +67,15 @@ class TestInstants:
         assert fusion.stats.rejected["over-budget"] > 100
         assert all(name.startswith("name") for name in fusion.troubles()["over-budget"])
 
-    def test_a_pause_of_the_machine_mutes_nobody_for_long(self):
+    @pytest.mark.parametrize("spenders", ["a", "abc"])
+    def test_a_pause_of_the_machine_mutes_nobody_for_long(self, spenders):
         budget = Budget(0.5, 100 * MS, clock := Clock())
-        budget.begin(0, {"a"})
+        budget.begin(0, spenders)
         clock.spend(budget, "a", 60 * S)
         rounds = 0
         while not budget.allows("a"):
             rounds += 1
-            budget.begin(rounds * 100 * MS, {"a"})
+            budget.begin(rounds * 100 * MS, spenders)
         assert rounds <= 5
 
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass, field
 CostClock = Callable[[], int]
 """Gives the time that has been spent, in ns from any start: processor time, or counted in a test."""
 
-# A single pause of the machine must not mute anybody for long: nobody owes more than so many rounds.
-_MOST_DEBT = 4
+# A single pause of the machine, or something large that was due for all, must not mute anybody for long:
+# nobody owes more than its share of so many ns.
+_MOST_DEBT_NS = 400_000_000
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
 
@@ -42,6 +43,7 @@ class Budget:
     _credit: dict[str, int] = field(default_factory=dict)
     _new: Collection[str] = ()
     _left_to_new: int = 0
+    _parties: int = 1
     _left: int = 0
     _at_ns: int | None = None
 
@@ -64,7 +66,8 @@ class Budget:
 
     def _share(self, spenders: Collection[str]) -> None:
         new = sum(name in self._new for name in spenders)
-        self._left_to_new = self._left // max(len(spenders) - new + min(new, 1), 1)
+        self._parties = max(len(spenders) - new + min(new, 1), 1)
+        self._left_to_new = self._left // self._parties
         for name in {*spenders, *self._credit}:
             before, quantum = self._credit.get(name, 0), self._left_to_new
             quantum //= new if name in self._new and new else 1
@@ -90,7 +93,7 @@ class Budget:
         finally:
             cost = self.clock() - began
             self._left -= cost
-            least = -round(_MOST_DEBT * self.share * self.period_ns)
+            least = -round(self.share * _MOST_DEBT_NS / self._parties)
             for name, share in shares.items():
                 self._credit[name] = max(self._credit.get(name, 0) - round(share * cost), least)
                 self._left_to_new -= round(share * cost) if name in self._new else 0

@@ -215,7 +215,8 @@ class Ledger:
 
     def state(self) -> dict[str, Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""
-        return plain(self) | {"total": plain(self.total), "sequences": self.sequences.state()}
+        state: dict[str, Any] = plain(self)
+        return state | {"total": plain(self.total), "sequences": self.sequences.state()}
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.

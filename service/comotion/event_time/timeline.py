@@ -57,7 +57,7 @@ from .instants import Entry, Instants, SessionEnded, count_instants, in_time_ord
 from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import FUTURE_NS, RecordedClock, Steps, WallClock
+from .steps import FUTURE_NS, Steps
 from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
@@ -119,11 +119,11 @@ class Timeline:
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.at_ns = 0
         self.watermark_ns: int | None = None
-        self.steps = Steps(WallClock(self._window_ns), self._source_timeout_ns)
+        self.steps = Steps(self._source_timeout_ns, self._window_ns)
 
     def follow_recordings(self) -> None:
         """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self.steps.clock = RecordedClock(self._window_ns)
+        self.steps.recorded = True
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -139,7 +139,7 @@ class Timeline:
         self.ledger.arrive(key)
         repeated = self.ledger.sight(key, batch.seq) == "repeated"
         entry = Entry(batch, repeated, size_of(batch))
-        if repeated and not self.steps.clock.repeats:
+        if repeated and not self.steps.recorded:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
@@ -241,7 +241,7 @@ class Timeline:
 
     def _reference(self, now_ns: int) -> int:
         """The time that stamps are compared with."""
-        return self.steps.clock.reference(now_ns, self.watermark_ns)
+        return self.steps.reference(now_ns, self.watermark_ns)
 
     def _decide(self, now_ns: int) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear who is wrong."""
@@ -363,7 +363,7 @@ class Timeline:
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
         if not live:
             sending = [s.newest_ns for s in self.sources.sending(self.at_ns)]
-            live, now_ns = self.steps.clock.pace(sending, now_ns)
+            live, now_ns = self.steps.pace(sending, now_ns)
         if not live:
             return
         reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)
