@@ -288,7 +288,7 @@ class Fusion:
         """
         timeline, at_ns = self.timeline, self.timeline.at_ns
         sessions = timeline.sessions
-        found = timeline.troubles.lately(at_ns)
+        found = timeline.troubles.lately()
         drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
         found["drifts"] = dict.fromkeys(sorted(drifting))
         found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})

@@ -114,7 +114,6 @@ class Space:
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
-        self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
         # Keys and update of what was listed last.
@@ -214,6 +213,8 @@ class Space:
     ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self.index.find(ids, session)
+        # What comes back counts before anything new does.
+        self._window.live[slots[slots >= 0]] = True
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
             _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
@@ -225,18 +226,17 @@ class Space:
             slots[opened] = self.index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
             self._stats.tracks += len(opened)
-            self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
         return slots, len(fresh), ended
 
     def occupied(self) -> int:
-        """Trajectories that count against the limit: those current at the last update or opened since.
+        """Trajectories that count against the limit: those current at the last update or observed since.
 
         A source whose features change quickly keeps many outdated trajectories in the window. They count
         by the quarter: memory is bounded, and there is allowance for new ones.
         """
-        used = int(self._window.used.sum())
-        return max(len(self._current) + sum(map(len, self._opened)), used // 4)
+        window = self._window
+        return max(int(np.count_nonzero(window.live)), int(np.count_nonzero(window.used)) // 4)
 
     @property
     def size(self) -> int:
@@ -245,15 +245,13 @@ class Space:
 
     def held(self) -> dict[int, int]:
         """Trajectories that count against the share of each session number."""
-        slots = np.concatenate([self._current, *self._opened])
-        numbers, counts = np.unique(self._window.source[slots], return_counts=True)
+        numbers, counts = np.unique(self._window.source[self._window.live], return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
         window = self._window
-        slots = np.concatenate([self._current, *self._opened])
-        slots = slots[window.source[slots] == session]
+        slots = np.flatnonzero(window.live & (window.source == session))
         gone = slots[np.argsort(window.key[slots])][len(slots) - min(count, len(slots)) :]
         if not len(gone):
             return 0
@@ -261,7 +259,6 @@ class Space:
         window.evict(gone, window.counts(gone))
         self._close(gone)
         self._current = self._current[window.used[self._current]]
-        self._opened = [some[window.used[some]] for some in self._opened]
         return len(gone)
 
     def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
@@ -282,7 +279,8 @@ class Space:
         self._forget(fresh)
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
-        self._opened = []
+        window.live[:] = False
+        window.live[current] = True
         self._follow_sources()
         self.extent.look(window, current)
         partition = self._partition(stamp_ns, effort)

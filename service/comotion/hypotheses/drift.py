@@ -19,7 +19,7 @@ from ..trajectories.window import Window
 
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
 # sources, too, have observed something; velocities are taken over the third.
-_SPAN_NS, _LAG_NS, _STEP_NS = 2_000_000_000, 300_000_000, 200_000_000
+_SPAN_NS, _LAG_NS, _STEP_NS = 4_000_000_000, 300_000_000, 200_000_000
 # ns; between observations farther apart, bodies turn and swing by more than noise.
 _DENSE_NS = 100_000_000
 # ns between two looks, and for which a source counts as drifting after it was found to.
@@ -35,6 +35,9 @@ _CHANGE = 10.0
 # What a change must explain, in variances of noise for each of its unknowns, and what it may leave for each
 # coordinate.
 _CLEAR, _LEFT = 4.0, 6.0
+# Others agree on a body where its variance of noise is at most so many times that of the calmest, or so large
+# a share of the extent squared.
+_AGREE, _EXACT = 16.0, 1e-10
 
 
 class _Motion(NamedTuple):
@@ -180,6 +183,8 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     NaN where they share too little, or where no change explains the difference.
     """
     shared = [one for one in motions if np.count_nonzero(other.label == one) >= _LEAST_FEATURES]
+    if shared:
+        shared = _agreed({one: motions[one] for one in shared}, other.before)
     if len(shared) < _LEAST_BODIES:
         return np.nan
     other = other.where(np.isin(other.label, shared))
@@ -207,6 +212,16 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     # The fewer features tell the motions, the more their errors look like a change.
     clear = _CLEAR * len(prior) * (1 + 2 * len(other.label) / sum(motions[one].features for one in shared))
     return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
+
+
+def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
+    """Bodies that others see move as one, in a scene of places [n, dim].
+
+    Where they disagree one of them may be right: what they see together is no measure for another.
+    """
+    noise = {one: motion.squared / max(motion.freedom, 1) for one, motion in motions.items()}
+    most = max(_AGREE * min(noise.values(), default=0.0), _EXACT * float(places.var(0).sum()))
+    return [one for one in noise if noise[one] <= most]
 
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:

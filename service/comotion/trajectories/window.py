@@ -12,12 +12,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Slots, Stamps
+from ..arrays import Bools, Floats, Slots, Stamps, untouched_zeros
 from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete")
-_PER_SLOT = ("start", "stop", "used", *_KEPT)
+_PER_SLOT = ("start", "stop", "used", "live", *_KEPT)
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -42,6 +42,8 @@ class Window:
     ----------
     instants
         Times at which anything in the window was observed, ns, ascending and distinct.
+    live
+        bool [capacity], slots of the trajectories that are current, as far as the caller says; new ones are.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -63,6 +65,7 @@ class Window:
         self.start: Slots = np.zeros(0, np.intp)
         self.stop: Slots = np.zeros(0, np.intp)
         self.used: Bools = np.zeros(0, np.bool_)
+        self.live: Bools = np.zeros(0, np.bool_)
         self.ended: Bools = np.zeros(0, np.bool_)
         self.source: Slots = np.zeros(0, np.intp)
         self.key: Stamps = np.zeros(0, np.int64)
@@ -97,7 +100,7 @@ class Window:
         while len(self._free) < count:
             self._grow_slots()
         slots = np.array([self._free.pop() for _ in range(count)], np.intp)
-        self.used[slots] = True
+        self.used[slots] = self.live[slots] = True
         self._written = max(self._written, self.capacity - len(self._free))
         self.ended[slots] = False
         self.source[slots] = source
@@ -111,7 +114,7 @@ class Window:
 
     def close(self, slots: Slots) -> None:
         """Free slots whose trajectories are forgotten."""
-        self.used[slots] = False
+        self.used[slots] = self.live[slots] = False
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
         self._give_back()
 
@@ -277,7 +280,7 @@ class Window:
         for name in _COLUMNS:
             column = getattr(self, name)
             if column is not None:
-                grown = np.zeros((slots, rows, *column.shape[2:]), column.dtype)
+                grown = untouched_zeros((slots, rows, *column.shape[2:]), column.dtype)
                 transfer(used, np.atleast_3d(column), np.atleast_3d(grown), self.start, self.stop)
                 setattr(self, name, grown)
 
