@@ -4,7 +4,7 @@ import numpy as np
 
 from ...arrays import Bools, Floats, Slots
 from ...compiled import compiled
-from .metric import is_round_metric, quadratic, solved, turned_metric
+from .metric import is_round_metric, squared_length
 from .procrustes import SOFT
 from .records import RowArrays
 
@@ -59,7 +59,7 @@ def body_costs(
     """
     y, w, tolerance, spectrum, metric = arrays
     count, bodies = w.shape[1], len(poses)
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
     some, asked = np.ascontiguousarray(poses[:, ::stride]), np.ones(bodies, np.bool_)
     for n in range(len(rows)):
         i = rows[n]
@@ -154,7 +154,7 @@ def own_residuals(
     """
     y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
+    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 2))
     for k in range(len(poses)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
@@ -191,7 +191,7 @@ def recent_residuals(
         Out: float64 [P] each, sum of the squared distances in tolerances, and number of frames.
     """
     y, w, tolerance, _, metric = arrays
-    (first, split), x, turned = span, np.zeros(3), np.zeros(6)
+    (first, split), x = span, np.zeros(3)
     for i in range(len(body)):
         k = body[i]
         if k < 0:
@@ -204,13 +204,13 @@ def recent_residuals(
                 total, m0, m1, m2 = total + a, m0 + a * x[0], m1 + a * x[1], m2 + a * x[2]
         if total == 0.0:
             continue
-        variance = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total)
+        variance, is_round = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total), is_round_metric(metric[i])
         for f in range(split, w.shape[1]):
             a = w[i, f] * poses[k, f, 12]
             if a > 0:
                 _in_body(y[i, f], poses[k, f], x)
-                turned_metric(metric[i], poses[k, f], turned)
-                d2 = quadratic(turned, x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total)
+                e0, e1, e2 = x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total
+                d2 = squared_length(metric[i], poses[k, f], e0, e1, e2, is_round)
                 squared[i] += a * d2 / variance
                 count[i] += 1.0
 
@@ -263,7 +263,7 @@ def _body_cost(
     """Cost of one row under one body at frames [first:stop], and its mean squared residual.
 
     `row` [F, 4] holds y and w, `poses` [F, 13] those of the body, `metric` [6] that of the noise; `gains`
-    [F, 8] are those of the row's slow noise, and room for the metric in the body's frame; `x` [F, 5] is room.
+    [F, 2] are those of the row's slow noise; `x` [F, 5] is room.
     """
     seen, held, count = 0.0, 0.0, stop - first
     is_round = is_round_metric(metric)
@@ -276,14 +276,13 @@ def _body_cost(
         x[f, 3] = r[3] * p[12]
         seen += 1.0 if r[3] > 0 else 0.0
         held += 1.0 if x[f, 3] > 0 else 0.0
-        if not is_round:
-            turned_metric(metric, p, gains[first + f, 2:])
     missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
     soft = inverse / (SOFT * dim)
-    mean = _robust_mean(x, count, gains[first:], soft, is_round)
-    _squares(x, count, mean, gains[first:], persistence, soft, is_round)
+    noise = metric, is_round, soft
+    mean = _robust_mean(x, count, poses[first:], noise)
+    _squares(x, count, poses[first:], mean, gains[first:], persistence, noise)
     paid, squared, most = 0.0, 0.0, cap * dim
     for f in range(count):
         squared += x[f, 4]
@@ -293,15 +292,14 @@ def _body_cost(
 
 @compiled()
 def _robust_mean(
-    x: Floats, count: int, gains: Floats, soft: float, is_round: bool
+    x: Floats, count: int, poses: Floats, noise: tuple[Floats, bool, float]
 ) -> tuple[float, float, float]:
-    """Mean of points [count, 4 or more], three coordinates and a weight, under the metrics of `gains` [F, 8].
+    """Mean of points [count, 4 or more], three coordinates and a weight, in the frame of a body.
 
-    A squared distance of 1 / soft from the plain mean halves a weight.
+    A squared distance of 1 / soft from the plain mean halves a weight. `noise` is the metric [6], whether it
+    is round, and soft.
     """
-    if not is_round:
-        plain = _metric_mean(x, count, gains, 0.0, (0.0, 0.0, 0.0))
-        return _metric_mean(x, count, gains, soft, plain)
+    metric, is_round, soft = noise
     total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
     for f in range(count):
         a = x[f, 3]
@@ -312,7 +310,7 @@ def _robust_mean(
     m0, m1, m2 = m0 / total, m1 / total, m2 / total
     total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
     for f in range(count):
-        d2 = (x[f, 0] - m0) ** 2 + (x[f, 1] - m1) ** 2 + (x[f, 2] - m2) ** 2
+        d2 = squared_length(metric, poses[f], x[f, 0] - m0, x[f, 1] - m1, x[f, 2] - m2, is_round)
         g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
         total += g
         b0 += g * x[f, 0]
@@ -322,51 +320,26 @@ def _robust_mean(
 
 
 @compiled()
-def _metric_mean(
-    x: Floats, count: int, gains: Floats, soft: float, centre: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Mean with weights 1 / (1 + soft d^2) by the distance d from a centre, under the metrics."""
-    information, b0, b1, b2 = np.zeros(6), 0.0, 0.0, 0.0
-    for f in range(count):
-        if x[f, 3] > 0:
-            m = gains[f, 2:]
-            d2 = quadratic(m, x[f, 0] - centre[0], x[f, 1] - centre[1], x[f, 2] - centre[2])
-            g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
-            for c in range(6):
-                information[c] += g * m[c]
-            b0 += g * (m[0] * x[f, 0] + m[1] * x[f, 1] + m[2] * x[f, 2])
-            b1 += g * (m[1] * x[f, 0] + m[3] * x[f, 1] + m[4] * x[f, 2])
-            b2 += g * (m[2] * x[f, 0] + m[4] * x[f, 1] + m[5] * x[f, 2])
-    return solved(information, b0, b1, b2)
-
-
-@compiled()
 def _squares(
     x: Floats,
     count: int,
+    poses: Floats,
     mean: tuple[float, float, float],
     gains: Floats,
     persistence: float,
-    soft: float,
-    is_round: bool,
+    noise: tuple[Floats, bool, float],
 ) -> None:
     """Weighted squared distances of points [count, 5] from their mean, to the last column.
 
     With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
     (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
     """
-    s0, s1, s2 = mean
-    if persistence == 0.0 and is_round:
-        for f in range(count):
-            d2 = (x[f, 0] - s0) ** 2 + (x[f, 1] - s1) ** 2 + (x[f, 2] - s2) ** 2
-            x[f, 4] = x[f, 3] * d2
-        return
+    (metric, is_round, soft), (s0, s1, s2) = noise, mean
     for f in range(count):
         x[f, 4] = 0.0
         if x[f, 3] > 0:
             e0, e1, e2 = x[f, 0] - s0, x[f, 1] - s1, x[f, 2] - s2
-            d2 = e0 * e0 + e1 * e1 + e2 * e2 if is_round else quadratic(gains[f, 2:], e0, e1, e2)
-            x[f, 4] = x[f, 3] * d2
+            x[f, 4] = x[f, 3] * squared_length(metric, poses[f], e0, e1, e2, is_round)
             if persistence > 0.0:
                 x[f, 4] *= gains[f, 1]
                 g = gains[f, 0] / (1.0 + soft * x[f, 4])
