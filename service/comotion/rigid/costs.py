@@ -18,10 +18,6 @@ _UNCOVERED_SHARE = 0.7
 # Most tolerances that the residual of one row adds to the looseness of its body: a row that does not belong
 # must not make it loose. Chosen on the scenes of docs/research/accuracy.md.
 _MOST_EXCESS = 9.0
-# Price of a wider tolerance, in half nats per coordinate and log. The deformation of a body is alike from
-# frame to frame, so that it is paid once, not at each frame. Chosen on the scenes of
-# docs/research/accuracy.md.
-_LOOSE_PRICE = 1.5
 # Share of what rest would gain by a body's tolerance that the body pays. All of it would be fair, but takes
 # soft bodies apart that rest most of the time. Chosen on the markers and on stress scenes of even seeds.
 _REST_SHARE = 0.5
@@ -64,7 +60,6 @@ def costs(
     frames: Frames,
     bodies: list[Body],
     config: RigidConfig,
-    stretch: float = 1.0,
     stride: int = 1,
 ) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
@@ -75,20 +70,16 @@ def costs(
 
     Parameters
     ----------
-    stretch
-        Factor from the costs of thinned frames to those of all frames.
     stride
         Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
     """
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
     body, squared = _body_costs(frames, poses, wider, config, stride)
-    body *= stretch
     seen, outlier = _outlier_costs(frames, config)
-    outlier *= stretch
-    opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
-    restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
-    body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
+    opening = np.array([_opening(b, b.free, config) for b in bodies])
+    restless = np.array([_opening(b, int(b.posed.sum()), config) for b in bodies])
+    body, slides = with_sliders(frames, bodies, body, seen, config)
     return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
@@ -112,7 +103,8 @@ def _body_costs(
     rows = np.arange(len(frames.owner))
     at_rest = np.zeros((len(rows), len(poses)))
     row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, at_rest)
-    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
+    # The deformation of a body is alike from frame to frame: its price is paid once, not at each frame.
+    price = 0.5 * frames.dim * np.log1p(wider / frames.tolerance[:, None])
     # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
     row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
     return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
@@ -167,11 +159,11 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, poses: int, config: RigidConfig, stretch: float) -> float:
+def _opening(body: Body, poses: int, config: RigidConfig) -> float:
     """Price of a body: of so many poses, and of being one more."""
     if body.static:
         return 0.0
-    return pose_costs(body.dof, stretch * poses, config) + config.birth_price
+    return pose_costs(body.dof, poses, config) + config.birth_price
 
 
 def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:

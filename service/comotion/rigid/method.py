@@ -77,9 +77,6 @@ from .tracks import Tracks, read_tracks
 # Share of the window after which bodies are sought even where the known ones explain everything, and in which
 # the same unexplained trajectory is no cause for another search.
 _SEARCH_SHARE = 0.1
-# Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
-# of docs/research/accuracy.md.
-_KEY_FRAMES = 50
 # In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
 # then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
 _ESTIMATE_STRIDE = 5
@@ -229,9 +226,8 @@ def follow(scene: Scene, config: RigidConfig) -> SearchResult:
 def search(scene: Scene, config: RigidConfig) -> SearchResult:
     """Find the bodies of a scene: steps 5 to 9.
 
-    The first round finds bodies in the subset, on few frames. The second one fits them to all frames and
-    compares all trajectories with them. Where the subset is the whole scene, a third one fits the bodies to
-    the trajectories that were assigned to them.
+    The first round finds bodies in the subset. The second one compares all trajectories with them. Where the
+    subset is the whole scene, a third one fits the bodies to the trajectories that were assigned to them.
     """
     subset = choose_subset(scene, config)
     bodies, labels = _first_bodies(scene, subset, config)
@@ -254,14 +250,13 @@ def _decided(scene: Scene, result: SearchResult) -> SearchResult:
 
 
 def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
-    """Bodies of least cost in the subset, on few frames, and the cheapest of them for each trajectory [n]."""
+    """Bodies of least cost in the subset, and the cheapest of them for each trajectory [n]."""
     part = scene if subset.complete else scene.of(subset.tracks)
-    count = len(part.frames.stamps)
-    few = part.frames.thinned(max(count // _KEY_FRAMES, 1))
-    candidates = candidate_rows(part, few, subset.unexplained)  # 5
-    bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
-    found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
-    chosen = select(weighted(part, _owners(few, bodies), found, config))  # 8
+    frames = part.frames
+    candidates = candidate_rows(part, subset.unexplained)  # 5
+    bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in candidates)]  # 6
+    found = costs(frames, bodies, config)  # 7
+    chosen = select(weighted(part, _owners(frames, bodies), found, config))  # 8
     kept = found.of(chosen)
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
