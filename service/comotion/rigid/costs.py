@@ -56,26 +56,16 @@ class Costs:
         return Costs(self.body[:, chosen], self.outlier, *prices, wider, slides, squared)
 
 
-def costs(
-    frames: Frames,
-    bodies: list[Body],
-    config: RigidConfig,
-    stride: int = 1,
-) -> Costs:
+def costs(frames: Frames, bodies: list[Body], config: RigidConfig) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
     C_ik = 1/2 sum_f min(|x_f - b_i|^2 / v_ik, cap dim), x the trajectory in the body's frame, b_i its robust
     mean there and v_ik the tolerance. Each degree of freedom of a pose gains half a nat by fitting noise
     even where the body does not exist; the price of opening is beyond that.
-
-    Parameters
-    ----------
-    stride
-        Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
     """
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    body, squared = _body_costs(frames, poses, wider, config, stride)
+    body, squared = _body_costs(frames, poses, wider, config)
     seen, outlier = _outlier_costs(frames, config)
     opening = np.array([_opening(b, b.free, config) for b in bodies])
     restless = np.array([_opening(b, int(b.posed.sum()), config) for b in bodies])
@@ -96,13 +86,11 @@ def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConf
     )
 
 
-def _body_costs(
-    frames: Frames, poses: Floats, wider: Floats, config: RigidConfig, stride: int = 1
-) -> tuple[Floats, Floats]:
+def _body_costs(frames: Frames, poses: Floats, wider: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
     at_rest = np.zeros((len(rows), len(poses)))
-    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, at_rest)
+    row_costs, squared = _residuals(frames, poses, rows, wider, config, at_rest)
     # The deformation of a body is alike from frame to frame: its price is paid once, not at each frame.
     price = 0.5 * frames.dim * np.log1p(wider / frames.tolerance[:, None])
     # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
@@ -179,7 +167,6 @@ def _residuals(
     rows: Ints,
     wider: Floats,
     config: RigidConfig,
-    stride: int = 1,
     at_rest: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
@@ -191,7 +178,7 @@ def _residuals(
     gain = np.zeros((0, 0)) if at_rest is None else at_rest
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, poses, *terms, stride, cost, squared, gain)
+    body_costs(frames.arrays, rows, poses, *terms, cost, squared, gain)
     return cost, squared
 
 

@@ -77,9 +77,6 @@ from .tracks import Tracks, read_tracks
 # Share of the window after which bodies are sought even where the known ones explain everything, and in which
 # the same unexplained trajectory is no cause for another search.
 _SEARCH_SHARE = 0.1
-# In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
-# then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
-_ESTIMATE_STRIDE = 5
 
 
 class RigidMethod(Method):
@@ -269,14 +266,14 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: 
     rows
         intp [m] for each body but the static one.
     exact
-        Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
-        and a body must be worth its price by its motion alone.
+        Whether the bodies were sought among all trajectories. Else a body must be worth its price by its
+        motion alone.
     """
-    frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
+    frames = scene.frames
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
-    found = costs(frames, still, config, stride=stride)  # 7
+    found = costs(frames, still, config)  # 7
     if not exact:
         worth = moving_bodies(frames, still, found, config)
         bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)
