@@ -67,10 +67,9 @@ class Belief:
     def __init__(self) -> None:
         self.records: dict[int, Record] = {}
         self._stamp_ns: int | None = None
-        # Of all trajectories of the last update, keys ascending; their excess, and the hypothesis that each
-        # has clearly been a member of.
+        # Of all trajectories of the last update, keys ascending, and the hypothesis that each has clearly
+        # been a member of.
         self._keys: Stamps = np.zeros(0, np.int64)
-        self._excess: Floats = np.zeros(0)
         self._member_of: Labels = np.zeros(0, np.int64)
 
     def learn(self, result: SearchResult, frames: Frames, ids: Labels) -> None:
@@ -95,7 +94,7 @@ class Belief:
         clear = _clear(evidence, labels)
         clear[clear] = ids[labels[clear]] != NO_HYPOTHESIS
         member_of[clear] = ids[labels[clear]]
-        self._keys, self._member_of, self._excess = frames.key, member_of, result.excess
+        self._keys, self._member_of = frames.key, member_of
 
     def scene(
         self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: float
@@ -122,7 +121,6 @@ class Belief:
             judged=frames.life >= least,
             before=before,
             static=static,
-            excess=np.append(self._excess, 0.0)[at],
             separate=np.isin(before, separate),
             resting=np.isin(before, resting),
             clear=np.append(self._member_of, _UNKNOWN)[at] == before,
@@ -131,7 +129,6 @@ class Belief:
     def forget(self) -> None:
         """Forget what the last update has said of each trajectory: there are none."""
         self._keys, self._member_of = (np.zeros(0, np.int64) for _ in range(2))
-        self._excess = np.zeros(0)
 
     def state(self) -> dict[str, Any]:
         """What must survive a restart, as plain values and arrays."""
@@ -145,7 +142,6 @@ class Belief:
         """Take up :meth:`state`."""
         self.records = {int(one): Record(seconds=float(seconds)) for one, seconds in state["seconds"]}
         self._keys, self._member_of = state["keys"], state["member_of"]
-        self._excess = np.zeros(len(self._keys))
 
 
 def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:

@@ -42,7 +42,6 @@ from ..trajectories.window import Window
 from .anchored import anchored_motions
 from .arrivals import undecided
 from .assignment import (
-    OUTLIER,
     SearchResult,
     assign,
     cheapest,
@@ -68,7 +67,6 @@ from .subset import (
     Subset,
     choose_subset,
     extended_rows,
-    is_large,
     known_rows,
     unexplained,
 )
@@ -180,18 +178,11 @@ class RigidMethod(Method):
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether others were sought."""
-        followed, now = None, None
-        if not (self.searching and self._old(scene)) and not is_large(scene):
-            followed = follow(scene, self._config)
-            now = followed.excess, followed.assignment.labels == OUTLIER
-        if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
-            return search(scene, self._config), True
-        return followed or follow(scene, self._config), False
-
-    def _old(self, scene: Scene) -> bool:
-        """Whether bodies were sought long ago."""
-        stamps = scene.frames.stamps
-        return bool(stamps[-1] - self._searched_ns >= _SEARCH_SHARE * (stamps[-1] - stamps[0]))
+        followed = follow(scene, self._config)
+        odd = unexplained(scene, followed)
+        if self.searching and self._due(scene, scene.frames.key[odd]):
+            return search(scene, odd, followed.excess, self._config), True
+        return followed, False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
         """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.
@@ -201,7 +192,8 @@ class RigidMethod(Method):
         stamps, before = scene.frames.stamps, self._odd
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
         self._odd = {key: at for key, at in before.items() if now_ns - at < _SEARCH_SHARE * span_ns}
-        if self._old(scene) or not self._odd.keys() >= set(odd.tolist()):
+        long_ago = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
+        if long_ago or not self._odd.keys() >= set(odd.tolist()):
             self._searched_ns = now_ns
             self._odd |= dict.fromkeys(odd.tolist(), now_ns)
             return True
@@ -220,22 +212,22 @@ def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
 
 
-def search(scene: Scene, config: RigidConfig) -> SearchResult:
-    """Find the bodies of a scene: steps 5 to 9.
+def search(scene: Scene, odd: Bools, excess: Floats, config: RigidConfig) -> SearchResult:
+    """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
 
     The first round finds bodies in the subset. The second one compares all trajectories with them. Where the
     subset is the whole scene, a third one fits the bodies to the trajectories that were assigned to them.
     """
-    subset = choose_subset(scene, config)
+    subset = choose_subset(scene, odd, excess)
     bodies, labels = _first_bodies(scene, subset, config)
     if subset.complete:
-        rows = _assigned_rows(scene, bodies, labels, keep_own=True)
+        rows = _assigned_rows(scene, len(bodies), labels)
     else:
         rows = extended_rows(scene, subset, labels, len(bodies))
     result = _compare_all(scene, rows, config, exact=subset.complete)
     if subset.complete:
         labels = without_sliders(result.assignment.labels, result.evidence)
-        rows = _assigned_rows(scene, result.bodies, labels, keep_own=False)
+        rows = _assigned_rows(scene, len(result.bodies), labels)
         result = _compare_all(scene, rows, config, exact=True)
     return _decided(scene, result)
 
@@ -310,22 +302,16 @@ def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:
     return [np.unique(frames.owner[body.rows]) for body in bodies]
 
 
-def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:
-    """Rows of the trajectories that are assigned to each body but the static one.
+def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
+    """Rows of the trajectories that are assigned to each of `count` bodies but the static one.
 
-    With `keep_own` also, as one more body, the rows that each body was fitted to where they are others. Also
-    those of separate hypotheses at rest: a body that is dropped later may displace them.
+    Also those of separate hypotheses at rest: a body that is dropped later may displace them.
     """
     frames = scene.frames
     # Newborn members hold poses where few others are left.
     known = scene.judged | (scene.before != NO_HYPOTHESIS)
     telling = known & frames.telling
-    found = []
-    for k, body in enumerate(bodies[1:], 1):
-        rows = frames.rows_of((labels == k) & telling)
-        found.append(rows)
-        if keep_own and not np.array_equal(rows, body.rows):
-            found.append(body.rows)
+    found = [frames.rows_of((labels == k) & telling) for k in range(1, count)]
     for one in np.unique(scene.before[scene.resting]).tolist():
         rows = frames.rows_of((scene.before == one) & telling)
         if not any(np.array_equal(rows, other) for other in found):
