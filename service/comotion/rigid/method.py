@@ -62,7 +62,6 @@ from .resampling import Frames, make_frames
 from .rest import settled
 from .selection import membership_prices, select, weighted
 from .subset import (
-    SUBSET_ROWS,
     Scene,
     Subset,
     choose_subset,
@@ -179,9 +178,10 @@ class RigidMethod(Method):
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether others were sought."""
         followed = follow(scene, self._config)
-        odd = unexplained(scene, followed)
+        excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
+        odd = unexplained(scene, followed.assignment.labels, excess)
         if self.searching and self._due(scene, scene.frames.key[odd]):
-            return search(scene, odd, followed.excess, self._config), True
+            return search(scene, odd, excess, self._config), True
         return followed, False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
@@ -208,28 +208,22 @@ class RigidMethod(Method):
 
 def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    exact = len(scene.frames.owner) <= SUBSET_ROWS
-    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
+    return _decided(scene, _compare_all(scene, known_rows(scene), config))
 
 
 def search(scene: Scene, odd: Bools, excess: Floats, config: RigidConfig) -> SearchResult:
     """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
 
-    The first round finds bodies in the subset. The second one compares all trajectories with them. Where the
-    subset is the whole scene, a third one fits the bodies to the trajectories that were assigned to them.
+    Bodies are found in the subset; then all trajectories are compared with them. In a small scene they are
+    fitted to the trajectories that were assigned to them, twice.
     """
     subset = choose_subset(scene, odd, excess)
     bodies, labels = _first_bodies(scene, subset, config)
-    if subset.complete:
-        rows = _assigned_rows(scene, len(bodies), labels)
-    else:
-        rows = extended_rows(scene, subset, labels, len(bodies))
-    result = _compare_all(scene, rows, config, exact=subset.complete)
-    if subset.complete:
-        labels = without_sliders(result.assignment.labels, result.evidence)
-        rows = _assigned_rows(scene, len(result.bodies), labels)
-        result = _compare_all(scene, rows, config, exact=True)
-    return _decided(scene, result)
+    if not scene.small:
+        return _decided(scene, _compare_all(scene, extended_rows(scene, subset, labels, len(bodies)), config))
+    result = _compare_all(scene, _assigned_rows(scene, len(bodies), labels), config)
+    labels = without_sliders(result.assignment.labels, result.evidence)
+    return _decided(scene, _compare_all(scene, _assigned_rows(scene, len(result.bodies), labels), config))
 
 
 def _decided(scene: Scene, result: SearchResult) -> SearchResult:
@@ -240,7 +234,7 @@ def _decided(scene: Scene, result: SearchResult) -> SearchResult:
 
 def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
     """Bodies of least cost in the subset, and the cheapest of them for each trajectory [n]."""
-    part = scene if subset.complete else scene.of(subset.tracks)
+    part = scene if scene.small else scene.of(subset.tracks)
     frames = part.frames
     candidates = candidate_rows(part, subset.unexplained)  # 5
     bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in candidates)]  # 6
@@ -250,23 +244,17 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
-def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
-    """Fit bodies to rows, select the best, and assign every trajectory to one of them.
+def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchResult:
+    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them.
 
-    Parameters
-    ----------
-    rows
-        intp [m] for each body but the static one.
-    exact
-        Whether the bodies were sought among all trajectories. Else a body must be worth its price by its
-        motion alone.
+    In a large scene a body must be worth its price by its motion alone.
     """
     frames = scene.frames
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
     found = costs(frames, still, config)  # 7
-    if not exact:
+    if not scene.small:
         worth = moving_bodies(frames, still, found, config)
         bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)
     owners = _owners(frames, bodies)
@@ -288,9 +276,7 @@ def _assigned(
     rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
     position = predicted_positions(frames, scene.newest, bodies, rough)
-    assignment = assign(frames, cost, evidence.outlier, own, position, config)
-    excess = excess_costs(evidence, assignment.labels, config)
-    return SearchResult(bodies, assignment, evidence, excess)
+    return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
 
 
 def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:

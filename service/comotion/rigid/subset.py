@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints, Labels
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
-from .assignment import OUTLIER, SearchResult
+from .assignment import OUTLIER
 from .kernels.distances import farthest_points
 from .resampling import Frames
 
@@ -66,6 +66,11 @@ class Scene:
     separate: Bools
     clear: Bools
 
+    @property
+    def small(self) -> bool:
+        """Whether all trajectories are searched."""
+        return len(self.frames.owner) <= SUBSET_ROWS
+
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
         return replace(
@@ -83,14 +88,12 @@ class Scene:
 class Subset:
     """Trajectories that are searched for bodies.
 
-    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them; `complete`,
-    whether they are all trajectories of the scene. In a complete subset everyone counts as unexplained, so
-    that every cluster is a candidate.
+    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them. In a small
+    scene, everyone is in it and counts as unexplained, so that every cluster is a candidate.
     """
 
     tracks: Ints
     unexplained: Bools
-    complete: bool
 
 
 def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
@@ -102,8 +105,8 @@ def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
         bool [N], what the known bodies do not explain, and float64 [N], by how much.
     """
     frames, before = scene.frames, scene.before
-    if len(frames.owner) <= SUBSET_ROWS:
-        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_), complete=True)
+    if scene.small:
+        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_))
     explained = scene.judged & ~odd
     hypotheses = np.setdiff1d(before[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
@@ -112,17 +115,18 @@ def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
     left = max(SUBSET_ROWS - sum(len(some) for some in found), SUBSET_ROWS - most)
     found.append(_drawn(np.flatnonzero(odd), before, excess, int(frames.stamps[-1]), left))
     tracks = np.unique(np.concatenate(found))
-    return Subset(tracks, odd[tracks], complete=False)
+    return Subset(tracks, odd[tracks])
 
 
-def unexplained(scene: Scene, found: SearchResult) -> Bools:
+def unexplained(scene: Scene, labels: Ints, excess: Floats) -> Bools:
     """Which current trajectories belong to nobody, or exceed the usual by more than chance, bool [N].
 
-    The largest of n normal deviates is about the root of 2 log n.
+    The largest of n normal deviates is about the root of 2 log n. `labels` intp [N] are those of followed
+    bodies, `excess` float64 [N] that of :func:`~comotion.rigid.costs.excess_costs`.
     """
     asked = scene.judged & scene.frames.current
     most = np.sqrt(2 * np.log(max(int(asked.sum()), 1)))
-    return asked & ((found.assignment.labels == OUTLIER) | (found.excess > most))
+    return np.asarray(asked & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 
 def known_rows(scene: Scene) -> list[Ints]:
