@@ -27,10 +27,6 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 _CLEARLY = 4.0
 # The past pays a little more than what the body and its memberships cost.
 _PAST_FACTOR = 1.2
-# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
-_PURE = 0.8
-# nat; by so much rest must explain the members better than the body does to speak against it.
-_CONTRARY = 10.0
 # nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and what the
 # trajectory then pays for leaving it: less, since a hypothesis may change. Chosen on stress scenes of even
 # seeds and on the markers.
@@ -175,7 +171,7 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
 def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
     """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
 
-    Nearly all trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
+    Most trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
     none for the static body.
     """
     static = NO_HYPOTHESIS if scene.static is None else scene.static
@@ -183,11 +179,11 @@ def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
 
 
 def _usual(labels: Labels) -> int:
-    """The hypothesis of nearly all of labels int64 [m], m > 0."""
-    # What more than half of them have is in the middle when they are sorted.
+    """The hypothesis of more than half of labels int64 [m], m > 0."""
+    # It is in the middle when they are sorted.
     middle = len(labels) // 2
     one = int(np.partition(labels, middle)[middle])
-    return one if np.count_nonzero(labels == one) / len(labels) >= _PURE else NO_HYPOTHESIS
+    return one if 2 * np.count_nonzero(labels == one) > len(labels) else NO_HYPOTHESIS
 
 
 def _gain(evidence: Costs, members: Bools, k: int) -> float:
@@ -197,7 +193,7 @@ def _gain(evidence: Costs, members: Bools, k: int) -> float:
 
 def _contradicted(evidence: Costs, members: Bools, k: int, moves: list[bool]) -> bool:
     """Whether rest explains the members better, or another body that clearly moves nearly as well."""
-    if _gain(evidence, members, k) < -_CONTRARY:
+    if _gain(evidence, members, k) < 0:
         return True
     others = [j for j, clearly in enumerate(moves) if clearly and j not in (0, k)]
     lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]

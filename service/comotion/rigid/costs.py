@@ -21,9 +21,6 @@ _MOST_EXCESS = 9.0
 # Share of what rest would gain by a body's tolerance that the body pays. All of it would be fair, but takes
 # soft bodies apart that rest most of the time. Chosen on the markers and on stress scenes of even seeds.
 _REST_SHARE = 0.5
-# Most that the median cost of a hypothesis may exceed the noise, as a factor, and still be what is usual in
-# it; a hypothesis that fits worse explains nothing. Chosen on the scenes of docs/research/accuracy.md.
-_MOST_USUAL = 2.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
         members = np.flatnonzero(labels == k)
         if len(members):
             cost, due = evidence.body[members, k], expected[members]
-            usual = min(float(np.median(cost / due)), _MOST_USUAL)
+            usual = float(np.median(cost / due))
             found[members] = (cost - usual * due) / np.sqrt(due)
     return found
 
