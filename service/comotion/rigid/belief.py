@@ -27,10 +27,9 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 _CLEARLY = 4.0
 # The past pays a little more than what the body and its memberships cost.
 _PAST_FACTOR = 1.2
-# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and what the
-# trajectory then pays for leaving it: less, since a hypothesis may change. Chosen on stress scenes of even
-# seeds and on the markers.
-_SURE, _LEAVING = 40.0, 20.0
+# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and so much the
+# trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the markers.
+_SURE = 40.0
 # Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
 _UNKNOWN = NO_HYPOTHESIS - 1
 
@@ -143,7 +142,7 @@ def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:
     cost, continued = np.zeros((len(scene.before), len(owners))), continued_by(scene, owners)
     for one in np.unique(scene.before[scene.clear]).tolist():
         members = scene.clear & (scene.before == one)
-        cost[np.ix_(members, continued != one)] = _LEAVING
+        cost[np.ix_(members, continued != one)] = _SURE
     return cost
 
 
