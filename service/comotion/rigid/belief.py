@@ -42,10 +42,13 @@ class Record:
     ----------
     seconds, contrary
         Of clear motion, and of evidence since that it is no body of its own, s of event time.
+    moves
+        Whether it clearly moved at the last update.
     """
 
     seconds: float = 0.0
     contrary: float = 0.0
+    moves: bool = False
 
     @property
     def separate(self) -> bool:
@@ -77,6 +80,7 @@ class Belief:
                 continue
             record = self.records.setdefault(one, Record())
             against = _contradicted(evidence, members, k, moves)
+            record.moves = moves[k]
             record.seconds += step if moves[k] else 0.0
             record.contrary = record.contrary + step if against else 0.0
             if record.contrary > _FORGET_AFTER:
@@ -104,6 +108,7 @@ class Belief:
         present = set(before.tolist())
         self.records = {one: record for one, record in self.records.items() if one in present}
         separate = [one for one, record in self.records.items() if record.separate]
+        resting = [one for one in separate if not self.records[one].moves]
         at = find(frames.key, self._keys)
         return Scene(
             frames=frames,
@@ -112,6 +117,7 @@ class Belief:
             before=before,
             static=static,
             separate=np.isin(before, separate),
+            resting=np.isin(before, resting),
             clear=np.append(self._member_of, _UNKNOWN)[at] == before,
         )
 

@@ -54,6 +54,8 @@ class Scene:
         Hypothesis that was the static one.
     separate
         bool [N], whether the hypothesis is known to be a body of its own.
+    resting
+        bool [N], whether it is, and did not clearly move.
     clear
         bool [N], whether the trajectory has clearly been a member of its hypothesis.
     """
@@ -64,6 +66,7 @@ class Scene:
     before: Labels
     static: int | None
     separate: Bools
+    resting: Bools
     clear: Bools
 
     @property
@@ -80,6 +83,7 @@ class Scene:
             judged=self.judged[tracks],
             before=self.before[tracks],
             separate=self.separate[tracks],
+            resting=self.resting[tracks],
             clear=self.clear[tracks],
         )
 
