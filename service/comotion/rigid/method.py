@@ -60,7 +60,7 @@ from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
 from .rest import settled
-from .selection import membership_prices, select, weighted
+from .selection import STATIC, membership_prices, select, weighted
 from .subset import (
     Scene,
     Subset,
@@ -260,7 +260,8 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchR
     owners = _owners(frames, bodies)
     chosen = select(weighted(scene, owners, found, config))  # 8
     bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
-    return _assigned(scene, bodies, owners, found.of(chosen), config)  # 9
+    resting = np.array([still[k].rests for k in chosen])
+    return _assigned(scene, bodies, owners, found.of(chosen), resting, config)  # 9
 
 
 def _assigned(
@@ -268,14 +269,16 @@ def _assigned(
     bodies: list[Body],
     owners: list[Ints],
     evidence: Costs,
+    resting: Bools,
     config: RigidConfig,
 ) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
     frames, before = scene.frames, scene.before
-    # As in the selection, but for what was paid before the window.
-    cost = evidence.body + membership_prices(scene, owners, config) + carried_costs(scene, owners)
-    rough = cheapest(cost, evidence.outlier)
+    cost, prices = evidence.body + carried_costs(scene, owners), membership_prices(scene, owners, config)
+    rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
+    # Nothing tells what rests with a resting body from the background: its membership has a price here too.
+    cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
     return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
 

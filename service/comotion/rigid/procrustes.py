@@ -29,6 +29,8 @@ class Body:
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
         Number of poses that differ: one for each rest where it is settled (:mod:`.rest`).
+    rests
+        Whether it is settled, and rests in the newest frame.
     """
 
     rows: Ints
@@ -38,6 +40,7 @@ class Body:
     posed: Bools
     dof: int
     free: int = 0
+    rests: bool = False
 
     @property
     def poses(self) -> PoseArrays:

@@ -29,4 +29,4 @@ def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
     template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
     least = _LEAST_REST * config.frame_rate
     runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
-    return replace(still, free=body.free - int(rests.sum()) + runs)
+    return replace(still, free=body.free - int(rests.sum()) + runs, rests=bool(rests[-1]))
