@@ -27,6 +27,8 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 _CLEARLY = 4.0
 # The past pays a little more than what the body and its memberships cost.
 _PAST_FACTOR = 1.2
+# nat; by so much rest must explain the members better than the body does to speak against it.
+_CONTRARY = 10.0
 # nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and so much the
 # trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the markers.
 _SURE = 40.0
@@ -198,7 +200,7 @@ def _gain(evidence: Costs, members: Bools, k: int) -> float:
 
 def _contradicted(evidence: Costs, members: Bools, k: int, moves: list[bool]) -> bool:
     """Whether rest explains the members better, or another body that clearly moves nearly as well."""
-    if _gain(evidence, members, k) < 0:
+    if _gain(evidence, members, k) < -_CONTRARY:
         return True
     others = [j for j, clearly in enumerate(moves) if clearly and j not in (0, k)]
     lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
