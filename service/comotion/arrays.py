@@ -1,4 +1,4 @@
-"""Names for the arrays that the core passes on, and arrays that begin where vector loads are fast."""
+"""Names for the arrays that the core passes on, and arrays that take memory where they are written to."""
 
 import math
 import mmap
