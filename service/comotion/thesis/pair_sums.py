@@ -9,6 +9,7 @@ takes them into the sums of (3.3) of all pairs.
 
 import math
 from bisect import bisect_right
+from typing import Any
 
 import numpy as np
 
@@ -180,7 +181,7 @@ class PairSums:
         first, now = window.start[slots], window.positions[slots, window.stop[slots] - 1]
         gone = (first + np.minimum(k, counts - 1) for k in range(counts.max(initial=0)))
         away = [np.abs(window.positions[slots, at] - now).max(axis=1) for at in gone]
-        return np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch
+        return np.asarray(np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch)
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Note the samples that go with the oldest observations of each slot."""
@@ -235,6 +236,6 @@ class PairSums:
         self._waiting = 0
 
 
-def _blocks(strips: int) -> int:
+def _blocks(strips: Any) -> Any:
     """Blocks of so many strips."""
     return strips * (strips + 1) // 2
