@@ -65,7 +65,7 @@ def group(
     pairs = frame_pairs(frames)
     members = sample_members(frames, parameters.local_motions, np.random.default_rng(seed))  # 2
     residuals = explain(pairs, members)
-    kernel = preference(residuals, pairs.seen)  # 3
+    kernel = preference(residuals, pairs.seen, frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
     boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)

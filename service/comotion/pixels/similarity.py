@@ -27,6 +27,7 @@ _FLOORS = 0.001, 0.01, 0.001
 _MOTIONS_PER_DRAW = 300
 # Coverage is formed over every fourth motion: they differ little in where they can be fitted.
 _COVERAGE_STEP = 4
+_MULT, _C, _PER = .9, 2, False
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class VisibilityPatterns(NamedTuple):
     of: Ints
 
 
-def preference(residuals: Residuals, seen: Floats32) -> Similarity:
+def preference(residuals: Residuals, seen: Floats32, variance: Floats32) -> Similarity:
     """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
 
     A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
@@ -75,6 +76,8 @@ def preference(residuals: Residuals, seen: Floats32) -> Similarity:
         Of H local motions and N trajectories; the total residuals are used up.
     seen
         float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
+    variance
+        float32 [N], px²; noise of a coordinate. What it explains of a residual says nothing.
     """
     share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
     motion, track = visibility_patterns(residuals.used), visibility_patterns(seen.T)
@@ -82,10 +85,15 @@ def preference(residuals: Residuals, seen: Floats32) -> Similarity:
     coverage = (((used * share) @ seen) ** _COVERAGE_POWER).astype(np.float32)
     square = residuals.total
     mean_residuals(square, used @ seen, motion.of)
+    noise = np.float32(_MULT * 4) * variance
+    np.maximum(square - noise, np.float32(0), out=square)
     best = _best_residuals(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
-    square *= np.float32(-1 / (2 * (_NOISE_FACTOR * typical + _NOISE_FLOOR)))
+    if _PER:
+        square *= -1 / (2 * (np.float32(_NOISE_FACTOR * typical + _NOISE_FLOOR) + np.float32(_C) * noise))
+    else:
+        square *= np.float32(-1 / (2 * (_NOISE_FACTOR * typical + _NOISE_FLOOR + _C * float(np.median(noise)))))
     preferred = np.exp(square, out=square)
     own = weigh_preferences(preferred, coverage, motion.of)
     # Fortran's lower triangle is C's upper one, the only valid one; `tanimoto` reads no other.
