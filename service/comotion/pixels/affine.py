@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats, Floats32, Ints
-from .kernels.affine import fit_local_motions, pair_activity, total_residuals
+from ..arrays import Floats32, Ints
+from .kernels.affine import fit_local_motions, total_residuals
 from .key_frames import FramePairs
 
 RIDGE = 25.0
@@ -25,13 +25,10 @@ class Residuals:
         float32 [H, N], px²; sum of the capped squared residuals.
     used
         float32 [H, Q]; 1 where a motion could be fitted.
-    activity
-        float64 [Q], 0..1; how much moves in a frame pair that local motions do not explain.
     """
 
     total: Floats32
     used: Floats32
-    activity: Floats
 
 
 def explain(pairs: FramePairs, groups: list[Ints]) -> Residuals:
@@ -51,5 +48,4 @@ def explain(pairs: FramePairs, groups: list[Ints]) -> Residuals:
     return Residuals(
         total_residuals(*observed, motions, caps),
         np.ascontiguousarray(used.T),
-        pair_activity(*observed, motions, caps),
     )
