@@ -9,7 +9,6 @@ from ..arrays import Bools, Floats, Floats32, Ints, Slots, Stamps
 from ..config import PixelsConfig
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .kernels.affine import pair_displacements
 from .noise import noise_variance
 
 LEAST_SEEN = 4
@@ -141,4 +140,8 @@ def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePair
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])
     second = np.concatenate([np.arange(min(s, count), count) for s in steps])
-    return FramePairs(*pair_displacements(frames.positions, frames.visible, first, second))
+    seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
+    start = frames.positions[first]
+    both = np.stack([start, frames.positions[second] - start]) * seen[..., None]
+    start, displacement = np.ascontiguousarray(both.transpose(0, 1, 3, 2))
+    return FramePairs(start, displacement, seen)

@@ -78,7 +78,7 @@ class BoundaryContrast:
         return Contrast(float((across - within)[known].mean()), float(np.median(distance[known])))
 
     def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
-        """Log mean similarity of the picked to their nearest others, and mean distance in px; NaN, inf if none."""
+        """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
         cells = np.ix_(picked, others)
         distance = np.where(picked[:, None] == others, np.inf, self._distance[cells])
         near = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
