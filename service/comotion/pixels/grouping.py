@@ -3,7 +3,7 @@
 The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
 local motions that explain both, and by the subspace that they span together. The steps of the method:
 
-2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`, :mod:`.affine`).
+2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`).
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters, each within one body, by average linkage.
@@ -19,13 +19,12 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
 from ..config import PixelsConfig
-from .affine import explain
 from .distances import distances
 from .geometry import Geometry
 from .key_frames import KeyFrames, frame_pairs
-from .merging import SIMILARITY, BoundaryContrast, merge, sums_over_groups
+from .merging import SIMILARITY, BoundaryContrast, Merging, sums_over_groups
 from .neighbour_sampling import sample_members
-from .similarity import combine, preference, subspace
+from .similarity import combine, explain, preference, subspace
 
 # Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
 # Hopkins155.
@@ -69,13 +68,14 @@ def group(
     """
     pairs, apart = frame_pairs(frames), distances(frames)
     members = sample_members(apart.local, parameters.local_motions, np.random.default_rng(seed))  # 2
-    kernel = preference(explain(pairs, members), pairs.seen, frames.variance)  # 3
+    kernel = preference(explain(pairs, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     boundary = BoundaryContrast(apart.image, similarity)
     geometry = Geometry(frames, pieces, parameters.drift)
-    merged = merge(similarity, superclusters, boundary, geometry, parameters.smallest, previous)  # 6
+    merging = Merging(similarity, superclusters, boundary, geometry, parameters.smallest, previous)
+    merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]
     return Grouping(labels, _confidence(mean.T, labels), similarity)

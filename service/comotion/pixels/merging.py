@@ -98,30 +98,28 @@ def sums_over_groups(values: NDArray[np.floating[Any]], labels: Ints) -> Floats:
     return np.asarray(np.eye(labels.max() + 1)[labels].T @ values)
 
 
-def merge(
-    similarity: Floats32,
-    superclusters: Ints,
-    boundary: BoundaryContrast,
-    geometry: Geometry,
-    smallest: int,
-    previous: Labels | None = None,
-) -> Ints:
-    """Group of every supercluster, intp [P], as the index of a supercluster in it.
+class Merging:
+    """Merges superclusters.
 
     The most similar pair comes first. Two groups merge if similarity does not drop across their boundary
-    and they share an epipolar geometry; one can make up for the other. Epipolar
-    geometry over wide baselines can overrule that. Hypotheses of the trajectories at
-    the previous update (`previous` int64 [N], negative for none) count too: groups of one hypothesis are
-    merged more easily, groups of different ones less. In the end groups that are too small dissolve.
+    and they share an epipolar geometry; one can make up for the other. Epipolar geometry over wide baselines
+    can overrule that. In the end groups that are too small dissolve.
+
+    Parameters
+    ----------
+    similarity
+        float32 [N, N].
+    superclusters
+        intp [N], 0 to P - 1.
+    boundary, geometry
+        What is compared of two groups.
+    smallest
+        Members below which a group dissolves.
+    previous
+        int64 [N]; hypotheses of the trajectories at the previous update, negative for none: groups of one
+        hypothesis are merged more easily, groups of different ones less.
     """
-    state = _Merging(similarity, superclusters, boundary, geometry, smallest, previous)
-    while (pair := state.best_pair()) is not None:
-        state.join(*pair)
-    state.dissolve()
-    return state.group
 
-
-class _Merging:
     def __init__(
         self,
         similarity: Floats32,
@@ -139,10 +137,17 @@ class _Merging:
         self._open = np.ones(len(self._size), np.bool_)
         self._previous = previous
         self._decided: dict[tuple[int, int], bool] = {}
-        self.group = np.arange(len(self._size))
+        self._group = np.arange(len(self._size))
         self._smallest = max(smallest, _SMALLEST_SHARE * self._size.sum())
 
-    def join(self, first: int, second: int) -> None:
+    def groups(self) -> Ints:
+        """Group of every supercluster, intp [P], as the index of a supercluster in it."""
+        while (pair := self._best_pair()) is not None:
+            self._join(*pair)
+        self._dissolve()
+        return self._group
+
+    def _join(self, first: int, second: int) -> None:
         """The smaller goes into the larger."""
         a, b = (first, second) if self._size[first] >= self._size[second] else (second, first)
         self._sums[a] += self._sums[b]
@@ -150,10 +155,10 @@ class _Merging:
         self._size[a] += self._size[b]
         self._members[a] = np.concatenate([self._members[a], self._members[b]])
         self._open[b] = False
-        self.group[self.group == b] = a
+        self._group[self._group == b] = a
         self._decided = {pair: m for pair, m in self._decided.items() if a not in pair and b not in pair}
 
-    def best_pair(self) -> tuple[int, int] | None:
+    def _best_pair(self) -> tuple[int, int] | None:
         """The pair that merges and has the largest similarity over the threshold for its size, if any."""
         smaller = np.minimum(self._size[:, None], self._size[None])
         ratio = np.triu(self._similarity(), 1) / (SIMILARITY * np.sqrt(smaller / _SIZE))
@@ -164,14 +169,14 @@ class _Merging:
                 return a, b
         return None
 
-    def dissolve(self) -> None:
+    def _dissolve(self) -> None:
         """Groups that are too small go to the most similar group, the smallest first."""
         while self._open.sum() > 1:
             groups = np.flatnonzero(self._open)
             smallest = int(groups[np.argmin(self._size[groups])])
             if self._size[smallest] >= self._smallest:
                 return
-            self.join(int(np.argmax(self._similarity()[smallest])), smallest)
+            self._join(int(np.argmax(self._similarity()[smallest])), smallest)
 
     def _similarity(self) -> Floats:
         mean: Floats = self._sums / np.outer(self._size, self._size)

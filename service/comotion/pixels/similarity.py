@@ -2,9 +2,13 @@
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Floats32
-from .affine import Residuals
-from .key_frames import KeyFrames
+from ..arrays import Bools, Floats, Floats32, Ints
+from .kernels.affine import fit_local_motions, total_residuals
+from .key_frames import FramePairs, KeyFrames
+
+# px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
+# no more.
+_RIDGE, _CAP = 25.0, 400.0
 
 # Width of the preference kernel as a multiple of the typical best residual and of what noise adds to a
 # residual, and px² added to it.
@@ -21,7 +25,27 @@ _MOTIONS_PER_DRAW = 300
 _NEGLIGIBLE = 1e-6
 
 
-def preference(residuals: Residuals, seen: Floats32, variance: Floats32) -> Floats32:
+def explain(pairs: FramePairs, groups: list[Ints]) -> Floats32:
+    """Mean squared residuals of N trajectories under H local motions, [H, N] px²; inf where none applies.
+
+    Parameters
+    ----------
+    pairs
+        Frame pairs of the trajectories: a motion is an affine field in each.
+    groups
+        Members of local motions, each intp [H_r, M_r].
+    """
+    observed = pairs.start, pairs.displacement, pairs.seen
+    parts = [fit_local_motions(*observed, members.T, _RIDGE) for members in groups]
+    motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    square = total_residuals(*observed, motions, used * np.float32(_CAP))
+    count = used.T @ pairs.seen
+    square /= np.maximum(count, np.float32(1))
+    square[count == 0] = np.inf
+    return square
+
+
+def preference(square: Floats32, variance: Floats32) -> Floats32:
     """Tanimoto kernel [N, N] of the motions that trajectories prefer.
 
     A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
@@ -30,18 +54,14 @@ def preference(residuals: Residuals, seen: Floats32, variance: Floats32) -> Floa
 
     Parameters
     ----------
-    residuals
-        Of H local motions and N trajectories; the total residuals are used up.
-    seen
-        float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
+    square
+        float32 [H, N], px²; mean squared residuals, see :func:`explain`; used up.
     variance
         float32 [N], px²; noise of a coordinate.
     """
-    count = residuals.used @ seen
-    square, noise = residuals.total, np.float32(_NOISE_OF_DISPLACEMENT) * variance
-    square /= np.maximum(count, np.float32(1))
-    np.maximum(square - noise, np.float32(0), out=square)
-    square[count == 0] = np.inf
+    noise = np.float32(_NOISE_OF_DISPLACEMENT) * variance
+    square -= noise
+    np.maximum(square, np.float32(0), out=square)
     best = _best_residuals(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
