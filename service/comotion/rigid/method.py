@@ -74,10 +74,9 @@ from .subset import (
 )
 from .tracks import Tracks, read_tracks
 
-# Where the known bodies explain everything, others are sought when the evidence has changed by this share.
-_SEARCH_SHARE = 0.05
-# Share of the window in which the same unexplained trajectory is no cause for another search.
-_ODD_SHARE = 0.1
+# Share of the window after which bodies are sought even where the known ones explain everything, and in which
+# the same unexplained trajectory is no cause for another search.
+_SEARCH_SHARE = 0.1
 # Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
 # of docs/research/accuracy.md.
 _KEY_FRAMES = 50
@@ -207,7 +206,7 @@ class RigidMethod(Method):
         """
         stamps, before = scene.frames.stamps, self._odd
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
-        self._odd = {key: at for key, at in before.items() if now_ns - at < _ODD_SHARE * span_ns}
+        self._odd = {key: at for key, at in before.items() if now_ns - at < _SEARCH_SHARE * span_ns}
         if self._old(scene) or not self._odd.keys() >= set(odd.tolist()):
             self._searched_ns = now_ns
             self._odd |= dict.fromkeys(odd.tolist(), now_ns)
