@@ -30,6 +30,8 @@ BASELINES = {
     "divisive k-means, Brox and Malik": divisive_brox_malik,
 }
 OURS = "comotion, K unknown"
+NOISY = "the same with 0.4 px of white noise"
+_NOISE_PX = 0.4
 
 
 @dataclass(frozen=True)
@@ -97,10 +99,11 @@ def run_benchmark(
         for frames in LENGTHS:
             progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
             parts = [s if frames is None else s.first(frames) for s in sequences]
-            ours = [score(part, *engine(part, PixelsConfig())) for part in parts]
-            found.rows.append(_row(name, OURS, frames, ours))
-            if frames is None and len({s.scene for s in sequences}) > 1:
-                found.halves[name] = _halves(sequences, ours)
+            for title, tried in ((OURS, parts), (NOISY, [part.noisy(_NOISE_PX) for part in parts])):
+                ours = [score(part, *engine(part, PixelsConfig())) for part in tried]
+                found.rows.append(_row(name, title, frames, ours))
+                if frames is None and len({s.scene for s in sequences}) > 1:
+                    found.halves[name if title == OURS else f"{name}, {title}"] = _halves(sequences, ours)
             for title, method in BASELINES.items() if baselines else ():
                 scored = [score(part, method(part)) for part in parts]
                 found.rows.append(_row(name, title, frames, scored))

@@ -90,7 +90,8 @@ def divisive_brox_malik(sequence: Sequence) -> Labels:
 def _key_frames(sequence: Sequence) -> KeyFrames:
     x = sequence.positions[evenly_spaced(len(sequence.positions), _KEY_FRAMES)]
     seen: NDArray[np.bool_] = np.isfinite(x[..., 0]) & np.isfinite(x[..., 1])
-    return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen)
+    nothing = np.zeros(x.shape[1], np.float32)
+    return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen, nothing)
 
 
 def _spectral(affinity: NDArray[Any], count: int) -> Labels:

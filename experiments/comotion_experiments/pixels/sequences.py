@@ -54,6 +54,11 @@ class Sequence:
         """Select trajectories by a mask bool [N]."""
         return replace(self, positions=self.positions[:, tracks], truth=self.truth[tracks])
 
+    def noisy(self, sigma: float) -> "Sequence":
+        """Add white noise of `sigma` px; the same at each call."""
+        rng = np.random.default_rng(sum(map(ord, self.name)))
+        return replace(self, positions=self.positions + rng.normal(0, sigma, self.positions.shape))
+
     def objects(self) -> int:
         """Number of true objects."""
         return len(np.unique(self.truth[self.truth > 0]))

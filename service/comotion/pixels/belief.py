@@ -15,7 +15,8 @@ from ..arrays import Bools, Floats, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
-from .proposals import LEAST_MEMBERS, Together, as_one, find_groups, nearest_votes
+from .newborns import nearest_votes
+from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
 from .recent import Recent
 
 BACKGROUND = 0

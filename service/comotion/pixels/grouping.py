@@ -3,28 +3,32 @@
 The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
 local motions that explain both, and by the subspace that they span together. The steps of the method:
 
-2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`, :mod:`.affine`).
+2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`).
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
-5. Link trajectories to superclusters, each within one body (:mod:`.linkage`).
+5. Link trajectories to superclusters, each within one body, by average linkage.
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
-   objects (:mod:`.merging`, :mod:`.epipolar`, :mod:`.wide_baseline`).
+   objects (:mod:`.merging`, :mod:`.geometry`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
 
-from ..arrays import Floats, Ints, Labels
+from ..arrays import Floats, Floats32, Ints, Labels
 from ..config import PixelsConfig
-from .affine import explain
-from .epipolar import EpipolarTest
+from .distances import distances
+from .geometry import Geometry
 from .key_frames import KeyFrames, frame_pairs
-from .linkage import link, pool
-from .merging import SIMILARITY, BoundaryContrast, merge
+from .merging import SIMILARITY, BoundaryContrast, Merging, sums_over_groups
 from .neighbour_sampling import sample_members
-from .similarity import Similarity, combine, preference, subspace
-from .wide_baseline import WideBaselineTest
+from .similarity import combine, explain, preference, subspace
+
+# Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
+# Hopkins155.
+_LEAST_SIMILARITY = 0.08
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,12 @@ class Grouping:
     confidence
         float64 [N], 0..1; similarity to the own group over that to the own and the best other.
     similarity
-        What the groups were found from.
+        float32 [N, N], 0..1; what the groups were found from.
     """
 
     labels: Ints
     confidence: Floats
-    similarity: Similarity
+    similarity: Floats32
 
 
 def group(
@@ -62,18 +66,26 @@ def group(
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
-    pairs = frame_pairs(frames)
-    members = sample_members(frames, parameters.local_motions, np.random.default_rng(seed))  # 2
-    residuals = explain(pairs, members)
-    kernel = preference(residuals, pairs.seen)  # 3
+    pairs, apart = frame_pairs(frames), distances(frames)
+    members = sample_members(apart.local, parameters.local_motions, np.random.default_rng(seed))  # 2
+    kernel = preference(explain(pairs, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
-    boundary, epipolar = BoundaryContrast(frames, similarity.value), EpipolarTest(frames)
-    wide_baseline = WideBaselineTest(frames, superclusters.members(), parameters.drift)
-    merged = merge(superclusters, boundary, epipolar, wide_baseline, parameters.smallest, previous)  # 6
-    _, labels = np.unique(merged[superclusters.of], return_inverse=True)
-    weighted, evidence = pool(similarity, labels)
-    return Grouping(labels, _confidence((weighted / evidence).T, labels), similarity)
+    pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
+    boundary = BoundaryContrast(apart.image, similarity)
+    geometry = Geometry(frames, pieces, parameters.drift)
+    merging = Merging(similarity, superclusters, boundary, geometry, parameters.smallest, previous)
+    merged = merging.groups()  # 6
+    _, labels = np.unique(merged[superclusters], return_inverse=True)
+    mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]
+    return Grouping(labels, _confidence(mean.T, labels), similarity)
+
+
+def link(similarity: Floats32, least: float = _LEAST_SIMILARITY) -> Ints:
+    """Superclusters of trajectories, intp [N]: average linkage down to a mean similarity of `least`."""
+    # The floors of its factors can lift a similarity above 1.
+    tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
+    return fcluster(tree, 1 - least, "distance").astype(np.intp) - 1
 
 
 def _confidence(mean: Floats, labels: Ints) -> Floats:

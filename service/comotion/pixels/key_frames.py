@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats32, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Floats32, Ints, Slots, Stamps
 from ..config import PixelsConfig
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .kernels.affine import pair_displacements
+from .noise import noise_variance
 
 LEAST_SEEN = 4
 """Key frames that a trajectory must be seen in to be compared."""
@@ -31,15 +31,20 @@ class KeyFrames:
         float32 [F, N, 2], px; 0 where unseen.
     visible
         bool [F, N].
+    variance
+        float32 [N], px²; noise of a coordinate.
     """
 
     positions: Floats32
     visible: Bools
+    variance: Floats32
 
     def of(self, tracks: Ints) -> "KeyFrames":
         """The same instants for some of the trajectories, by index."""
         return KeyFrames(
-            np.ascontiguousarray(self.positions[:, tracks]), np.ascontiguousarray(self.visible[:, tracks])
+            np.ascontiguousarray(self.positions[:, tracks]),
+            np.ascontiguousarray(self.visible[:, tracks]),
+            self.variance[tracks],
         )
 
 
@@ -89,7 +94,8 @@ def compared_trajectories(
     """
     instants = np.array(stamps, np.int64)
     slots = window.slots()
-    frames = key_frames(window, slots, instants[evenly_spaced(len(instants), p.key_frames)])
+    chosen = instants[evenly_spaced(len(instants), p.key_frames)]
+    frames = key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
     chosen = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), p.most_tracks)
     return slots[chosen], frames.of(chosen)
 
@@ -116,8 +122,8 @@ def choose(seen: Ints, ended: Bools, limit: int, few: int = _FEW_TRACKS) -> Ints
     return np.sort(ready[rank[:most]])
 
 
-def key_frames(window: Window, slots: Slots, stamps: Stamps) -> KeyFrames:
-    """States of trajectories (slots intp [N]) at instants int64 [F] ns.
+def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -> KeyFrames:
+    """States of trajectories (slots intp [N]), of a noise float64 [N] px², at instants int64 [F] ns.
 
     Features of one camera share its frames, so that only observed states count. With several
     sources in a space there is no common frame: states between two observations count too.
@@ -125,7 +131,8 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps) -> KeyFrames:
     several = len(np.unique(window.source[slots])) > 1
     states = states_at(window, slots, stamps)
     visible = states.held if several else states.observed
-    return KeyFrames(np.where(visible[..., None], states.position, 0.0).astype(np.float32), visible)
+    positions = np.where(visible[..., None], states.position, 0.0).astype(np.float32)
+    return KeyFrames(positions, visible, variance.astype(np.float32))
 
 
 def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePairs:
@@ -133,4 +140,8 @@ def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePair
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])
     second = np.concatenate([np.arange(min(s, count), count) for s in steps])
-    return FramePairs(*pair_displacements(frames.positions, frames.visible, first, second))
+    seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
+    start = frames.positions[first]
+    both = np.stack([start, frames.positions[second] - start]) * seen[..., None]
+    start, displacement = np.ascontiguousarray(both.transpose(0, 1, 3, 2))
+    return FramePairs(start, displacement, seen)

@@ -1,21 +1,20 @@
 """Superclusters in; the group of each, one group per object, out. This decides the number of objects."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Floats, Floats32, Ints, Labels
-from .epipolar import EpipolarTest
-from .kernels.neighbours import similarity_to_nearest
-from .key_frames import KeyFrames
-from .linkage import Superclusters
-from .wide_baseline import WideBaselineTest
+from .geometry import Geometry
 
 # Members of the other and of the own group that a member is compared with.
 _NEAREST = 5
-# Members of the smaller group that are compared, and key frames that their distances are taken over.
+# Members of the smaller group that are compared.
 _COMPARED = 40
-_DISTANCE_FRAMES = 12
+# Added to a mean similarity before its logarithm is taken, so that 0 stays finite.
+_SIMILARITY_FLOOR = 1e-3
 # Mean similarity at which superclusters merge if the smaller has so many members; the threshold grows with
 # the root of its size over that.
 SIMILARITY, _SIZE = 0.0075, 40
@@ -23,7 +22,7 @@ SIMILARITY, _SIZE = 0.0075, 40
 # threshold, which saturates; what must be reached, in nat; and the evidence needed per log ratio of their
 # joint epipolar residual to their own. docs/research/pixels.md says how it was fitted.
 _DISTANCE_WEIGHT, _RATIO_WEIGHT, _LARGEST_LOG_RATIO = 0.86, 0.3, 2.0
-_LEAST_EVIDENCE, _EPIPOLAR_WEIGHT = 0.55, 1.08
+_LEAST_EVIDENCE, _EPIPOLAR_WEIGHT = 0.35, 1.08
 # nat; limits of that log ratio, and what it is where the epipolar geometry cannot be estimated.
 _LEAST_EPIPOLAR, _MOST_EPIPOLAR, _UNKNOWN_EPIPOLAR = -0.2, 2.5, 0.3
 # Share of the trajectories below which a group dissolves.
@@ -57,16 +56,12 @@ class BoundaryContrast:
 
     Parameters
     ----------
-    frames
-        Key frames of N trajectories.
-    similarity
-        float32 [N, N]; of the trajectories.
+    distance, similarity
+        float32 [N, N]; of the trajectories in the image, px, and their similarity.
     """
 
-    def __init__(self, frames: KeyFrames, similarity: Floats32) -> None:
-        step = max(1, len(frames.positions) // _DISTANCE_FRAMES)
-        self._positions = np.ascontiguousarray(frames.positions[::step].transpose(0, 2, 1))
-        self._seen = frames.visible[::step].astype(np.float32)
+    def __init__(self, distance: Floats32, similarity: Floats32) -> None:
+        self._distance = distance
         self._similarity = similarity
 
     def between(self, first: Ints, second: Ints) -> Contrast | None:
@@ -83,68 +78,87 @@ class BoundaryContrast:
         return Contrast(float((across - within)[known].mean()), float(np.median(distance[known])))
 
     def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
-        return similarity_to_nearest(self._positions, self._seen, self._similarity, picked, others, _NEAREST)
+        """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
+        cells = np.ix_(picked, others)
+        distance = np.where(picked[:, None] == others, np.inf, self._distance[cells])
+        near = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
+        apart = np.take_along_axis(distance, near, axis=1)
+        seen = np.isfinite(apart)
+        count = seen.sum(axis=1)
+        alike = np.where(seen, self._similarity[picked[:, None], others[near]], 0).sum(axis=1)
+        share = np.maximum(count, 1)
+        return (
+            np.where(count > 0, np.log(alike / share + _SIMILARITY_FLOOR), np.nan),
+            np.where(count > 0, np.where(seen, apart, 0).sum(axis=1) / share, np.inf),
+        )
 
 
-def merge(
-    superclusters: Superclusters,
-    boundary: BoundaryContrast,
-    epipolar: EpipolarTest,
-    wide_baseline: WideBaselineTest,
-    smallest: int,
-    previous: Labels | None = None,
-) -> Ints:
-    """Group of every supercluster, intp [P], as the index of a supercluster in it.
+def sums_over_groups(values: NDArray[np.floating[Any]], labels: Ints) -> Floats:
+    """Sums of the rows of values [N, M] over each of K groups (intp [N]), float64 [K, M]."""
+    return np.asarray(np.eye(labels.max() + 1)[labels].T @ values)
+
+
+class Merging:
+    """Merges superclusters.
 
     The most similar pair comes first. Two groups merge if similarity does not drop across their boundary
-    and they share an epipolar geometry; one can make up for the other. Epipolar
-    geometry over wide baselines can overrule that. Hypotheses of the trajectories at
-    the previous update (`previous` int64 [N], negative for none) count too: groups of one hypothesis are
-    merged more easily, groups of different ones less. In the end groups that are too small dissolve.
+    and they share an epipolar geometry; one can make up for the other. Epipolar geometry over wide baselines
+    can overrule that. In the end groups that are too small dissolve.
+
+    Parameters
+    ----------
+    similarity
+        float32 [N, N].
+    superclusters
+        intp [N], 0 to P - 1.
+    boundary, geometry
+        What is compared of two groups.
+    smallest
+        Members below which a group dissolves.
+    previous
+        int64 [N]; hypotheses of the trajectories at the previous update, negative for none: groups of one
+        hypothesis are merged more easily, groups of different ones less.
     """
-    state = _Merging(superclusters, boundary, epipolar, wide_baseline, smallest, previous)
-    while (pair := state.best_pair()) is not None:
-        state.join(*pair)
-    state.dissolve()
-    return state.group
 
-
-class _Merging:
     def __init__(
         self,
-        superclusters: Superclusters,
+        similarity: Floats32,
+        superclusters: Ints,
         boundary: BoundaryContrast,
-        epipolar: EpipolarTest,
-        wide_baseline: WideBaselineTest,
+        geometry: Geometry,
         smallest: int,
         previous: Labels | None,
     ) -> None:
         self._boundary = boundary
-        self._epipolar = epipolar
-        self._wide_baseline = wide_baseline
-        self._members = superclusters.members()
-        self._weighted = superclusters.weighted.copy()
-        self._evidence = superclusters.evidence.copy()
-        self._size = np.array([len(m) for m in self._members], np.float64)
+        self._geometry = geometry
+        self._size = np.bincount(superclusters).astype(np.float64)
+        self._members = [np.flatnonzero(superclusters == k) for k in range(len(self._size))]
+        self._sums = sums_over_groups(sums_over_groups(similarity, superclusters).T, superclusters)
         self._open = np.ones(len(self._size), np.bool_)
         self._previous = previous
         self._decided: dict[tuple[int, int], bool] = {}
-        self.group = np.arange(len(self._size))
+        self._group = np.arange(len(self._size))
         self._smallest = max(smallest, _SMALLEST_SHARE * self._size.sum())
 
-    def join(self, first: int, second: int) -> None:
+    def groups(self) -> Ints:
+        """Group of every supercluster, intp [P], as the index of a supercluster in it."""
+        while (pair := self._best_pair()) is not None:
+            self._join(*pair)
+        self._dissolve()
+        return self._group
+
+    def _join(self, first: int, second: int) -> None:
         """The smaller goes into the larger."""
         a, b = (first, second) if self._size[first] >= self._size[second] else (second, first)
-        for sums in (self._weighted, self._evidence):
-            sums[a] += sums[b]
-            sums[:, a] += sums[:, b]
+        self._sums[a] += self._sums[b]
+        self._sums[:, a] += self._sums[:, b]
         self._size[a] += self._size[b]
         self._members[a] = np.concatenate([self._members[a], self._members[b]])
         self._open[b] = False
-        self.group[self.group == b] = a
+        self._group[self._group == b] = a
         self._decided = {pair: m for pair, m in self._decided.items() if a not in pair and b not in pair}
 
-    def best_pair(self) -> tuple[int, int] | None:
+    def _best_pair(self) -> tuple[int, int] | None:
         """The pair that merges and has the largest similarity over the threshold for its size, if any."""
         smaller = np.minimum(self._size[:, None], self._size[None])
         ratio = np.triu(self._similarity(), 1) / (SIMILARITY * np.sqrt(smaller / _SIZE))
@@ -155,17 +169,17 @@ class _Merging:
                 return a, b
         return None
 
-    def dissolve(self) -> None:
+    def _dissolve(self) -> None:
         """Groups that are too small go to the most similar group, the smallest first."""
         while self._open.sum() > 1:
             groups = np.flatnonzero(self._open)
             smallest = int(groups[np.argmin(self._size[groups])])
             if self._size[smallest] >= self._smallest:
                 return
-            self.join(int(np.argmax(self._similarity()[smallest])), smallest)
+            self._join(int(np.argmax(self._similarity()[smallest])), smallest)
 
     def _similarity(self) -> Floats:
-        mean: Floats = self._weighted / self._evidence
+        mean: Floats = self._sums / np.outer(self._size, self._size)
         mean[~self._open] = -1
         mean[:, ~self._open] = -1
         np.fill_diagonal(mean, -1)
@@ -177,9 +191,9 @@ class _Merging:
         if (a, b) not in self._decided:
             groups = self._members[a], self._members[b]
             if self._one_body(a, b, ratio):
-                self._decided[a, b] = not self._wide_baseline.two_bodies(*groups)
+                self._decided[a, b] = not self._geometry.two_bodies(*groups)
             else:
-                self._decided[a, b] = self._wide_baseline.one_body(*groups)
+                self._decided[a, b] = self._geometry.one_body(*groups)
         return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
@@ -193,7 +207,7 @@ class _Merging:
         evidence += hysteresis
         if evidence < _EPIPOLAR_WEIGHT * _LEAST_EPIPOLAR:
             return False
-        compared = self._epipolar.compare(self._members[a], self._members[b])
+        compared = self._geometry.compare(self._members[a], self._members[b])
         if compared is None:
             return bool(evidence >= _EPIPOLAR_WEIGHT * _UNKNOWN_EPIPOLAR)
         if compared.one_rests:

@@ -11,7 +11,7 @@ Before a camera that moves:
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Floats32, Ints, Labels, Slots
+from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig
 from ..matching import continued, largest_first
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
@@ -63,8 +63,8 @@ class PixelMethod(Method):
             found = group(frames, self._p, previous=before)  # 2 to 6
             groups[compared] = found.labels
             confidence[compared] = found.confidence
-            residual[compared] = found.similarity.residual
-            self._last = current, compared, found.similarity.value
+            residual[compared] = 2 * frames.variance
+            self._last = current, compared, found.similarity
         else:
             known = np.unique(before[before >= 0])
             groups[compared] = np.where(before >= 0, np.searchsorted(known, before), NO_HYPOTHESIS)
@@ -72,7 +72,7 @@ class PixelMethod(Method):
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):
-            groups[newborn], confidence[newborn] = self._newborn(window, newborn, compared, groups, previous)
+            groups[newborn], confidence[newborn] = self._newborn(window, newborn, current, groups, previous)
         slots = np.union1d(current, compared)
         return Partition(
             slots=slots,
@@ -106,18 +106,19 @@ class PixelMethod(Method):
         )
 
     def _newborn(
-        self, window: Window, newborn: Slots, compared: Slots, groups: Ints, previous: Previous
+        self, window: Window, newborn: Slots, current: Slots, groups: Ints, previous: Previous
     ) -> tuple[Ints, Floats]:
         """Groups of newborn trajectories and the confidence in them, at most 1/2, [n] each; step 7.
 
-        `groups` intp [capacity] are those of the compared trajectories.
+        `groups` intp [capacity] are those of the others.
         """
-        names = _provisional_names(previous.labels[compared], groups[compared])
-        labelled = compared[groups[compared] != NO_HYPOTHESIS]
-        known = labelled, names[groups[labelled]], previous.labels[newborn]
-        labels, share = assign_newborns(window, newborn, *known)
-        group_of = {int(name): k for k, name in enumerate(names)}
-        return np.array([group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]), share / 2
+        known = current[groups[current] != NO_HYPOTHESIS]
+        before, count = previous.labels, int(groups.max(initial=-1)) + 1
+        pairs = continued(before[known], groups[known], count, largest_first)
+        goes_on = {hypothesis: k for k, hypothesis in pairs.items()}
+        mine = np.array([goes_on.get(one, NO_HYPOTHESIS) for one in before[newborn].tolist()])
+        found, share = assign_newborns(window, newborn, known, groups[known], mine)
+        return found, share / 2
 
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""
@@ -128,12 +129,3 @@ class PixelMethod(Method):
         affinity[np.ix_(rows, rows)] = np.minimum(value[np.ix_(index, index)], np.float32(1))
         np.fill_diagonal(affinity, 1.0)
         return affinity
-
-
-def _provisional_names(before: Labels, groups: Ints) -> Labels:
-    """Name of each group for votes, int64 [K]: the hypothesis it continues, or one above all others."""
-    count = int(groups.max(initial=-1)) + 1
-    names = np.arange(count) + int(before.max(initial=0)) + 1
-    for k, hypothesis in continued(before, groups, count, largest_first).items():
-        names[k] = hypothesis
-    return names

@@ -1,55 +1,73 @@
-"""Trajectories too short to be compared in; labels of the nearest that move as they do out."""
+"""Trajectories too short to be compared in; what their nearest neighbours say of them out."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from ..arrays import Floats, Labels, Slots
+from ..arrays import Floats, Ints, Slots
 from ..partition import NO_HYPOTHESIS
-from ..trajectories.interpolation import states_at
+from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
-from .kernels.neighbours import newborn_distances, weighted_votes
-from .key_frames import evenly_spaced
-from .neighbour_sampling import MOTION_WEIGHT
 
-# Nearest trajectories that vote.
-_VOTERS = 5
-# Observations of a newborn trajectory that are compared.
-_INSTANTS = 4
-# What the previous label of a newborn trajectory counts, in average votes.
-_PREVIOUS_VOTES = 1.0
+# Nearest neighbours that vote, and px that are added to their distance.
+_VOTERS, _SOFT_PX = 5, 5.0
+# What the previous group of a newborn trajectory counts, as a share of all votes.
+_PREVIOUS = 0.2
+# ns; time over which motion is compared, and px of distance that a px of difference in it counts for.
+_MOTION_NS, _MOTION_WEIGHT = 100_000_000, 10.0
 
 
 def assign_newborns(
-    window: Window, newborn: Slots, compared: Slots, labels: Labels, previous: Labels
-) -> tuple[Labels, Floats]:
-    """Labels of newborn trajectories by the vote of the nearest in the image that move as they do.
+    window: Window, newborn: Slots, known: Slots, groups: Ints, previous: Ints
+) -> tuple[Ints, Floats]:
+    """Groups of newborn trajectories by the vote of the nearest in the image that move as they do.
 
     Parameters
     ----------
     window
         Store of all trajectories.
-    newborn, compared
-        Slots intp [n] of trajectories too short to be compared, and intp [m] of compared ones, which have
-        the `labels` int64 [m].
+    newborn, known
+        Slots intp [n] of trajectories too short to be compared, and intp [m] of others, which have the
+        `groups` intp [m].
     previous
-        int64 [n]; labels of the newborn ones until now: each counts as one vote.
+        intp [n]; groups that continue the hypotheses of the newborn ones, negative for none.
 
     Returns
     -------
-    labels int64 [n] (NO_HYPOTHESIS where nothing is near in time) and the share of votes float64 [n].
+    groups intp [n] (NO_HYPOTHESIS without neighbours) and the share of votes float64 [n].
     """
-    if not len(compared):
+    both, count = np.concatenate([newborn, known]), int(groups.max(initial=-1)) + 1
+    labels = np.concatenate([np.full(len(newborn), NO_HYPOTHESIS), groups])
+    step, span = recent_steps(window, both, _MOTION_NS)
+    motion = _MOTION_WEIGHT * step * (_MOTION_NS / np.maximum(span, 1))[:, None]
+    place = window.positions[both, window.stop[both] - 1]
+    alike = nearest_votes(np.hstack([place, motion]), labels, count, np.inf)
+    # One that was seen once has a place, and no motion.
+    near = nearest_votes(place, labels, count, np.inf)
+    votes = np.where((span > 0)[:, None], alike, near)[: len(newborn)]
+    total = votes + _PREVIOUS * (previous[:, None] == np.arange(count))
+    if not votes.any():
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
-    distance = _distance(window, newborn, compared)
-    return weighted_votes(distance, labels, previous, _VOTERS, _PREVIOUS_VOTES)
+    best = total.argmax(axis=1)
+    return best, votes[np.arange(len(newborn)), best]
 
 
-def _distance(window: Window, newborn: Slots, compared: Slots) -> Floats:
-    """Distances at some instants of the newborn ones, float64 [n, m] px; inf where none is shared."""
-    at = [window.start[s] + evenly_spaced(int(window.stop[s] - window.start[s]), _INSTANTS) for s in newborn]
-    owner = np.repeat(np.arange(len(newborn)), [len(each) for each in at])
-    index = np.concatenate(at)
-    # Features are born together: the states of the compared ones serve several.
-    stamps, instant = np.unique(window.times[newborn[owner], index], return_inverse=True)
-    states = states_at(window, compared, stamps)
-    own = window.positions[newborn[owner], index]
-    return newborn_distances(states.position, states.held, own, instant, owner, len(newborn), MOTION_WEIGHT)
+def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floats:
+    """Share of each of `count` labels among the nearest labelled neighbours within reach, float64 [n, count].
+
+    Parameters
+    ----------
+    place
+        float64 [n, D], px; the distance is that in D dimensions.
+    labels
+        intp [n], negative for none; nobody is a neighbour of their own.
+    reach
+        px.
+    """
+    known = np.flatnonzero(labels >= 0)
+    votes = np.zeros((len(place), count))
+    if len(known) < 2:
+        return votes
+    apart, at = cKDTree(place[known]).query(place, k=min(_VOTERS + 1, len(known)))
+    near = (apart < reach) & (known[at] != np.arange(len(place))[:, None])
+    np.add.at(votes, (np.arange(len(place))[:, None], labels[known[at]]), near / (apart + _SOFT_PX))
+    return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))

@@ -3,10 +3,9 @@
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Bools, Ints
 from .gains import group_gain
 from .recent import Recent
 
@@ -25,8 +24,6 @@ _MERGE_AFTER, _MOST_SUM = 4.0, 7.0
 _VOTE = 1.3
 # px; of two groups that both move less over the longest time scale, nothing is learnt.
 _LEAST_MOTION_PX = 1.0
-# Nearest neighbours that vote, and px that are added to their distance.
-_VOTERS, _SOFT_PX = 5, 5.0
 
 
 def find_groups(recent: Recent, free: Bools) -> list[Ints]:
@@ -129,25 +126,3 @@ class Together:
 
     def _add(self, pair: tuple[int, int], amount: float) -> None:
         self._sums[pair] = min(max(self._sums.get(pair, 0.0) + amount, -_MOST_SUM), _MOST_SUM)
-
-
-def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floats:
-    """Share of each of `count` labels among the nearest labelled neighbours within reach, float64 [n, count].
-
-    Parameters
-    ----------
-    place
-        float64 [n, 2], px.
-    labels
-        intp [n], negative for none; nobody is a neighbour of their own.
-    reach
-        px.
-    """
-    known = np.flatnonzero(labels >= 0)
-    votes = np.zeros((len(place), count))
-    if len(known) < 2:
-        return votes
-    apart, at = cKDTree(place[known]).query(place, k=min(_VOTERS + 1, len(known)))
-    near = (apart < reach) & (known[at] != np.arange(len(place))[:, None])
-    np.add.at(votes, (np.arange(len(place))[:, None], labels[known[at]]), near / (apart + _SOFT_PX))
-    return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))

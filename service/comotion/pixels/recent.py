@@ -6,17 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Ints, Slots
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
+from .noise import noise_variance
 
 SCALES_NS = (100_000_000, 250_000_000, 1_000_000_000, 3_000_000_000)
 """ns; over which motion is looked at: a hand moves within the first two, a slow drawer within the others."""
-
-# Newest instants on which noise is estimated, and differences that the median of the source is worth.
-_NOISE_INSTANTS, _POOL = 12, 20
-# Median of a chi-squared variable with two degrees of freedom, per coordinate.
-_CHI2_MEDIAN = 1.386
 
 
 @dataclass(frozen=True)
@@ -82,40 +78,5 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
         position[0],
         position[0] - position[1:],
         np.ascontiguousarray(states.held[-2::-1][:, here]),
-        _noise(window, slots[here], np.array(stamps[-_NOISE_INSTANTS:], np.int64)),
+        noise_variance(window, slots[here], stamps),
     )
-
-
-def _noise(window: Window, slots: Slots, stamps: Stamps) -> Floats:
-    """Variance of a coordinate, px² [n]: a published one, else from third divided differences.
-
-    That of a trajectory is the median of its own, drawn towards the median of its source.
-    """
-    square = _squared_differences(window, slots, stamps)
-    count = np.isfinite(square).sum(axis=0)
-    known, own = count > 0, np.zeros(len(slots))
-    if known.any():
-        # NaN come last: the median is in the middle of those before.
-        ranked, middle = np.sort(square[:, known], axis=0), np.stack([count[known] - 1, count[known]]) // 2
-        own[known] = np.take_along_axis(ranked, middle, axis=0).mean(axis=0) / _CHI2_MEDIAN
-    variance = np.zeros(len(slots))
-    for source in np.unique(window.source[slots]).tolist():
-        mine = window.source[slots] == source
-        pooled = float(np.median(own[mine & known])) if (mine & known).any() else 0.0
-        variance[mine] = (_POOL * pooled + count[mine] * own[mine]) / (_POOL + count[mine])
-    published = window.sigma[slots, window.stop[slots] - 1]
-    return np.where(np.isfinite(published), published**2, variance)
-
-
-def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:
-    """Squared third divided differences at unit noise, px² [T - 3, n]; NaN where one is missing."""
-    states = states_at(window, slots, stamps)
-    place = np.where(states.observed[..., None], states.position, np.nan)
-    square = np.full((max(len(stamps) - 3, 0), len(slots)), np.nan)
-    for k in range(len(square)):
-        times = (stamps[k : k + 4] - stamps[k]) * 1e-9
-        apart = times[:, None] - times + np.eye(4)
-        weight = 1 / apart.prod(axis=1)
-        difference = np.tensordot(weight / np.linalg.norm(weight), place[k : k + 4], axes=1)
-        square[k] = (difference**2).sum(axis=1)
-    return square

@@ -11,6 +11,7 @@ from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
 from .grouping import group
 from .key_frames import LEAST_SEEN, evenly_spaced, key_frames
+from .noise import noise_variance
 from .recent import Recent, recent_motion
 
 # ns between two instants at which motion is taken in, however often updates are made.
@@ -89,7 +90,7 @@ class RestingCamera:
         chosen = np.union1d(
             instants[evenly_spaced(len(instants), half)], newest[evenly_spaced(len(newest), half)]
         )
-        frames = key_frames(window, slots, chosen)
+        frames = key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
         seen = frames.visible.sum(axis=0)
         ready = np.flatnonzero(seen >= LEAST_SEEN)
         ready = np.sort(ready[np.argsort(-seen[ready], kind="stable")][:_MOST_COMPARED])

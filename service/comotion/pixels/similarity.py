@@ -1,117 +1,98 @@
-"""Key frames in; how likely two trajectories belong to one body, and on what evidence, out."""
-
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+"""Key frames in; how likely two trajectories belong to one body out."""
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import ssyrk
 
 from ..arrays import Bools, Floats, Floats32, Ints
-from .affine import Residuals
-from .kernels.similarity import combine_kernels, mean_residuals, tanimoto, weigh_preferences
-from .key_frames import KeyFrames
+from .kernels.affine import fit_local_motions, total_residuals
+from .key_frames import FramePairs, KeyFrames
 
-# Width of the preference kernel as a multiple of the typical best residual, and px² added to it.
-_NOISE_FACTOR, _NOISE_FLOOR = 32.0, 0.05
-# Power of the share of motion that a trajectory was seen in, in the evidence of a pair; and evidence of a
-# pair that no local motion covers.
-_COVERAGE_POWER, _EVIDENCE_FLOOR = 3, 0.0005
-# Numbers of singular vectors that the shape interaction is averaged over: it depends on the rank, and no one
-# rank is right for all scenes. Rank and iterations of the completion of unseen positions.
-_RANKS, _COMPLETION_RANK, _COMPLETION_ROUNDS = (5, 6, 8, 10), 6, 40
-# Added to the preference kernel of a pair, to its mean shape interaction, and to that at each rank, so that
-# neither can veto a pair alone.
-_FLOORS = 0.001, 0.01, 0.001
+# px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
+# no more.
+_RIDGE, _CAP = 25.0, 400.0
+
+# Width of the preference kernel as a multiple of the typical best residual and of what noise adds to a
+# residual, and px² added to it.
+_MISFIT_FACTOR, _NOISE_FACTOR, _FLOOR = 32.0, 2.0, 0.05
+# Squared displacement of a motion in the image per variance of a coordinate, less what the fit takes up.
+_NOISE_OF_DISPLACEMENT = 3.6
+# Singular vectors that span the shape interaction. Rank and iterations of the completion of unseen positions.
+_RANK, _COMPLETION_RANK, _COMPLETION_ROUNDS = 8, 6, 40
+# Added to the preference kernel of a pair and to its shape interaction: neither can veto a pair alone.
+_PREFERENCE_FLOOR, _INTERACTION_FLOOR = 0.001, 0.01
 # Local motions per draw: the width of the preference kernel follows from the least residual in a draw.
 _MOTIONS_PER_DRAW = 300
-# Coverage is formed over every fourth motion: they differ little in where they can be fitted.
-_COVERAGE_STEP = 4
+# Products of smaller preferences are denormal, on which multiplication takes ten times as long.
+_NEGLIGIBLE = 1e-6
 
 
-@dataclass(frozen=True)
-class Similarity:
-    """Similarity of N trajectories.
-
-    Attributes
-    ----------
-    value, evidence
-        float32 [N, N]: similarity 0..1 and the weight it counts with, both symmetric.
-    residual
-        float32 [N], px²; mean squared residual under the best local motion, NaN where none applies.
-    """
-
-    value: Floats32
-    evidence: Floats32
-    residual: Floats32
-
-
-class VisibilityPatterns(NamedTuple):
-    """P different rows among M.
-
-    Attributes
-    ----------
-    first
-        intp [P]; the first row of each pattern.
-    of
-        intp [M]; the pattern of every row.
-    """
-
-    first: Ints
-    of: Ints
-
-
-def preference(residuals: Residuals, seen: Floats32) -> Similarity:
-    """Tanimoto kernel of the motions that trajectories prefer, its evidence, and the best residuals.
-
-    A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
-    2008, with the Tanimoto distance of T-linkage, Magri and Fusiello 2014). The frame pairs that a motion
-    covers follow from the visibility of either, and many share these: sums over coverage are formed once
-    per pattern.
+def explain(pairs: FramePairs, groups: list[Ints]) -> Floats32:
+    """Mean squared residuals of N trajectories under H local motions, [H, N] px²; inf where none applies.
 
     Parameters
     ----------
-    residuals
-        Of H local motions and N trajectories; the total residuals are used up.
-    seen
-        float32 [Q, N]; 1 where a trajectory is seen in a frame pair.
+    pairs
+        Frame pairs of the trajectories: a motion is an affine field in each.
+    groups
+        Members of local motions, each intp [H_r, M_r].
     """
-    share = (residuals.activity / max(float(residuals.activity.sum()), 1e-12)).astype(np.float32)
-    motion, track = visibility_patterns(residuals.used), visibility_patterns(seen.T)
-    used = residuals.used[motion.first]
-    coverage = (((used * share) @ seen) ** _COVERAGE_POWER).astype(np.float32)
-    square = residuals.total
-    mean_residuals(square, used @ seen, motion.of)
+    observed = pairs.start, pairs.displacement, pairs.seen
+    parts = [fit_local_motions(*observed, members.T, _RIDGE) for members in groups]
+    motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    square = total_residuals(*observed, motions, used * np.float32(_CAP))
+    count = used.T @ pairs.seen
+    square /= np.maximum(count, np.float32(1))
+    square[count == 0] = np.inf
+    return square
+
+
+def preference(square: Floats32, variance: Floats32) -> Floats32:
+    """Tanimoto kernel [N, N] of the motions that trajectories prefer.
+
+    A trajectory prefers the local motions that explain it (J-linkage's preference sets, Toldo and Fusiello
+    2008, with the Tanimoto distance of T-linkage, Magri and Fusiello 2014). The part of a residual that noise
+    explains is taken away before: it is the same under all motions, and says nothing.
+
+    Parameters
+    ----------
+    square
+        float32 [H, N], px²; mean squared residuals, see :func:`explain`; used up.
+    variance
+        float32 [N], px²; noise of a coordinate.
+    """
+    noise = np.float32(_NOISE_OF_DISPLACEMENT) * variance
+    square -= noise
+    np.maximum(square, np.float32(0), out=square)
     best = _best_residuals(square)
     known = np.isfinite(best)
     typical = float(np.median(best[known])) if known.any() else 0.0
-    square *= np.float32(-1 / (2 * (_NOISE_FACTOR * typical + _NOISE_FLOOR)))
+    width = _MISFIT_FACTOR * typical + _NOISE_FACTOR * float(np.median(noise)) + _FLOOR
+    square *= np.float32(-1 / (2 * width))
     preferred = np.exp(square, out=square)
-    own = weigh_preferences(preferred, coverage, motion.of)
-    # Fortran's lower triangle is C's upper one, the only valid one; `tanimoto` reads no other.
-    both = ssyrk(1.0, preferred.T, lower=1).T
-    narrow = coverage[:, track.first]
-    counts = np.bincount(motion.of[::_COVERAGE_STEP], minlength=len(used)).astype(np.float32)
-    some = counts > 0
-    covered = (narrow[some].T * (counts[some] / counts.sum())) @ narrow[some]
-    evidence = np.empty_like(both)
-    tanimoto(both, evidence, own.T @ narrow, covered, track.of, np.float32(_EVIDENCE_FLOOR))
-    return Similarity(both, evidence, np.where(known, best, np.float32(np.nan)))
+    preferred[preferred < _NEGLIGIBLE] = 0
+    both = preferred.T @ preferred
+    own = both.diagonal()
+    kernel: Floats32 = both / np.maximum(own[:, None] + own - both, np.float32(1e-12))
+    return kernel
 
 
-def combine(kernel: Similarity, vectors: Floats32) -> Similarity:
-    """Geometric mean of the preference kernel and shape interaction, in place of the kernel's value.
+def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
+    """Geometric mean of the preference kernel [N, N] and shape interaction |v_i·v_j|⁴.
 
     Parameters
     ----------
     kernel
-        Preference kernel of N trajectories; its value is used up.
+        float32 [N, N], used up.
     vectors
         float32 [D, N]; singular vectors of the trajectories, see :func:`subspace`.
     """
-    floors = (np.float32(floor) for floor in _FLOORS)
-    combine_kernels(kernel.value, vectors, np.array(_RANKS), *floors)
-    return kernel
+    unit = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.float32(1e-8))
+    interaction = unit.T @ unit
+    interaction *= interaction
+    interaction *= interaction
+    interaction += np.float32(_INTERACTION_FLOOR)
+    kernel += np.float32(_PREFERENCE_FLOOR)
+    interaction *= kernel
+    return np.sqrt(interaction, out=interaction)
 
 
 def _best_residuals(square: Floats32) -> Floats32:
@@ -127,19 +108,9 @@ def _best_residuals(square: Floats32) -> Floats32:
     return np.where(known.any(axis=0), mean, np.float32(np.inf))
 
 
-def visibility_patterns(rows: NDArray[Any]) -> VisibilityPatterns:
-    """Patterns of M rows of ones and zeros, [M, Q]."""
-    bits = np.packbits(rows > 0, axis=1)
-    # A byte that all have in common: without columns there is still one pattern.
-    keys = np.zeros((len(bits), bits.shape[1] + 1), np.uint8)
-    keys[:, 1:] = bits
-    _, first, of = np.unique(keys.view(f"V{keys.shape[1]}")[:, 0], return_index=True, return_inverse=True)
-    return VisibilityPatterns(first, of)
-
-
 def subspace(
     frames: KeyFrames,
-    dimensions: int = max(_RANKS),
+    dimensions: int = _RANK,
     rank: int = _COMPLETION_RANK,
     rounds: int = _COMPLETION_ROUNDS,
 ) -> Floats32:

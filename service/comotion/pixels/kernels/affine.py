@@ -5,67 +5,55 @@ A field predicts the displacement (u, v) of a trajectory at (x, y): u = a x + b 
 
 import numpy as np
 
-from ...arrays import Bools, Floats, Floats32, Ints
+from ...arrays import Floats, Floats32, Ints
 from ...compiled import compiled
-
-Reals = Floats | Floats32
 
 # A local motion has six parameters; three members would be fitted exactly, whatever bodies they are on.
 _LEAST_MEMBERS = 4
-# The activity of a frame pair is a mean over every eighth local motion: they differ little in it, and
-# one trajectory of one development sequence changed its group.
-_ACTIVITY_STEP = 8
 
 
 @compiled()
-def pair_displacements(
-    positions: Floats32, visible: Bools, first: Ints, second: Ints
-) -> tuple[Floats32, Floats32, Floats32]:
-    """Start and displacement [Q, 2, N] over frame pairs, 0 unless seen in both, and whether seen [Q, N]."""
-    shape = len(first), 2, visible.shape[1]
-    start, displacement = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    seen = np.zeros((len(first), visible.shape[1]), np.float32)
-    for q in range(len(first)):
-        a, b = first[q], second[q]
-        for i in range(visible.shape[1]):
-            if visible[a, i] and visible[b, i]:
-                seen[q, i] = 1
-                for c in range(2):
-                    start[q, c, i] = positions[a, i, c]
-                    displacement[q, c, i] = positions[b, i, c] - positions[a, i, c]
-    return start, displacement, seen
+def fit_local_motions(
+    start: Floats32, displacement: Floats32, seen: Floats32, members: Ints, ridge: float
+) -> tuple[Floats32, Floats32]:
+    """Fields of local motions with members [M, H] in each frame pair, by least squares with a ridge.
 
-
-@compiled()
-def fit_affine(
-    x: Reals, y: Reals, u: Reals, v: Reals, w: Reals, ridge: float
-) -> tuple[Floats, Floats, Floats]:
-    """Weighted least squares with a ridge for H fields at a time, each of M points; all inputs [M, H].
-
-    The ridge (px² per unit of weight) goes on the diagonal of the centred normal matrix. Returns the sum
-    of weights and the means of x, y, u, v [5, H], the centred normal matrix xx, yy, xy [3, H], and the
-    fields (a, b, c, d, e, f) [6, H]. Without any weight a field is 0.
+    The ridge (px² per member) goes on the diagonal of the centred normal matrix. Returns the fields
+    (a, b, c, d, e, f) [Q, H, 6] and whether enough members were seen, 1 or 0, [Q, H].
     """
-    count = x.shape[1]
-    means, moments, fields = np.zeros((5, count)), np.zeros((7, count)), np.zeros((6, count))
-    _means(x, y, u, v, w, means)
-    _moments(x, y, u, v, w, means, moments)
-    for h in range(count):
-        n, cx, cy, cu, cv = means[:, h]
-        if n > 0:
-            moments[0, h] += n * ridge
-            moments[1, h] += n * ridge
+    size, count = members.shape
+    motions = np.zeros((len(seen), count, 6), np.float32)
+    used = np.zeros((len(seen), count), np.float32)
+    x, y, u, v, w = np.empty((5, size, count), np.float32)
+    for q in range(len(seen)):
+        # Gathered first: the sums of the fit then go over contiguous numbers.
+        for m in range(size):
+            for h in range(count):
+                i = members[m, h]
+                x[m, h], y[m, h], w[m, h] = start[q, 0, i], start[q, 1, i], seen[q, i]
+                u[m, h], v[m, h] = displacement[q, 0, i], displacement[q, 1, i]
+        means, moments = np.zeros((5, count)), np.zeros((7, count))
+        _means(x, y, u, v, w, means)
+        _moments(x, y, u, v, w, means, moments)
+        for h in range(count):
+            n, cx, cy, cu, cv = means[:, h]
+            if n < _LEAST_MEMBERS:
+                continue
+            used[q, h] = 1
             xx, yy, xy, xu, yu, xv, yv = moments[:, h]
+            xx += n * ridge
+            yy += n * ridge
             det = xx * yy - xy * xy
             a, b = (xu * yy - yu * xy) / det, (yu * xx - xu * xy) / det
             c, d = (xv * yy - yv * xy) / det, (yv * xx - xv * xy) / det
-            fields[0, h], fields[1, h], fields[4, h] = a, b, cu - a * cx - b * cy
-            fields[2, h], fields[3, h], fields[5, h] = c, d, cv - c * cx - d * cy
-    return means, moments[:3], fields
+            field = a, b, c, d, cu - a * cx - b * cy, cv - c * cx - d * cy
+            for k in range(6):
+                motions[q, h, k] = field[k]
+    return motions, used
 
 
 @compiled()
-def _means(x: Reals, y: Reals, u: Reals, v: Reals, w: Reals, means: Floats) -> None:
+def _means(x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, means: Floats) -> None:
     n, cx, cy, cu, cv = means
     for m in range(len(x)):
         for h in range(len(n)):
@@ -80,7 +68,9 @@ def _means(x: Reals, y: Reals, u: Reals, v: Reals, w: Reals, means: Floats) -> N
 
 
 @compiled()
-def _moments(x: Reals, y: Reals, u: Reals, v: Reals, w: Reals, means: Floats, moments: Floats) -> None:
+def _moments(
+    x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, means: Floats, moments: Floats
+) -> None:
     _, cx, cy, cu, cv = means
     xx, yy, xy, xu, yu, xv, yv = moments
     for m in range(len(x)):
@@ -95,34 +85,6 @@ def _moments(x: Reals, y: Reals, u: Reals, v: Reals, w: Reals, means: Floats, mo
             yu[h] += wy * pu
             xv[h] += wx * pv
             yv[h] += wy * pv
-
-
-@compiled()
-def fit_local_motions(
-    start: Floats32, displacement: Floats32, seen: Floats32, members: Ints, ridge: float
-) -> tuple[Floats32, Floats32]:
-    """Fields of local motions with members [M, H] in each frame pair.
-
-    Returns the fields (a, b, c, d, e, f) [Q, H, 6] and whether enough members were seen, 1 or 0, [Q, H].
-    """
-    size, count = members.shape
-    motions = np.zeros((len(seen), count, 6), np.float32)
-    used = np.zeros((len(seen), count), np.float32)
-    x, y, u, v, w = np.empty((5, size, count), np.float32)
-    for q in range(len(seen)):
-        # Gathered first: the sums of the fit then go over contiguous numbers.
-        for m in range(size):
-            for h in range(count):
-                i = members[m, h]
-                x[m, h], y[m, h], w[m, h] = start[q, 0, i], start[q, 1, i], seen[q, i]
-                u[m, h], v[m, h] = displacement[q, 0, i], displacement[q, 1, i]
-        means, _, fields = fit_affine(x, y, u, v, w, ridge)
-        for h in range(count):
-            if means[0, h] >= _LEAST_MEMBERS:
-                used[q, h] = 1
-                for k in range(6):
-                    motions[q, h, k] = fields[k, h]
-    return motions, used
 
 
 # Halves the time. The products that are fused into sums are all written here, so that it changes no bit from
@@ -150,27 +112,3 @@ def total_residuals(
                 s[i] += min((su * su + sv * sv) * w[i], limit)
         total[first], total[second] = r, s
     return total
-
-
-@compiled()
-def pair_activity(
-    start: Floats32, displacement: Floats32, seen: Floats32, motions: Floats32, caps: Floats32
-) -> Floats:
-    """Mean of r² / (r² + 1 px²) over every eighth motion and the trajectories seen, [Q]."""
-    activity = np.zeros(len(seen))
-    for q in range(len(seen)):
-        x, y, u, v, w = start[q, 0], start[q, 1], displacement[q, 0], displacement[q, 1], seen[q]
-        active = np.zeros(len(x), np.float32)
-        fitted = 0
-        for h in range(0, motions.shape[1], _ACTIVITY_STEP):
-            fitted += caps[q, h] > 0
-            a, b, c, d, e, f = motions[q, h]
-            for i in range(len(x)):
-                ru, rv = u[i] - a * x[i] - b * y[i] - e, v[i] - c * x[i] - d * y[i] - f
-                square = min((ru * ru + rv * rv) * w[i], caps[q, h])
-                active[i] += square / (square + np.float32(1))
-        total = 0.0
-        for i in range(len(x)):
-            total += active[i]
-        activity[q] = total / max(fitted * w.sum(), 1)
-    return activity
