@@ -187,11 +187,3 @@ def test_one_source_too_many_is_refused(router, session) -> None:
         session.put(KEYS.stream("obs", name), payload(name, 0))
     reader.until(lambda: reader.stats.rejected == {"limit": 1})
     assert sorted(reader.got) == [("a", 0), ("b", 0)]
-
-
-def test_one_publisher_cannot_speak_for_another(router, session) -> None:
-    reader = Reader(router)
-    session.put(KEYS.stream("obs", "a"), payload("b", 0))
-    reader.until(lambda: reader.stats.rejected == {"source-mismatch": 1})
-    assert reader.got == []
-    assert reader.intake.rejection.startswith("obs/a: source-mismatch")
