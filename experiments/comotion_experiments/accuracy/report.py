@@ -7,8 +7,8 @@ import numpy as np
 
 from ..plot import new_figure
 from ..tables import Table, plain, spread
-from .experiment import DEFAULT, REFERENCE, ROBUST_SCENES, THESIS, Results
-from .study import PERIOD, Array, Outcome
+from .experiment import DEFAULT, ROBUST_SCENES, THESIS, Results
+from .study import Array, Outcome
 
 _BINS = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9])
 # Scenes in which the truth separates bodies that have not moved yet, so no method can.
@@ -23,7 +23,7 @@ def markdown(results: Results, picture: str) -> str:
     parts = [_head(results)]
     if scored:
         parts += [_table(results, group) for group in _GROUPS if group in present]
-    parts += [_compared(results), _motion(results)]
+    parts += [_motion(results)]
     parts += [_reliability(results, picture)] if scored else []
     parts += [_robustness(results)]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -35,13 +35,13 @@ Made by `comotion dev reproduce accuracy`. NMI (4.1) over every track observed a
 each third of a second, beginning with the first third. Undetermined tracks count as clusters of their own.
 Mean ± standard deviation over seeds {seeds}. The default method has one parameter set, and does not know the
 number of bodies or the noise. The thesis method has equal weights and its best σ_switch: 0.02 m for fig. 4.1,
-else 0.01 m. `by scikit-learn` is the thesis method with clusters split by scikit-learn's 2-means, the best of
-ten random starts. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In
+else 0.01 m. Switches: tracks per 100 whose hypothesis differs from that of the previous update. In
 fig. 4.3 and 3.3 and with the late mover (3d_late) the truth separates bodies that have not moved yet, so NMI
 cannot reach 1.
 
 The methods are described [here](../method.md). The recordings are those on which the default was developed;
-[27 others](unseen.md) came after."""
+[27 others](unseen.md) came after. Commit e836325 compares with other methods too: 2-means of
+scikit-learn in the thesis method, complete linkage, and the affinity of Brox and Malik."""
 
 
 def as_json(results: Results) -> Any:
@@ -53,8 +53,6 @@ def as_json(results: Results) -> Any:
     found = {
         "seeds": results.experiment.seeds,
         "nmi": scores,
-        "linkage": {name: np.nanmean(nmi) for name, nmi in results.linkage.items()},
-        "comparator": results.compared,
         "motion": results.motion.medians() if moved else None,
         "parameters": results.variations,
     }
@@ -66,19 +64,17 @@ def _head(results: Results) -> str:
 
 
 def _table(results: Results, group: str) -> str:
-    recorded = group == "recordings"
-    titles = ["", "default", "t ≥ 1 s", "switches", "thesis", "switches", "by scikit-learn"]
-    found = Table([*titles, *(["linkage 5 mm"] if recorded else [])])
+    found = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
     names = [case.name for case in results.experiment.cases if case.group == group]
     for name in names:
-        found.add(*_row(results, name, recorded=recorded))
-    if recorded:
+        found.add(*_row(results, name))
+    if group == "recordings":
         found.add(*_means(results, names))
     return f"## {group[0].upper()}{group[1:]}\n\n{found.markdown()}"
 
 
-def _row(results: Results, name: str, *, recorded: bool) -> list[str]:
-    ours, thesis, reference = (results.outcomes[name, m] for m in (DEFAULT, THESIS, REFERENCE))
+def _row(results: Results, name: str) -> list[str]:
+    ours, thesis = (results.outcomes[name, m] for m in (DEFAULT, THESIS))
     return [
         name,
         spread([o.mean for o in ours]),
@@ -86,56 +82,18 @@ def _row(results: Results, name: str, *, recorded: bool) -> list[str]:
         f"{np.mean([o.switches for o in ours]):.2f}",
         spread([o.mean for o in thesis]),
         f"{np.mean([o.switches for o in thesis]):.2f}",
-        spread([o.mean for o in reference]),
-        *([f"{np.nanmean(results.linkage[name]):.3f}"] if recorded else []),
     ]
 
 
 def _means(results: Results, names: list[str]) -> list[str]:
-    ours, thesis, reference = (
-        f"{np.mean([results.outcomes[n, m][0].mean for n in names]):.3f}"
-        for m in (DEFAULT, THESIS, REFERENCE)
+    ours, thesis = (
+        f"{np.mean([results.outcomes[n, m][0].mean for n in names]):.3f}" for m in (DEFAULT, THESIS)
     )
-    plain = np.mean([np.nanmean(results.linkage[n]) for n in names])
-    return ["**mean**", f"**{ours}**", "", "", thesis, "", reference, f"{plain:.3f}"]
+    return ["**mean**", f"**{ours}**", "", "", thesis, ""]
 
 
 def _late(outcome: Outcome) -> float:
     return float(np.nanmean(outcome.nmi[outcome.seconds >= 0.99]))
-
-
-_COMPARED = """## The affinity of Brox and Malik
-
-The [affinity of Brox and Malik](https://doi.org/10.1007/978-3-642-15555-0_21) (2010): the largest
-difference of motion over the common time, weighted by the distance; here over five frames at 15 Hz
-within the window of 10 s. Spectral clustering is given the true number of objects; divisive k-means is
-that of the thesis. Mean NMI over the whole seconds of a run, for all methods on the same tracks at the
-same times; one that is too short for a motion over five frames counts as undetermined. The affinity is
-made for pixels: in metres, lengths are scaled to a width of the scene that was chosen in its favour.
-
-`comotion dev reproduce accuracy --part comparator` makes this table alone."""
-
-
-def _compared(results: Results) -> str:
-    """The comparator on every case, mean over seeds, beside both methods at the same times."""
-    if not results.compared:
-        return ""
-    clusterings = list(next(iter(results.compared.values())))
-    table = Table(("", "default", "thesis", *clusterings))
-    rows: dict[str, list[list[float]]] = {}
-    for name, found in results.compared.items():
-        ours = [[_whole(o) for o in results.outcomes[name, method]] for method in (DEFAULT, THESIS)]
-        rows[name] = [*ours, *(found[c] for c in clusterings)]
-        table.add(name, *map(spread, rows[name]))
-    means = np.array([[np.mean(cell) for cell in row] for row in rows.values()]).mean(0)
-    table.add("**mean**", *(f"{one:.3f}" for one in means))
-    return f"{_COMPARED}\n\n{table.markdown()}"
-
-
-def _whole(outcome: Outcome) -> float:
-    """Mean NMI over the updates at whole seconds."""
-    off = np.abs(outcome.seconds - np.round(outcome.seconds))
-    return float(np.nanmean(outcome.nmi[(off < PERIOD / 2) & (outcome.seconds > PERIOD)]))
 
 
 _POSES = """## Pose since birth and twist
