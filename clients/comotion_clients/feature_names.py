@@ -1,6 +1,6 @@
 """Names that sources give to features -> names of the hypotheses that hold them. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -13,8 +13,10 @@ _MOST_SOURCES = 256
 class HypothesisNames(Names):
     """Name by id of a hypothesis: what a person gives, or else the name of a feature that it holds.
 
-    A hypothesis keeps its name until another one holds that feature, and no two have the same. Of several
-    the last is taken: that of a robot's link which is farthest from its base.
+    A hypothesis keeps its name until another one holds that feature, and no two of a space have the same. Of
+    several the last is taken: that of a robot's link which is farthest from its base. What rests from the
+    start has none: a link that has not moved yet is there with all the background. A body in one space that
+    is linked to a body with a name in another has that name.
 
     Parameters
     ----------
@@ -26,6 +28,7 @@ class HypothesisNames(Names):
         self._given = given or {}
         self._of_features: dict[tuple[str, str], dict[int, str]] = {}
         self._of_hypotheses: dict[int, str] = {}
+        self._linked: dict[int, str] = {}
 
     def on_status(self, status: Status) -> None:
         """Add the Status of a component."""
@@ -45,7 +48,7 @@ class HypothesisNames(Names):
             for row in rows:
                 if (name := names.get(int(update.track_id[row]))) is not None:
                     held.setdefault(int(update.track_hypothesis[row]), []).append(name)
-        living = {h.id: held.get(h.id, []) for h in update.hypotheses}
+        living = {h.id: held.get(h.id, []) for h in update.hypotheses if h.state != "static"}
         holders = {name: hypothesis for hypothesis, names_held in held.items() for name in names_held}
         kept = {
             hypothesis: name
@@ -58,12 +61,19 @@ class HypothesisNames(Names):
             if hypothesis not in kept and free:
                 kept[hypothesis] = free[-1]
         self._of_hypotheses = kept
+        known = {**kept, **self._given}
+        links = [(h.id, one) for h in update.hypotheses for one in h.linked or () if one in known]
+        self._linked = {hypothesis: known[one] for hypothesis, one in links}
+
+    @property
+    def _all(self) -> Mapping[int, str]:
+        return {**self._linked, **self._of_hypotheses, **self._given}
 
     def __getitem__(self, number: int) -> str:
-        return self._given[number] if number in self._given else self._of_hypotheses[number]
+        return self._all[number]
 
     def __iter__(self) -> Iterator[int]:
-        return iter({**self._of_hypotheses, **self._given})
+        return iter(self._all)
 
     def __len__(self) -> int:
-        return len({**self._of_hypotheses, **self._given})
+        return len(self._all)

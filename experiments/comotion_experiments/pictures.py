@@ -1,17 +1,14 @@
 """The pictures of README, gallery and guides: ``python -m comotion_experiments.pictures FOLDER``.
 
 The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
-evaluate --plot`` does it; the affinities are drawn by the code in the gallery. Viewer, terminal and pages are
-looked at by the browser that ``COMOTION_CHROMIUM`` names; without one these pictures stay as they are. No
-picture is reduced to a palette: hypotheses must not share a colour.
+evaluate --plot`` does it. Viewer, terminal and pages are looked at by the browser that ``COMOTION_CHROMIUM``
+names; without one these pictures stay as they are. No picture is reduced to a palette: hypotheses must not
+share a colour.
 """
 
 import argparse
 import logging
 import os
-import re
-import subprocess
-import sys
 import tempfile
 from contextlib import closing
 from pathlib import Path
@@ -20,13 +17,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion import FusionConfig
-from comotion_schemas.errors import KnownError
+from comotion import Fusion, FusionConfig
+from comotion_schemas import ObservationBatch
 from comotion_sources.cameras.opening import open_frames
+from comotion_sources.simulator import batches, load_scene, simulate
 
 from . import screens
 from .evaluate import evaluate_inputs
 from .inputs import find_inputs
+from .plot import new_figure
 from .segment import SegmentOptions, segment
 
 WORKCELL = "workcell:truck-tower/a?rate=10&size=640x480&duration=7"
@@ -34,8 +33,8 @@ STILL = 50
 """Frame of the workcell that is the still picture: all bodies have moved."""
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
-GALLERY = Path(__file__).parents[2] / "docs" / "gallery.md"
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
+_AFFINITY_S = (0.3, 0.7, 3.0)
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
 _MS = 200  # per image of the animation
@@ -92,24 +91,23 @@ def _scenes(path: Path) -> Path:
 
 
 def _affinity(path: Path) -> Path:
-    with tempfile.TemporaryDirectory() as temporary:
-        subprocess.run([sys.executable, "-c", affinity_code()], cwd=temporary, check=True)  # noqa: S603
-        path.write_bytes((Path(temporary) / "affinity.png").read_bytes())
+    """The affinities of a scene with a background and four bodies, soon and later."""
+    figure = new_figure(10, 3.6)
+    axes = figure.subplots(1, 3)
+    fusion, due = Fusion(FusionConfig()), list(zip(axes, _AFFINITY_S, strict=True))
+    for message in batches(simulate(load_scene("3d_5"))):
+        if not isinstance(message, ObservationBatch) or not due:
+            continue
+        fusion.ingest(message)
+        if message.stamp_ns >= due[0][1] * 1e9:
+            axis, at = due.pop(0)
+            update = fusion.update(message.stamp_ns)
+            image = axis.imshow(fusion.affinity("world").matrix, vmin=0, vmax=1, cmap="cividis")
+            axis.set_title(f"t = {at} s, {len(update.hypotheses)} hypotheses")
+            axis.set(xlabel="feature", ylabel="feature")
+    figure.colorbar(image, ax=axes, label="affinity", shrink=0.7)
+    figure.savefig(path, dpi=90)
     return path
-
-
-def affinity_code() -> str:
-    """Return the code in the gallery that draws the affinities.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
-    for code in re.findall(r"```python\n(.*?)```", GALLERY.read_text(encoding="utf-8"), re.DOTALL):
-        if "affinity.png" in code:
-            return str(code)
-    raise KnownError(f"{GALLERY}: no code draws affinity.png")
 
 
 def _workcell(folder: Path) -> list[Path]:

@@ -165,7 +165,7 @@ def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
     """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
     with _scene(folder) as scene:
         scene.start("serve", "--no-state")
-        begin = time.time() + 15.0  # all parts must agree on when the scene starts
+        begin = time.time() + 30.0  # all parts must agree on when the scene starts, and be there by then
         parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.5)
         sources = [
             scene.start(*parts, "--rate", rate, "--part", f"{k}/3", "--name", name)

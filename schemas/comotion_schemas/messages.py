@@ -339,7 +339,7 @@ class Problem(Record):
     Attributes
     ----------
     kind
-        What it is; docs/protocol.md says what each kind means.
+        What it is; docs/troubleshooting.md says what each kind means.
     since_ns
         When it was noticed, nanoseconds since the Unix epoch.
     text

@@ -1,6 +1,7 @@
 """Names for the arrays that the core passes on, and arrays that begin where vector loads are fast."""
 
 import math
+import mmap
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,12 @@ Labels = NDArray[np.int64]
 
 # Share of the largest entry that makes a singular matrix regular.
 _RIDGE = 1e-12
+# From which size on NumPy asks for large pages.
+_LARGE_BYTES = 1 << 22
+# Else memory is shared with processes that are forked; systems without such flags share nothing.
+_PRIVATE: dict[str, Any] = (
+    {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
+)
 # Of a cache line, the largest unit that processors load at once.
 _ALIGNMENT_BYTES = 64
 
@@ -38,6 +45,24 @@ def aligned_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     raw = np.zeros(count + _ALIGNMENT_BYTES, np.uint8)
     first = -raw.ctypes.data % _ALIGNMENT_BYTES
     return raw[first : first + count].view(element).reshape(shape)
+
+
+def untouched_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros of which each page takes memory once something is written to it.
+
+    Those of NumPy do not: it asks for pages of 2 MB, which the system clears whole.
+
+    Parameters
+    ----------
+    shape
+        Of the array.
+    dtype
+        Of its elements.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size < _LARGE_BYTES:
+        return np.zeros(shape, dtype)
+    return np.frombuffer(mmap.mmap(-1, size, **_PRIVATE), dtype).reshape(shape)
 
 
 def inverses(matrices: Floats) -> Floats:
@@ -60,8 +85,8 @@ def thinned(indices: Ints, count: int) -> Ints:
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
-def find(wanted: Stamps, keys: Stamps) -> Ints:
-    """Where each wanted key, int64 [m], is among keys, int64 [n] ascending: intp [m], -1 where it is not."""
+def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:
+    """Where each wanted key [m] is among ascending keys [n], integers: intp [m], -1 where it is not."""
     if not len(keys):
         return np.full(len(wanted), -1, np.intp)
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)

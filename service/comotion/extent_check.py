@@ -3,7 +3,8 @@
 One source that measures in another unit, or whose numbers are wild, must not spoil what the others see: a
 body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other
 sources see is refused. What they see is measured by medians over sources, so that one cannot move it; of two,
-the one that came first is believed.
+the one that came first is believed. Of many the first ones count: what a batch costs does not grow with
+the number of sources.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +18,10 @@ from .trajectories.window import Window
 # What sources see is looked at once in so many updates, and when one comes or leaves: a scene does not grow
 # a hundred times larger within a second.
 _LOOK_EVERY = 8
+# What counts as most of what a source sees.
+_MOST_OF_IT = 0.9
+# Sources whose views count, the first to come.
+_MOST_VIEWS = 16
 # Scenes smaller than this, in the unit of the space, count as so large.
 _LEAST = {"m": 1.0, "px": 1000.0}
 
@@ -30,7 +35,9 @@ class _View:
 
     def reach(self, centre: Floats) -> float:
         """How far from a place most of it is."""
-        return float(np.quantile(np.linalg.norm(self.positions - centre, axis=1), 0.9))
+        away = np.linalg.norm(self.positions - centre, axis=1)
+        most = round(_MOST_OF_IT * (len(away) - 1))
+        return float(np.partition(away, most)[most])
 
 
 @dataclass
@@ -88,7 +95,8 @@ class ExtentCheck:
 
     def _seen_by_others(self, session: int) -> tuple[Floats, float]:
         """Where the scene is and how far it reaches, as others than a session see it, if there are any."""
-        others = {number: view for number, view in self._views.items() if number != session}
+        numbers = [number for number in self._views if number != session][:_MOST_VIEWS]
+        others = {number: self._views[number] for number in numbers}
         mine = self._views.get(session)
         if mine is not None and (not others or (len(others) == 1 and session < min(others))):
             others = {session: mine}

@@ -35,6 +35,7 @@ from .joints.joints import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
+from .saving import plain, restored
 from .shedding import FULL, Effort
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
@@ -114,7 +115,7 @@ class Fusion:
             self.timeline.troubles,
         )
         self._linker = Linker(self.config.linking)
-        self._joints = Joints(self.config)
+        self._joints = Joints(self.config.joints)
         self._events: deque[Event] = deque()
         self._published: PublishedIds | None = None
         self._effort = FULL
@@ -191,7 +192,7 @@ class Fusion:
             self._remember(stamp_ns, [*(event for one in updates for event in one.events), *changes])
             update = assemble(header, updates, sessions, self._events, joints)
             return self._linker.linked(update, views, deciding=self._effort.links)
-        self._joints, self._linker = Joints(self.config), Linker(self.config.linking)
+        self._joints, self._linker = Joints(self.config.joints), Linker(self.config.linking)
         self._events.clear()
         fitting: list[SpaceUpdate] = []
         update = assemble(header, fitting, sessions, [])
@@ -287,7 +288,7 @@ class Fusion:
         """
         timeline, at_ns = self.timeline, self.timeline.at_ns
         sessions = timeline.sessions
-        found = timeline.troubles.lately(at_ns)
+        found = timeline.troubles.lately()
         drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
         found["drifts"] = dict.fromkeys(sorted(drifting))
         found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})
@@ -328,10 +329,7 @@ class Fusion:
             "session": self.session,
             "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
-            "events": [
-                {"stamp_ns": e.stamp_ns, "kind": e.kind, "hypothesis": e.hypothesis, "others": e.others}
-                for e in self._events
-            ],
+            "events": plain(self._events),
             "links": self._linker.state(),
             "joints": self._joints.state(),
             "published": None if self._published is None else self._published.state(),
@@ -354,7 +352,7 @@ class Fusion:
         fusion = cls(config, scene=state["scene"], session=session or state["session"])
         fusion._ids.following = int(state["next_id"])
         fusion.timeline.load(state["timeline"])
-        fusion._events.extend(Event(**event) for event in state["events"])
+        fusion._events = restored(deque[Event], state["events"])
         fusion._linker.load(state["links"])
         if state["published"] is not None:
             fusion._published = PublishedIds.load(state["published"])

@@ -1,17 +1,20 @@
 """Matches old and new groups by the trajectories that they share."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from .arrays import Ints, Labels
+from .arrays import Floats, Ints, Labels
 
 Pairs = list[tuple[int, int]]
 
 
-def shared_counts(before: Labels, groups: Ints, count: int) -> tuple[Labels, NDArray[np.int64]]:
+def shared_counts(
+    before: Labels, groups: Ints, count: int, weights: Floats | None = None
+) -> tuple[Labels, NDArray[Any]]:
     """Count the trajectories that old hypotheses and new groups share.
 
     Parameters
@@ -22,21 +25,24 @@ def shared_counts(before: Labels, groups: Ints, count: int) -> tuple[Labels, NDA
         intp [N], group of each, negative for none.
     count
         Number of groups.
+    weights
+        float64 [N], how much each trajectory counts; None: 1.
 
     Returns
     -------
     known
         int64 [H], the old hypotheses, ascending.
     shared
-        int64 [H, count].
+        int64 [H, count]; with weights float64.
     """
     known = np.unique(before[before >= 0])
     both = (groups >= 0) & (before >= 0)
     cells = np.searchsorted(known, before[both]) * count + groups[both]
-    return known, np.bincount(cells, minlength=len(known) * count).reshape(len(known), count)
+    some = None if weights is None else weights[both]
+    return known, np.bincount(cells, some, len(known) * count).reshape(len(known), count)
 
 
-def largest_first(shared: NDArray[np.int64]) -> Pairs:
+def largest_first(shared: NDArray[Any]) -> Pairs:
     """Label propagation of the thesis: the largest entry is a match, and strikes its row and column.
 
     It goes on until the largest entry is 0. Ties go to the older hypothesis, then to the first group. The
@@ -53,15 +59,19 @@ def largest_first(shared: NDArray[np.int64]) -> Pairs:
     return pairs
 
 
-def largest_total(shared: NDArray[np.int64]) -> Pairs:
+def largest_total(shared: NDArray[Any]) -> Pairs:
     """The assignment with most shared trajectories in all (Kuhn 1955)."""
     rows, columns = linear_sum_assignment(-shared)
     return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if shared[r, c] > 0]
 
 
 def continued(
-    before: Labels, groups: Ints, count: int, matching: Callable[[NDArray[np.int64]], Pairs]
+    before: Labels,
+    groups: Ints,
+    count: int,
+    matching: Callable[[NDArray[Any]], Pairs],
+    weights: Floats | None = None,
 ) -> dict[int, int]:
     """Hypothesis that each group continues, {group: id}; parameters as in :func:`shared_counts`."""
-    known, shared = shared_counts(before, groups, count)
+    known, shared = shared_counts(before, groups, count, weights)
     return {group: int(known[row]) for row, group in matching(shared)}

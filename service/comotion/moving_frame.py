@@ -32,14 +32,6 @@ _MOST_BEFORE = 150
 _MEMORY_NS = 15_000_000_000
 
 
-@dataclass(frozen=True)
-class Relative:
-    """Hypotheses relative to the world, and x(world) = R x(frame) + t; None while the world has no pose."""
-
-    hypotheses: list[Hypothesis]
-    frame: Pose | None
-
-
 @dataclass
 class MovingFrame:
     """The frame of one space over time.
@@ -64,7 +56,7 @@ class MovingFrame:
 
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
-    ) -> Relative:
+    ) -> tuple[list[Hypothesis], Pose | None]:
         """Describe hypotheses relative to the world.
 
         Parameters
@@ -75,6 +67,11 @@ class MovingFrame:
             As described in the axes of the frame; absent ones stay as they are.
         labels, positions
             int64 [n] and float64 [n, dim], of the current trajectories.
+
+        Returns
+        -------
+        tuple
+            The hypotheses, and x(world) = R x(frame) + t; None while the world has no pose.
         """
         present = {h.id: h for h in hypotheses if not h.absent}
         self._choose(stamp_ns, present, labels, positions)
@@ -94,7 +91,7 @@ class MovingFrame:
         self._births = {one: born for one, born in self._births.items() if one in listed}
         found = [h if h.absent else self._described(h, world) for h in hypotheses]
         known = self.metric and world is not None and world.pose is not None
-        return Relative(found, pose_of(self._frame, self.dim) if known else None)
+        return found, pose_of(self._frame, self.dim) if known else None
 
     def _choose(
         self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats

@@ -20,18 +20,6 @@ NO_HYPOTHESIS = -1
 
 
 @dataclass(frozen=True)
-class Rows:
-    """One instant of one source, already stored in the window.
-
-    `slots` intp [n] distinct; `in_order` is False where it was inserted behind newer observations.
-    """
-
-    stamp_ns: int
-    slots: Slots
-    in_order: bool
-
-
-@dataclass(frozen=True)
 class SpaceSpec:
     """Name, unit and dimension of a coordinate space."""
 
@@ -191,7 +179,7 @@ Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 
 
 class Method(ABC):
-    """A method, for one space. It sees every change of the window, and answers once per update."""
+    """A method, for one space. It sees what leaves the window, and answers once per update."""
 
     matching: Matching
     """How its groups continue hypotheses; see :mod:`comotion.matching`."""
@@ -199,9 +187,6 @@ class Method(ABC):
     """Whether members of long standing decide which hypothesis a group continues, or all alike."""
     searching = True
     """Whether new groups are sought; else the known ones may be followed where that is cheaper."""
-
-    def observed(self, window: Window, rows: Rows) -> None:  # noqa: B027 - most read all at updates
-        """One instant of one source has been stored."""
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:  # noqa: B027
         """The oldest `counts[k]` observations of `slots[k]` are about to go."""
@@ -229,12 +214,11 @@ class Method(ABC):
         """
         return {}
 
-    @abstractmethod
     def state(self) -> dict[str, Any]:
-        """What must survive a restart, as plain values and arrays."""
+        """What must survive a restart beside the window, as plain values and arrays."""
+        return {}
 
-    @abstractmethod
-    def load(self, state: dict[str, Any], window: Window) -> None:
+    def load(self, state: dict[str, Any], window: Window) -> None:  # noqa: B027
         """Take up :meth:`state` over a window that has been filled again.
 
         An empty state: start afresh on the trajectories of the window.

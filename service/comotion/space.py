@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
 from .moving_frame import MovingFrame
-from .partition import Method, Partition, Rows, SpaceSpec
+from .partition import Method, Partition, SpaceSpec
 from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import Stored
@@ -115,7 +114,6 @@ class Space:
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
-        self._opened: list[Slots] = []
         self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
         # Keys and update of what was listed last.
@@ -151,7 +149,7 @@ class Space:
     def store(
         self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None
     ) -> Stored:
-        """Put instants into the window, and the method's sums where it keeps any.
+        """Put instants into the window.
 
         Parameters
         ----------
@@ -209,18 +207,14 @@ class Space:
             self._window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
         self._stats.observations += int(stored.sum())
         self._stats.duplicate_rows += int(len(stored) - stored.sum())
-        slots, stamps = slots[stored], stamps[stored]
-        cuts = np.flatnonzero(stamps[1:] != stamps[:-1]) + 1
-        for first, stop in pairwise([0, *cuts.tolist(), len(stamps)]):
-            if stop > first:
-                rows_of_one = Rows(int(stamps[first]), slots[first:stop], instants.in_order)
-                self._method.observed(self._window, rows_of_one)
 
     def _find_or_open(
         self, ids: Ids, session: int, allowance: Callable[[int], int]
     ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self.index.find(ids, session)
+        # What comes back counts before anything new does.
+        self._window.live[slots[slots >= 0]] = True
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
             _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
@@ -232,19 +226,17 @@ class Space:
             slots[opened] = self.index.open(ids[opened], session)
             slots[fresh] = slots[fresh[first]][again]
             self._stats.tracks += len(opened)
-            self._opened += [slots[opened]] if len(opened) else []
             fresh = opened
-        self.index.expect(ids, session, slots)
         return slots, len(fresh), ended
 
     def occupied(self) -> int:
-        """Trajectories that count against the limit: those current at the last update or opened since.
+        """Trajectories that count against the limit: those current at the last update or observed since.
 
         A source whose features change quickly keeps many outdated trajectories in the window. They count
         by the quarter: memory is bounded, and there is allowance for new ones.
         """
-        used = int(self._window.used.sum())
-        return max(len(self._current) + sum(map(len, self._opened)), used // 4)
+        window = self._window
+        return max(int(np.count_nonzero(window.live)), int(np.count_nonzero(window.used)) // 4)
 
     @property
     def size(self) -> int:
@@ -253,15 +245,13 @@ class Space:
 
     def held(self) -> dict[int, int]:
         """Trajectories that count against the share of each session number."""
-        slots = np.concatenate([self._current, *self._opened])
-        numbers, counts = np.unique(self._window.source[slots], return_counts=True)
+        numbers, counts = np.unique(self._window.source[self._window.live], return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
         window = self._window
-        slots = np.concatenate([self._current, *self._opened])
-        slots = slots[window.source[slots] == session]
+        slots = np.flatnonzero(window.live & (window.source == session))
         gone = slots[np.argsort(window.key[slots])][len(slots) - min(count, len(slots)) :]
         if not len(gone):
             return 0
@@ -269,12 +259,9 @@ class Space:
         window.evict(gone, window.counts(gone))
         self._close(gone)
         self._current = self._current[window.used[self._current]]
-        self._opened = [some[window.used[some]] for some in self._opened]
         return len(gone)
 
-    def update(
-        self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL, *, grouped: bool = True
-    ) -> SpaceUpdate:
+    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
         """Move the window to the watermark and group what is current.
 
         Parameters
@@ -285,8 +272,6 @@ class Space:
             Gives the time without observation after which a trajectory of a session number is outdated.
         effort
             What to do and what to leave out.
-        grouped
-            Whether to group; else the trajectories keep their groups.
         """
         window = self._window
         self._evict(stamp_ns)
@@ -294,10 +279,11 @@ class Space:
         self._forget(fresh)
         slots = window.slots()
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
-        self._opened = []
+        window.live[:] = False
+        window.live[current] = True
         self._follow_sources()
         self.extent.look(window, current)
-        partition = self._partition(stamp_ns, effort, grouped=grouped)
+        partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = self._hypotheses.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
@@ -305,8 +291,7 @@ class Space:
         present = [one for one in hypotheses if not one.absent]
         frame = None
         if self._frame is not None:
-            relative = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
-            hypotheses, frame = relative.hypotheses, relative.frame
+            hypotheses, frame = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
         owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
         motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (
@@ -336,12 +321,10 @@ class Space:
         columns = {name: getattr(last, name)[kept] for name in _COLUMNS}
         return replace(last, **columns, events=[], view=view)
 
-    def _partition(self, stamp_ns: int, effort: Effort, *, grouped: bool) -> Partition:
+    def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
         previous = self._hypotheses.labels.previous(window)
-        if not grouped and self._last is not None and len(self._last.current):
-            return self._last.extended(window, current, previous.labels)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns)

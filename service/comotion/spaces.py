@@ -29,6 +29,9 @@ from .space import Space, SpaceUpdate
 
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
+_REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
+# Rows of an instant that are looked at, for each trajectory that there may be.
+_ROWS_FOR_A_TRACK = 2
 MakeMethod = Callable[[SpaceSpec], Method]
 
 
@@ -93,7 +96,7 @@ class Spaces:
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
             f"{unit or batch.unit} and {dim or batch.dim}"
         )
-        self.troubles.note("contradicts-space", batch.source, self.at_ns, text)
+        self.troubles.note("contradicts-space", batch.source, text)
         return "space-mismatch"
 
     def _known(self, name: str) -> tuple[Unit | None, int | None]:
@@ -178,7 +181,7 @@ class Spaces:
                 break
         for name in waiting:
             for source in shares[name]:
-                self.troubles.note("over-budget", source, self.at_ns)
+                self.troubles.note("over-budget", source)
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
@@ -275,11 +278,22 @@ class Spaces:
         del self._spaces[oldest.spec.name]
         return True
 
+    def _cut(self, instant: Instants) -> Instants:
+        """The first rows, where there are many more than trajectories for each of its stamps."""
+        most = _ROWS_FOR_A_TRACK * self.config.max_tracks
+        if len(instant.rows) > most:
+            most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
+            self.stats.refused_rows += max(len(instant.rows) - most, 0)
+        return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
+
     def _store(self, space: Space, instant: Instants) -> bool:
         """Returns False if all its rows are too far out."""
         number = instant.session
+        before, instant = self.stats.refused_rows, self._cut(instant)
         elsewhere = self._elsewhere(instant, space)
         stored = space.store(instant, lambda wanted: self._allowance(number, wanted), elsewhere)
+        if not stored.factor and self.stats.refused_rows - before > stored.ended:
+            self.troubles.note("limit", instant.batch.source, _REFUSED)
         where = number, space.spec.name
         self.checks.note(where, stored, self.at_ns)
         some = instant.rows[:MOST_ROWS]

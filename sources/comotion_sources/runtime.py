@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import Self, Unpack
 
@@ -17,12 +18,14 @@ from comotion_schemas.errors import KnownError, one_line_errors
 from comotion_schemas.keys import StreamKind
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import check_space, usable_rows
+from comotion_schemas.text import shown
 from comotion_schemas.transport import Publisher, SessionSettings, client_settings, stream_publisher
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
 
 _MOST_LOGGED = 20  # different texts of rejected input in the log
+_MOST_NAMES, _NAME_LENGTH = 256, 80
 _log = logging.getLogger(__name__)
 
 STALLED_S = 1.0
@@ -74,7 +77,8 @@ class Source:
         self._publishers: dict[StreamKind, Publisher] = {}
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
         self._message = message
-        self._feature_names = {str(number): name for number, name in (feature_names or {}).items()}
+        self._feature_names: dict[str, str] = {}
+        self.name_features(feature_names or {})
         self._exit = ExitStack()
         # `sent` counts the batches of the present session: the service learns what of its end never came.
         self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
@@ -122,6 +126,13 @@ class Source:
             self._counters["observations"] += len(message.ids)
             if self._lag is not metrics.OFF:
                 self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
+
+    def name_features(self, names: Mapping[int, str]) -> None:
+        """Say the names of further features by id, 256 at most; what they move with is called by them."""
+        new = {str(number): shown(name, _NAME_LENGTH) for number, name in names.items()}
+        if not new.keys() <= self._feature_names.keys():
+            # Another thread may read the names that were.
+            self._feature_names = dict(islice((self._feature_names | new).items(), _MOST_NAMES))
 
     def count(self, name: str, amount: int = 1) -> None:
         """Add to a counter that appears in Status."""

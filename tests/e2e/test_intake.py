@@ -8,6 +8,7 @@ import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
+from comotion.runtime import rings
 from comotion.runtime.intake import Intake
 from comotion.runtime.rings import IDLE_NS
 from comotion.runtime.tokens import Tokens
@@ -187,3 +188,15 @@ def test_one_source_too_many_is_refused(router, session) -> None:
         session.put(KEYS.stream("obs", name), payload(name, 0))
     reader.until(lambda: reader.stats.rejected == {"limit": 1})
     assert sorted(reader.got) == [("a", 0), ("b", 0)]
+
+
+def test_what_waits_too_long_for_its_ring_is_counted_and_forgotten(router, session, monkeypatch) -> None:
+    reader = Reader(router)
+    monkeypatch.setattr(rings, "_EARLY_NS", -1)
+    session.put(KEYS.stream("obs", "a"), payload("a", 0))
+    reader.until(lambda: reader.stats.overflow == 1)
+    assert reader.got == []
+    monkeypatch.undo()
+    session.put(KEYS.stream("obs", "a"), payload("a", 1))
+    reader.until(lambda: reader.got == [("a", 1)])
+    assert reader.stats.lost == 0

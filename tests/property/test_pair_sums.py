@@ -80,7 +80,7 @@ def test_sums_computed_anew_are_those_carried_along(script, v_move):
     for arrival, stamp, points in instants:
         both.observe(stamp, points)
         both.evict(arrival - both.span)
-    both.pairs.rebuild(both.window, both.window.slots())
+    both.pairs.forget(both.window.slots())
     both.check()
 
 

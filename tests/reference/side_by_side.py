@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from comotion.partition import Rows
 from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, SAMPLES, SECOND, STRIP, WEIGHTS
 from comotion.thesis.pair_sums import PairSums
 from comotion.trajectories.window import Window
@@ -26,7 +25,7 @@ class SideBySide:
     v_move: float | None
     span: int = 1000 * MS
     gap: int = 500 * MS
-    dtype: type = np.float64
+    sigma_switch: float = 0.02
     window: Window = field(init=False)
     pairs: PairSums = field(init=False)
     slots: dict[int, int] = field(default_factory=dict)
@@ -35,7 +34,7 @@ class SideBySide:
 
     def __post_init__(self) -> None:
         self.window = Window(self.dim, self.span, self.gap)
-        self.pairs = PairSums(self.v_move, self.dtype)
+        self.pairs = PairSums(self.v_move, self.sigma_switch)
 
     def observe(self, stamp: int, points: dict[int, Point]) -> None:
         """One instant: {track: position}; new tracks are opened."""
@@ -49,8 +48,7 @@ class SideBySide:
             self.lists[track].history.setdefault(stamp, x)
         slots = self.slots_of(points)
         positions = np.array(list(points.values()), float)
-        stored = self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
-        self.pairs.observed(self.window, Rows(stamp, slots[stored], in_order=True))
+        self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
 
     def slots_of(self, tracks: object) -> np.ndarray:
         return np.array([self.slots[track] for track in tracks], np.intp)  # type: ignore[attr-defined]
@@ -89,13 +87,11 @@ class SideBySide:
     def variance(self, tracks: list[int]) -> tuple[np.ndarray, np.ndarray]:
         """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
         slots = self.slots_of(tracks)
-        # So small that sums are computed again long before 1e-6 of a variance is lost.
-        self.pairs.affinity(self.window, slots, 1e-6)
-        rows = self.pairs.rows.of[slots]
-        high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
+        self.pairs.affinity(self.window, slots)
+        high, low = np.maximum.outer(slots, slots), np.minimum.outer(slots, slots)
         strip = high // STRIP
-        sums = self.pairs.sums.sums[strip * (strip + 1) // 2 + low // STRIP, :, high % STRIP, low % STRIP]
-        weight, first, second = (sums[..., k].astype(np.float64) for k in (WEIGHTS, FIRST, SECOND))
+        sums = self.pairs.sums[strip * (strip + 1) // 2 + low // STRIP, :, high % STRIP, low % STRIP]
+        weight, first, second = (sums[..., k] for k in (WEIGHTS, FIRST, SECOND))
         samples = sums[..., SAMPLES].astype(np.int64)
         weight = np.where(samples >= COMPARABLE_SAMPLES, weight, np.inf)
         return np.maximum(second - first**2 / weight, 0.0) / weight, samples
@@ -117,13 +113,14 @@ class SideBySide:
                     continue
                 assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)
 
-    def check_affinities(self, sigma_switch: float) -> None:
-        """Assert that affinities are equal to 1e-4, which single precision resolves at a few metres."""
+    def check_affinities(self) -> None:
+        """Assert that affinities are equal to 1e-5."""
         tracks = sorted(self.slots)
-        found = self.pairs.affinity(self.window, self.slots_of(tracks), sigma_switch)
+        found = self.pairs.affinity(self.window, self.slots_of(tracks))
         for a, i in enumerate(tracks):
             for b, j in enumerate(tracks[:a]):
                 pair = self.lists[i], self.lists[j]
                 comparable = min(len(t.times()) for t in pair) >= 2
-                expected = literal.affinity(*pair, self.gap, self.v_move, sigma_switch) if comparable else 0.5
-                assert found[a, b] == found[b, a] == pytest.approx(expected, abs=1e-4), (i, j)
+                of = self.gap, self.v_move, self.sigma_switch
+                expected = literal.affinity(*pair, *of) if comparable else 0.5
+                assert found[a, b] == found[b, a] == pytest.approx(expected, abs=1e-5), (i, j)

@@ -5,6 +5,7 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
+from comotion.extent_check import ExtentCheck, _View
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import of_fusion
 
@@ -51,15 +52,59 @@ class TestInstants:
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
         assert (update.track_source == honest[0]).sum() == 12
 
-    def test_a_pause_of_the_machine_mutes_nobody_for_long(self):
+    def test_however_many_names_somebody_takes_the_others_keep_their_share(self):
+        fusion = Fusion(FusionConfig())
+        fusion.measure(lambda: fusion.stats.observations * 200_000)
+        for k in range(110):
+            now = T0 + k * 33 * MS
+            fusion.ingest(batch("honest", k, now, POINTS))
+            # Each name once, after the honest one has become known.
+            for n in range(20 if k > 35 else 0):
+                fusion.ingest(batch(f"name-{k}-{n}", 0, now, POINTS[:6]))
+            (fusion.update if k % 3 == 2 else fusion.advance)(now)
+        found = accounts(fusion)
+        assert found["honest"].fused == found["honest"].batches - found["honest"].waiting
+        assert fusion.stats.rejected["over-budget"] > 100
+        assert all(name.startswith("name") for name in fusion.troubles()["over-budget"])
+
+    @pytest.mark.parametrize("spenders", ["a", "abc"])
+    def test_a_pause_of_the_machine_mutes_nobody_for_long(self, spenders):
         budget = Budget(0.5, 100 * MS, clock := Clock())
-        budget.begin(0, {"a"})
+        budget.begin(0, spenders)
         clock.spend(budget, "a", 60 * S)
         rounds = 0
         while not budget.allows("a"):
             rounds += 1
-            budget.begin(rounds * 100 * MS, {"a"})
+            budget.begin(rounds * 100 * MS, spenders)
         assert rounds <= 5
+
+
+class TestRows:
+    def test_of_more_rows_than_could_be_stored_the_first_count_and_their_source_is_named(self):
+        fusion = Fusion(FusionConfig(max_tracks=10))
+        rng = np.random.default_rng(1)
+        for k in range(3):
+            now = T0 + k * 100 * MS
+            fusion.ingest(batch("large", k, now, rng.uniform(-1, 1, (1000, 3))))
+            update = fusion.update(now)
+        assert sorted(update.track_id.tolist()) == list(range(10))
+        assert fusion.stats.observations == 30
+        assert fusion.stats.refused_rows == 3 * 990
+        assert list(fusion.troubles()["limit"]) == ["large"]
+        assert ("large", "limit") in of_fusion(fusion)
+
+    def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
+        looked, plain = [], _View.reach
+        monkeypatch.setattr(_View, "reach", lambda *args: looked.append(1) or plain(*args))
+        counts = []
+        for sources in (20, 200):
+            check = ExtentCheck("m", 200.0)
+            check._views = {n: _View(np.zeros(3), POINTS) for n in range(sources)}
+            looked.clear()
+            assert check.fits(sources, POINTS) is None
+            assert check.fits(sources, 1e6 * POINTS).sum() == 0
+            counts.append(len(looked))
+        assert counts[0] == counts[1] > 0
 
 
 class TestSpaces:

@@ -94,6 +94,19 @@ def test_the_ids_of_what_others_see_stay_and_the_source_is_named() -> None:
     assert all(one == before for one in during)
 
 
+@pytest.mark.parametrize("rate", [0.02, 0.05])
+def test_the_ids_of_what_others_see_stay_where_its_delay_grows(rate) -> None:
+    def late(rows: np.ndarray, t: float) -> np.ndarray:
+        shift = swings(t - rate * max(t - 5, 0)) - swings(t)
+        return rows + np.repeat(shift, len(rows) // BODIES, 0)
+
+    scene = Scene()
+    before = scene.run(5.0, late)[-1]
+    after = scene.run(6.0, late)
+    assert scene.drifting == ["c"]
+    assert all(ids == before for ids in after)
+
+
 def test_what_has_stopped_drifting_takes_part_again() -> None:
     scene = Scene()
     scene.run(5.0)

@@ -49,22 +49,32 @@ def names_after(*updates, given=None):
 
 
 def test_a_body_is_called_by_the_link_that_moves_with_it():
-    assert names_after(held(1, 2)) == {1: "elbow", 2: "tool"}
+    assert names_after(held(3, 2)) == {3: "elbow", 2: "tool"}
     # One that holds both has the name of the last.
     assert names_after(held(2, 2)) == {2: "tool"}
 
 
+def test_what_rests_with_the_background_gives_it_no_name():
+    assert names_after(held(1, 2)) == {2: "tool"}
+
+
+def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():
+    found = held(3, 2)
+    image = replace(found.hypotheses[3], space="door/pixels", linked=[2])
+    found = replace(found, hypotheses=[*found.hypotheses[:3], image])
+    assert names_after(found) == {3: "elbow", 2: "tool", image.id: "tool"}
+    assert names_after(found, given={2: "door"})[image.id] == "door"
+
+
 def test_a_name_stays_until_another_body_holds_the_feature():
     # The robot is late: no feature of it is in this update.
-    assert names_after(held(1, 2), replace(held(), hypotheses=held(1, 2).hypotheses)) == {
-        1: "elbow",
-        2: "tool",
-    }
-    assert names_after(held(1, 2), held(2, 2)) == {2: "tool"}
-    assert names_after(held(2, 2), held(2, 1)) == {2: "elbow", 1: "tool"}
-    assert names_after(held(1, 2), held(1, 1)) == {1: "elbow"}
+    late = replace(held(), hypotheses=held(3, 2).hypotheses)
+    assert names_after(held(3, 2), late) == {3: "elbow", 2: "tool"}
+    assert names_after(held(3, 2), held(2, 2)) == {2: "tool"}
+    assert names_after(held(2, 2), held(2, 3)) == {2: "elbow", 3: "tool"}
+    assert names_after(held(3, 2), held(3, 3)) == {3: "elbow"}
 
 
 def test_what_a_person_gives_comes_first_and_ids_of_another_session_have_no_names():
-    assert names_after(held(1, 2), given={2: "gripper"}) == {1: "elbow", 2: "gripper"}
+    assert names_after(held(3, 2), given={2: "gripper"}) == {3: "elbow", 2: "gripper"}
     assert names_after(held(1, 2, session="1" * 16)) == {}

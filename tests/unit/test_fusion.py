@@ -124,6 +124,21 @@ def test_a_newcomer_gets_its_share_of_the_trajectories(config):
     assert fusion.stats.refused_rows > 0
 
 
+def test_what_comes_back_counts_before_what_is_new(config):
+    fusion = Fusion(config.model_copy(update={"max_tracks": 12}))
+    seen = []
+    for k in range(40):
+        now = T0 + k * 100 * MS
+        fusion.ingest(batch("clock", k, now, np.zeros((1, 2))))
+        # Ten features, nothing for two seconds, then these and thirty more.
+        if k < 10 or k >= 30:
+            fusion.ingest(batch("cam", k, now, np.zeros((10 if k < 10 else 40, 2))))
+        seen.append({track for source, track in tracks_of(fusion.update(now)) if source == "cam"})
+    assert seen[28] == set()
+    assert set(range(10)) <= seen[-1]
+    assert max(map(len, seen)) <= 11
+
+
 def test_churn_does_not_starve_new_trajectories(config):
     fusion = Fusion(config.model_copy(update={"max_tracks": 40}))
     for k in range(60):

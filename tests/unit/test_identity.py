@@ -18,6 +18,15 @@ def propagate(before, clusters, allocate):
     return name_groups(Votes(before, before, clusters), groups, largest_first, allocate)[clusters]
 
 
+def test_what_two_sources_see_outweighs_as_many_features_of_a_third():
+    before, groups = np.zeros(25, np.int64), np.repeat([0, 1], [12, 13])
+    sources = np.repeat([0, 1, 2], [6, 6, 13])
+    ids = count(9)
+    for whose, expected in ((sources, [0, 9]), (None, [10, 0])):
+        found = name_groups(Votes(before, before, groups, whose), 2, largest_first, lambda: next(ids))
+        assert found.tolist() == expected
+
+
 MATCHES = {
     "newborn clusters are new": ([-1, -1, -1], [0, 1, 0], [100, 101, 100]),
     "the numbers of clusters do not matter": ([5, 5, 7, 7], [1, 1, 0, 0], [5, 5, 7, 7]),

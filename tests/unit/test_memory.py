@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from comotion.hypotheses.memory import Appearance, Newcomer, clear_pairs, recognised, seen
-from comotion.hypotheses.records import Trace
+from comotion.hypotheses.memory import Appearance, clear_pairs, recognised, seen
+from comotion.hypotheses.records import Current, Trace
 from comotion.partition import PoseReference
 from comotion.saving import plain, restored
 from comotion_schemas import Hypothesis, Twist
@@ -19,8 +19,12 @@ def described(one, velocity=(0.0, 0.0, 0.0), state="moving"):
     return Hypothesis(id=one, space="world", size=8, born_ns=0, state=state, centroid=centroid, twist=twist)
 
 
-def group(first, centre, scale=1.0, static=False):
-    return Newcomer(np.arange(first, first + 8), CORNERS * scale + centre, static)
+def current(places, count=8):
+    """Of each hypothesis by id and centre; its features are 100 id, 100 id + 1 and on."""
+    keys = np.concatenate([100 * one + np.arange(count) for one in places])
+    positions = np.concatenate([CORNERS[:count] + centre for centre in places.values()])
+    labels = np.repeat(list(places), count)
+    return Current(keys, np.arange(len(keys)), labels, positions, np.ones(len(keys), bool))
 
 
 def appeared(seconds, centre, velocity=(0.0, 0.0, 0.0), scale=1.0):
@@ -31,8 +35,8 @@ def memory(*bodies):
     """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
     found = {}
     for one, centre, velocity, static in bodies:
-        members, body = group(100 * one, centre, static=static), described(one, velocity)
-        found[one] = seen(None, 0, members, np.arange(1000), body, PoseReference.new(0))
+        body, reference = described(one, velocity), PoseReference.new(0)
+        found[one] = seen(None, 0, current({one: centre}), body, reference, static=static)
     return found
 
 
@@ -75,12 +79,12 @@ def test_a_body_is_recognised(known, new, expected):
 
 def test_a_body_is_expected_about_the_place_where_it_has_been():
     def passed_by(to):
-        found, current = {}, np.arange(1000)
+        found = {}
         for second in range(11):
-            for one, place in ((1, (0.0, 0.0, 0.0)), (2, (1.0, 0.0, 0.0))):
-                at = to if second == 10 else place
-                members, reference = group(100 * one, at), PoseReference.new(0)
-                found[one] = seen(found.get(one), second * S, members, current, described(one), reference)
+            places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0)} if second < 10 else {1: to, 2: to}
+            for one in places:
+                body, reference = described(one), PoseReference.new(0)
+                found[one] = seen(found.get(one), second * S, current(places), body, reference, static=False)
         return found
 
     new = {7: appeared(13, (0.9, 0, 0)), 8: appeared(13, (0.1, 0, 0))}
@@ -96,10 +100,10 @@ def test_the_heir_has_most_of_the_last_members():
 
 def test_lost_features_are_remembered_for_a_while():
     found = memory(HERE)[1]
-    few = Newcomer(np.arange(100, 103), CORNERS[:3], static=False)
-    found = seen(found, S, few, few.keys, described(1), PoseReference.new(0))
+    few = current({1: (0, 0, 0)}, count=3)
+    found = seen(found, S, few, described(1), PoseReference.new(0), static=False)
     assert len(found.keys) == 8
-    found = seen(found, 4 * S, few, few.keys, described(1), PoseReference.new(0))
+    found = seen(found, 4 * S, few, described(1), PoseReference.new(0), static=False)
     assert len(found.keys) == 3
 
 

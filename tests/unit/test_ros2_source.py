@@ -150,3 +150,4 @@ def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     batches = [decode(one) for one in source._publishers["obs"]]
     assert [b.ids.tolist() for b in batches] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}
+    assert source._status().feature_names == {"0": "a", "1": "b", "2": "c"}

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from comotion import Fusion, FusionConfig, SourceHealth, snapshot
 from comotion.event_time.stats import Stats
 from comotion.runtime import known_kernels
 from comotion.runtime.clocks import EventClock, WallClock
-from comotion.runtime.health import Arrivals, Health, Watchdog
+from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import Ticker
@@ -84,7 +85,7 @@ class TestHealth:
         arrivals = {"received": {}, "present": {}, "rejection": ""}
         arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
         fields = {"sources": [], "stats": stats, "notes": []} | changes
-        return health.report(int(at_s * SECOND), arrivals=Arrivals(**arrivals), **fields)
+        return health.report(int(at_s * SECOND), intake=SimpleNamespace(**arrivals), **fields)
 
     def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self) -> None:
         sources = [source("a", 0.1, live=True), source("b", 7.0, live=False)]

@@ -82,6 +82,18 @@ class TestObservations:
         assert rests != swings
         assert {labels[1000 + one] for one in range(10)} == swings
 
+    def test_another_part_of_a_large_space_may_be_grouped_at_each_update(self) -> None:
+        fusion = Fusion(FusionConfig())
+        for k in range(80):
+            swing = np.array([0.0, 0.3 * np.sin(0.1 * max(k - 20, 0)), 0.0])
+            fusion.ingest(batch(k, np.concatenate([body(250, 1), body(250, 2) + swing + [1.0, 0.0, 0.0]])))
+            if k % 2:
+                fusion.shed((0, MOST, 5, MOST, 5)[k // 2 % 5] if k > 40 else 0)
+                update = fusion.update(10**18 + k * PERIOD // 2)
+        assert fusion.stats.faults == 0
+        labels = labels_of(update)
+        assert len({labels[one] for one in range(250)} | {labels[one] for one in range(250, 500)}) == 2
+
     def test_a_body_that_comes_up_while_searches_are_rare_is_found(self) -> None:
         fusion = Fusion(FusionConfig())
         assert groups(run(fusion, range(20))[-1]) == 1

@@ -165,7 +165,7 @@ class Grid:
     lift: float
 
 
-LEGEND = Grid(columns=3, rows=3, width=4.8, height=1.3, lift=0.35)
+LEGEND = Grid(columns=4, rows=2, width=4.8, height=1.8, lift=0.35)
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,21 @@ import numpy as np
 from comotion import FusionConfig
 from comotion.config import RigidConfig
 
+from ..brox_malik import CLUSTERINGS, compare
 from ..offline import thesis
 from ..processes import Progress, quiet
+from .baselines import ReferenceFusion, linkage_nmi
 from .cases import Case
 from .motion import MotionErrors, motion_errors
-from .study import Outcome, run_case
+from .study import Array, Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"
+REFERENCE = "thesis, scikit-learn"
 # Scenes of the robustness table: they cover all parameters and are short enough to run for each.
 ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
-PARTS = ("scores", "motion", "robustness")
-"""Parts of the report: the methods on every case, poses, and parameters."""
+PARTS = ("scores", "comparator", "motion", "robustness")
+"""Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,15 @@ class Variation:
 
 @dataclass
 class Results:
-    """Outcomes by case name and method, in the order of seeds, and the other parts of the report."""
+    """Outcomes by case name and method, in the order of seeds, and the other parts of the report.
+
+    `compared`: mean NMI of the comparator by case and clustering.
+    """
 
     experiment: Experiment
     outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
+    linkage: dict[str, Array] = field(default_factory=dict)
+    compared: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     motion: MotionErrors = field(default_factory=MotionErrors)
     variations: list["Variation"] = field(default_factory=list)
 
@@ -59,18 +67,44 @@ class Results:
 def run_experiment(experiment: Experiment, progress: Progress = quiet) -> Results:
     """Run all cases; `progress` is called with the name of the next run."""
     results = Results(experiment)
-    for case in experiment.cases if "scores" in experiment.parts else ():
-        progress(case.name)
-        seeds = experiment.seeds if case.seeded else (0,)
-        for method in (DEFAULT, THESIS):
-            config = FusionConfig() if method == DEFAULT else thesis(case.sigma_switch)
-            results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
+    for case in experiment.cases:
+        if "scores" in experiment.parts or _is_compared(experiment, case):
+            progress(case.name)
+            _run_case(results, case, experiment.seeds if case.seeded else (0,))
     if "motion" in experiment.parts:
         progress("pose and twist")
         results.motion = motion_errors(list(experiment.seeds))
     if "robustness" in experiment.parts:
         results.variations = _variations(experiment, progress)
     return results
+
+
+def _is_compared(experiment: Experiment, case: Case) -> bool:
+    """Whether the comparator runs on a case; offsets between sources are no part of what it compares."""
+    return "comparator" in experiment.parts and case.group != "two sources"
+
+
+def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
+    """Both methods, and what they are compared with."""
+    for method in (DEFAULT, THESIS):
+        config = _config(method, case)
+        results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
+    if _is_compared(results.experiment, case):
+        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
+        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
+    if "scores" not in results.experiment.parts:
+        return
+    results.outcomes[case.name, REFERENCE] = [
+        run_case(case, _config(THESIS, case), seed, fusion=ReferenceFusion) for seed in seeds
+    ]
+    if case.group == "recordings":
+        results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
+
+
+def _config(method: str, case: Case) -> FusionConfig:
+    if method == DEFAULT:
+        return FusionConfig()
+    return thesis(case.sigma_switch)
 
 
 def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion import FusionConfig
+from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import Score, Truth
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
@@ -53,8 +53,14 @@ class _Collector:
             self.right.append(rightly_assigned(labels[known], objects[known]))
 
 
-def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
-    """Run a case through the core."""
+def run_case(
+    case: Case,
+    config: FusionConfig,
+    seed: int,
+    duration: float | None = None,
+    fusion: type[Fusion] = Fusion,
+) -> Outcome:
+    """Run a case through the core, or through another class `fusion`."""
     truth = Truth()
     collector = _Collector(truth)
     run = run_offline(
@@ -63,6 +69,7 @@ def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None
         truth=truth,
         period=PERIOD,
         duration=case.duration if duration is None else duration,
+        fusion=fusion(config),
         on_update=collector.add,
     )
     return Outcome(

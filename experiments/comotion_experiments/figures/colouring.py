@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 
 from comotion_schemas import UNDETERMINED
-from comotion_schemas.colours import GREY, HUES, MARKERS, RGB, colour
+from comotion_schemas.colours import BACKGROUND, GREY, HUES, MARKERS, RGB, colour
 
 from ..plot import Rgb, unit
 from ..trace import matched
 from .runs import SeedRun
 
-# The thesis's letters R, G, P, Y, B as the nearest hues of Okabe and Ito.
+# The thesis's letters G, P, Y, B as the nearest hues of Okabe and Ito. R is its background: grey.
 LETTERS: dict[str, RGB] = {
-    "R": (213, 94, 0),
+    "R": BACKGROUND,
     "G": (0, 158, 115),
     "P": (204, 121, 167),
     "Y": (240, 228, 66),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comotion import FusionConfig
 from comotion.config import PixelsConfig
-from comotion.partition import Previous, Rows, SpaceSpec
+from comotion.partition import Previous, SpaceSpec
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced
 from comotion.pixels.method import PixelMethod
 from comotion.pixels.similarity import subspace
@@ -37,7 +37,6 @@ def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]
         seen = np.flatnonzero(np.isfinite(x).all(axis=1))
         if len(seen):
             window.insert(slots[seen], stamp, x[seen], np.full(len(seen), np.nan), None)
-            core.observed(window, Rows(stamp, slots[seen], in_order=True))
     begin = time.perf_counter()
     nothing = Previous(np.full(window.capacity, -1), np.zeros(0, np.int64))
     partition = core.partition(window, slots, int(stamps[-1]), nothing)

@@ -6,16 +6,16 @@ docs/research/pixels.md says how.
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from .groups import Group
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class PixelsConfig(BaseModel):
+class PixelsConfig(Group):
     """Parameters of grouping in pixel space."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     key_frames: Annotated[int, Field(ge=2, le=1000)] = Field(
         default=24, description="instants of the window that trajectories are compared at"

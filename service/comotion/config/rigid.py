@@ -2,15 +2,15 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from .groups import Group
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class RigidConfig(BaseModel):
+class RigidConfig(Group):
     """Parameters of the rigid-motion method; none depends on the scale of the scene."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     frame_rate: Annotated[float, Field(gt=0, le=200)] = Field(
         default=15.0, description="Hz; rate of the common frames that trajectories are interpolated to"

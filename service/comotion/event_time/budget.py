@@ -2,7 +2,8 @@
 
 In each round the time that may be spent is shared evenly among those who have something to do. Who spends
 more than its share owes the rest: it waits until later shares have paid for it. What others leave of theirs
-is shared among those who wait.
+is shared among those who wait. Those who are new have one share together, so that nobody gets more by names
+that it takes for a moment; what they owe is each one's own.
 
 Without a clock nothing is measured, and everyone may always go on: a recording, played as fast as it can be,
 gives the same answer everywhere.
@@ -15,8 +16,9 @@ from dataclasses import dataclass, field
 CostClock = Callable[[], int]
 """Gives the time that has been spent, in ns from any start: processor time, or counted in a test."""
 
-# A single pause of the machine must not mute anybody for long: nobody owes more than so many rounds.
-_MOST_DEBT = 4
+# A single pause of the machine, or something large that was due for all, must not mute anybody for long:
+# nobody owes more than its share of so many ns.
+_MOST_DEBT_NS = 400_000_000
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
 
@@ -39,11 +41,15 @@ class Budget:
     period_ns: int
     clock: CostClock | None = None
     _credit: dict[str, int] = field(default_factory=dict)
+    _new: Collection[str] = ()
+    _left_to_new: int = 0
+    _parties: int = 1
     _left: int = 0
     _at_ns: int | None = None
 
-    def begin(self, at_ns: int, spenders: Collection[str]) -> None:
-        """Begin a round at a time on the clock of arrivals, in which some have something to do."""
+    def begin(self, at_ns: int, spenders: Collection[str], new: Collection[str] = ()) -> None:
+        """Begin a round at a time on the clock of arrivals, in which some, of them some new, have work."""
+        self._new = new
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
         self._left = round(self.share * min(max(elapsed, 0), self.period_ns))
@@ -59,16 +65,21 @@ class Budget:
         return True
 
     def _share(self, spenders: Collection[str]) -> None:
-        quantum = self._left // max(len(spenders), 1)
+        new = sum(name in self._new for name in spenders)
+        self._parties = max(len(spenders) - new + min(new, 1), 1)
+        self._left_to_new = self._left // self._parties
         for name in {*spenders, *self._credit}:
-            before = self._credit.get(name, 0)
+            before, quantum = self._credit.get(name, 0), self._left_to_new
+            quantum //= new if name in self._new and new else 1
             self._credit[name] = min(before + quantum, quantum)
             # What pays a debt has been spent already.
             self._left -= min(max(-before, 0), quantum) if name in spenders else 0
 
     def allows(self, name: str) -> bool:
         """Whether somebody may go on."""
-        return self.clock is None or self._credit.get(name, 0) > 0
+        if self.clock is None:
+            return True
+        return self._credit.get(name, 0) > 0 and (name not in self._new or self._left_to_new > 0)
 
     @contextmanager
     def charge(self, shares: Mapping[str, float]) -> Iterator[None]:
@@ -82,6 +93,7 @@ class Budget:
         finally:
             cost = self.clock() - began
             self._left -= cost
-            least = -round(_MOST_DEBT * self.share * self.period_ns)
+            least = -round(self.share * _MOST_DEBT_NS / self._parties)
             for name, share in shares.items():
                 self._credit[name] = max(self._credit.get(name, 0) - round(share * cost), least)
+                self._left_to_new -= round(share * cost) if name in self._new else 0

@@ -120,6 +120,8 @@ class Release:
     ----------
     sessions
         (source, session) by number, of every session that is current or has trajectories.
+    next_number
+        Of the session that is released next.
     """
 
     def __init__(self, sources: Sources, settle: Settle, budget: Budget, troubles: Troubles) -> None:
@@ -132,7 +134,7 @@ class Release:
         self._behind_ns: dict[str, int] = {}
         self._over: list[int] = []
         self._order = 0
-        self._next_number = 0
+        self.next_number = 0
         self.sessions: dict[int, Key] = {}
 
     def add(self, entry: Entry, columns: tuple[Stamps, Indices], generation: int, in_order_ns: int) -> None:
@@ -172,7 +174,7 @@ class Release:
         if watermark_ns is None:
             return
         due = {name for name, heap in self._waiting.items() if heap[0].key[0] <= watermark_ns}
-        self._budget.begin(at_ns, due)
+        self._budget.begin(at_ns, due, self._sources.new())
         while due:
             yield from self._turn(due, watermark_ns)
             if not self._budget.share_rest(due):
@@ -185,6 +187,8 @@ class Release:
         heapq.heapify(heads)
         while heads:
             _, name, _ = heapq.heappop(heads)
+            if not self._budget.allows(name):
+                continue
             heap = self._waiting[name]
             one = heapq.heappop(heap)
             found = self._released(one, watermark_ns, [*heads[:1], *(other.key for other in heap[:1])])
@@ -195,7 +199,7 @@ class Release:
             yield from found
             if not heap or heap[0].key[0] > watermark_ns:
                 due.discard(name)
-            elif self._budget.allows(name):
+            else:
                 heapq.heappush(heads, heap[0].key)
 
     def _released(
@@ -213,9 +217,9 @@ class Release:
         if one.generation > source.released:
             if source.released >= 0:
                 ended.append(SessionEnded(source.number))
-            source.released, source.number = one.generation, self._next_number
-            self.sessions[self._next_number] = one.batch.source, one.batch.session
-            self._next_number += 1
+            source.released, source.number = one.generation, self.next_number
+            self.sessions[self.next_number] = one.batch.source, one.batch.session
+            self.next_number += 1
         return [*ended, one.take(watermark_ns, others, source.number)]
 
     def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
@@ -231,7 +235,7 @@ class Release:
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
-            self._troubles.note("over-budget", name, at_ns)
+            self._troubles.note("over-budget", name)
 
     def done(self, instants: Instants, refused: RejectionReason | None) -> None:
         """Book instants that came out: they were fused, or refused for a reason."""
@@ -260,15 +264,3 @@ class Release:
             self._settle(entry, entry.refused)
         else:
             self._settle(entry, "late")
-
-    def state(self) -> dict[str, Any]:
-        """The sessions as plain values; what waits is not kept."""
-        return {
-            "next_number": self._next_number,
-            "sessions": [[number, *key] for number, key in self.sessions.items()],
-        }
-
-    def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`."""
-        self._next_number = int(state["next_number"])
-        self.sessions = {int(number): (source, session) for number, source, session in state["sessions"]}

@@ -1,14 +1,14 @@
 """The sources of a scene: which are live, send and agree, and their health."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any, Self
 
 from comotion_schemas import ObservationBatch
 
 from ..config import FusionConfig, to_ns
+from ..saving import NOT_KEPT
 from .instants import Entry
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
@@ -20,6 +20,8 @@ PERIODS = 3
 _NEVER_NS = 2**62
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _LEAST_HANDOVER_NS = 200_000_000
+# ns over which a source must have sent to have a share of its own; until then all such have one together.
+_NEW_NS = 1_000_000_000
 # Batches of rivals that wait for the name.
 MAX_RIVALS = 256
 
@@ -56,6 +58,8 @@ class Source:
     heard_ns, agreed_ns
         When its session was last heard, and last heard with a clock that agrees with the scene's, on the
         clock of arrivals; None: not since the start.
+    since_ns
+        When the source was heard first, on the clock of arrivals; None: in an earlier run of the service.
     generation
         How many sessions it had started before.
     released, number
@@ -69,15 +73,21 @@ class Source:
     session: str
     newest_ns: int
     started_ns: int = 0
-    gaps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
-    arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS))
-    heard_ns: int | None = None
-    agreed_ns: int | None = None
+    gaps_ns: deque[int] = field(default_factory=deque)
+    arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS), metadata=NOT_KEPT)
+    heard_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    agreed_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    since_ns: int | None = field(default=None, metadata=NOT_KEPT)
     generation: int = 0
     released: int = -1
     number: int = -1
-    past: deque[str] = field(default_factory=lambda: deque(maxlen=_PAST_SESSIONS))
-    rivals: list[Entry] = field(default_factory=list)
+    past: deque[str] = field(default_factory=deque)
+    rivals: list[Entry] = field(default_factory=list, metadata=NOT_KEPT)
+
+    def __post_init__(self) -> None:
+        # A snapshot gives queues without bounds.
+        self.gaps_ns = deque(self.gaps_ns, maxlen=_GAPS)
+        self.past = deque(self.past, maxlen=_PAST_SESSIONS)
 
     @property
     def period_ns(self) -> int:
@@ -88,6 +98,12 @@ class Source:
     def arrival_period_ns(self) -> int:
         """Median time between its recent arrivals; 0 until there are two."""
         return int(median(self.arrivals_ns)) if self.arrivals_ns else 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether its batches have come for a short time only; not one that an earlier run has known."""
+        since_ns, heard_ns = self.since_ns, self.heard_ns
+        return since_ns is not None and heard_ns is not None and heard_ns - since_ns < _NEW_NS
 
     def start(self, session: str, stamp_ns: int, at_ns: int) -> None:
         """Start a new session; its clock starts anew."""
@@ -167,20 +183,6 @@ class Source:
             else:
                 return
 
-    def state(self) -> dict[str, Any]:
-        """As plain values; the clock of arrivals ends with the process, and so does what waits."""
-        kept = {name: value for name, value in vars(self).items() if name not in _PASSING}
-        return kept | {"gaps_ns": list(self.gaps_ns), "past": list(self.past)}
-
-    @classmethod
-    def from_state(cls, state: dict[str, Any]) -> Self:
-        """Build a source from :meth:`state`."""
-        gaps_ns, past = deque(state["gaps_ns"], maxlen=_GAPS), deque(state["past"], maxlen=_PAST_SESSIONS)
-        return cls(**(state | {"gaps_ns": gaps_ns, "past": past}))
-
-
-_PASSING = {"arrivals_ns", "heard_ns", "agreed_ns", "rivals"}
-
 
 class Sources(dict[str, Source]):
     """Sources by name.
@@ -208,6 +210,10 @@ class Sources(dict[str, Source]):
     def sending(self, at_ns: int) -> list[Source]:
         """Sources whose batches still come."""
         return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
+
+    def new(self) -> set[str]:
+        """Names of those of which batches have come for a short time only."""
+        return {name for name, source in self.items() if source.is_new}
 
     def has_heard(self) -> bool:
         """Whether any source has been heard since the start."""
@@ -241,11 +247,3 @@ class Sources(dict[str, Source]):
         for name, source in list(self.items()):
             if source.idle_ns(at_ns) > self._expiry_ns and not in_use(name, source):
                 del self[name]
-
-    def state(self) -> list[Any]:
-        """As plain values."""
-        return [[name, source.state()] for name, source in self.items()]
-
-    def load(self, state: Iterable[Any]) -> None:
-        """Take up :meth:`state`."""
-        self.update({name: Source.from_state(source) for name, source in state})

@@ -12,11 +12,20 @@ from typing import Any, Literal
 from comotion_schemas import RejectionReason
 from comotion_schemas.sequence import Order, SequenceCounter
 
+from ..saving import NOT_KEPT, plain, refill
+from .troubles import Troubles
+
 # A batch that was sent before a Status may arrive after it; and Statuses of a session within that time that
 # count: two a second are read.
 _GRACE_NS, _CLAIMS = 2_000_000_000, 8
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
+
+# What a person should know of batches beyond a bound.
+_BEYOND = {
+    "overflow": "batches come faster than they can be read; send fewer or smaller ones",
+    "limit": "batches are beyond a bound of `limits`; see docs/limits.md",
+}
 
 Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
 """What becomes of a batch that was read."""
@@ -106,30 +115,34 @@ class Stats(Account):
         return {name: value for name, value in asdict(self).items() if isinstance(value, int)}
 
 
+@dataclass
 class Ledger:
     """Keeps the account of every session, and the totals; follows their sequence numbers.
 
-    Parameters
+    Attributes
     ----------
     total
         The totals.
-
-    Attributes
-    ----------
+    troubles
+        Whose batches are beyond a bound is noted there.
     unknown
         The newest sessions of an earlier run of the service of which nothing has come since: what they have
         sent meanwhile nobody knows.
+    sequences
+        The sequence numbers.
     """
 
-    def __init__(self, total: Stats) -> None:
-        self.total = total
-        self.unknown: set[Key] = set()
-        # What sessions say they have sent, and when they said so.
-        self._claims: dict[Key, deque[tuple[int, int]]] = {}
-        self.sequences = SequenceCounter(from_zero=True)
-        self._accounts: dict[Key, Account] = {}
-        # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
-        self._unread: dict[str, int | None] = {}
+    total: Stats = field(metadata=NOT_KEPT)
+    troubles: Troubles = field(default_factory=Troubles, metadata=NOT_KEPT)
+    unknown: set[Key] = field(default_factory=set)
+    sequences: SequenceCounter = field(
+        default_factory=lambda: SequenceCounter(from_zero=True), metadata=NOT_KEPT
+    )
+    # What sessions say they have sent, and when they said so.
+    _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
+    _accounts: dict[Key, Account] = field(default_factory=dict)
+    # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
+    _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
 
     def accounts(self) -> dict[Key, Account]:
         """Account of every (source, session), the one seen last at the end; session "" where unknown."""
@@ -156,6 +169,8 @@ class Ledger:
         for account in (self.total, self._of(key)):
             for what, count in counts.items():
                 account.add(what, count)
+        for what in counts.keys() & _BEYOND.keys():
+            self.troubles.note("limit", key[0], _BEYOND[what])
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
@@ -177,8 +192,10 @@ class Ledger:
         They are accounted already, unless `count` is None: then the next gap in the numbers tells how many
         there were, and counts as overflow.
         """
-        before = self._unread.get(source, 0)
+        before = self._unread.pop(source, 0)
         self._unread[source] = None if count is None or before is None else before + count
+        if len(self._unread) > MAX_ACCOUNTS:
+            del self._unread[next(iter(self._unread))]
 
     def claim(self, key: Key, count: int, at_ns: int) -> None:
         """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""
@@ -196,28 +213,26 @@ class Ledger:
             if not claims:
                 del self._claims[key]
 
-    def state(self) -> list[Any]:
+    def state(self) -> dict[str, Any]:
         """Accounts and totals as plain values; what waits does not survive and is lost."""
-        accounts = [[*key, asdict(account)] for key, account in self._accounts.items()]
-        claims = [[*key, said[-1][1]] for key, said in self._claims.items()]
-        return [asdict(self.total), accounts, self.sequences.state(), sorted(self.unknown), claims]
+        state: dict[str, Any] = plain(self)
+        return state | {"total": plain(self.total), "sequences": self.sequences.state()}
 
-    def load(self, state: list[Any]) -> None:
+    def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.
 
         Raises
         ------
-        KeyError, TypeError, ValueError
+        AttributeError, KeyError, TypeError, ValueError
             If it is none.
         """
-        total, accounts, sequences, unknown, claims = state
-        vars(self.total).update(vars(Stats(**total)))
-        self._accounts = {(source, session): Account(**fields) for source, session, fields in accounts}
-        self.sequences.load(sequences)
-        newest = {source: session for source, session in self._accounts if session}
-        self.unknown = {*newest.items(), *((source, session) for source, session in unknown)}
+        refill(self, state)
+        refill(self.total, state["total"])
+        self.sequences.load(state["sequences"])
+        self.unknown |= {source: session for source, session in self._accounts if session}.items()
         self.unknown &= self._accounts.keys()
-        self._claims = {(source, session): deque([(-_GRACE_NS, sent)]) for source, session, sent in claims}
+        # The clock of arrivals has ended with the process: what was claimed then should be here.
+        self._claims = {key: deque([(-_GRACE_NS, said[-1][1])]) for key, said in self._claims.items()}
         for account in (self.total, *self._accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting

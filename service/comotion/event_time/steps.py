@@ -10,15 +10,14 @@ them are wrong at once, and the scene follows them:
 4. When a source has agreed after the first that waits came, all that wait are judged. When none has for half
    a second, the time scale moves by their median offset, and they are on time.
 
-These are the rules of a :class:`WallClock`. With a :class:`RecordedClock`, any batch off waits. Where it is
-behind, a recording is played again: the time scale moves so that the earliest one follows what was fused.
-Where it is ahead, time has passed.
+These are the rules for sources that stamp what happens now. Where they play recordings, with the stamps that
+these have, any batch off waits. Where it is behind, a recording is played again: the time scale moves so that
+the earliest one follows what was fused. Where it is ahead, time has passed.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from statistics import median_low
-from typing import ClassVar, Literal
+from typing import Literal
 
 from comotion_schemas import ObservationBatch
 
@@ -43,7 +42,6 @@ _TROUBLE_NS = 3_000_000_000
 _TELLING = 3
 _MAX_TROUBLES = 256
 
-SceneTime = Callable[[ObservationBatch], int]
 ClockKind = Literal["clock-ahead", "clock-behind", "clock-zero"]
 
 
@@ -62,99 +60,16 @@ class ClockTrouble:
     pace: float = 0.0
 
 
-@dataclass(frozen=True)
-class WallClock:
-    """The policy for sources that stamp what happens now, with clocks that are about right.
-
-    Attributes
-    ----------
-    window_ns
-        `window` in ns.
-    repeats
-        Whether a batch whose number was seen before may be new.
-    """
-
-    window_ns: int
-    repeats: ClassVar[bool] = False
-
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:  # noqa: ARG002
-        """The time that stamps are compared with."""
-        return now_ns
-
-    def is_off(self, *, off: bool, others_wait: bool) -> bool:  # noqa: ARG002
-        """Whether a batch is taken for off; `others_wait`: some of its session do because of their clock."""
-        return off
-
-    def may_wait(self, offset_ns: int, set_by_ns: int, *, agreed: bool, alone: bool) -> bool:
-        """Whether a batch that is off waits (rule 3).
-
-        `agreed`: its session has agreed before; `alone`: no source agrees now; `set_by_ns`: by how much the
-        clock of the service was set.
-        """
-        near = abs(offset_ns) <= self.window_ns
-        as_set = set_by_ns != 0 and abs(offset_ns - set_by_ns) <= _SAME_STEP_NS
-        return agreed or (alone and (near or as_set))
-
-    def shift(self, held: Sequence[Entry], scene_time: SceneTime, reference_ns: int) -> int:  # noqa: ARG002
-        """By how much the time scale moves to those that wait: their median offset."""
-        by_source: dict[str, list[int]] = {}
-        for one in held:
-            by_source.setdefault(one.batch.source, []).append(one.offset_ns)
-        return median_low(median_low(offsets) for offsets in by_source.values())
-
-    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:
-        """Stamps that hold the watermark, and now, where no source is live and some still send.
-
-        All clocks are behind, or the service's is ahead: the sources set the pace.
-        """
-        return newest_ns, min([now_ns, *newest_ns])
-
-    def is_zero(self, stamp_ns: int) -> bool:
-        """Whether a stamp counts from a start, or is no nanoseconds."""
-        return stamp_ns < _ZERO_NS
-
-
-class RecordedClock(WallClock):
-    """The policy for sources that play recordings, with the stamps that these have: the time is theirs."""
-
-    repeats = True
-
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
-        """Recordings must not go back behind the watermark."""
-        return now_ns if watermark_ns is None else max(now_ns, watermark_ns)
-
-    def is_off(self, *, off: bool, others_wait: bool) -> bool:
-        """The end of a recording that is played again fast is near the end of the last one."""
-        return off or others_wait
-
-    def may_wait(self, offset_ns: int, set_by_ns: int, *, agreed: bool, alone: bool) -> bool:  # noqa: ARG002
-        """Any does."""
-        return True
-
-    def shift(self, held: Sequence[Entry], scene_time: SceneTime, reference_ns: int) -> int:
-        """So that the earliest follows what was fused; a gap in a recording has lasted as long as it says."""
-        earliest = min(scene_time(one.batch) for one in held) - reference_ns
-        return earliest - _GAP_NS if earliest < 0 else 0
-
-    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:  # noqa: ARG002
-        """Nothing holds the watermark, which stands still."""
-        return [], now_ns
-
-    def is_zero(self, stamp_ns: int) -> bool:  # noqa: ARG002
-        """Stamps may count from anything."""
-        return False
-
-
 @dataclass
 class Steps:
     """What waits for a decision about clocks, and which clocks are wrong.
 
     Attributes
     ----------
-    clock
-        The policy.
-    timeout_ns
-        `source_timeout` in ns.
+    timeout_ns, window_ns
+        `source_timeout` and `window` in ns.
+    recorded
+        Whether sources play recordings: the time is theirs, and a number that was seen before may be new.
     shift_ns
         Stamps minus the time scale of the scene.
     clock_set_ns
@@ -165,8 +80,9 @@ class Steps:
         How often the time scale has moved.
     """
 
-    clock: WallClock
     timeout_ns: int
+    window_ns: int
+    recorded: bool = False
     shift_ns: int = 0
     clock_set_ns: int = 0
     held: list[Entry] = field(default_factory=list)
@@ -178,17 +94,36 @@ class Steps:
         """Stamp of a batch on the time scale of the scene."""
         return batch.stamp_ns - self.shift_ns
 
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
+        """The time that stamps are compared with; recordings must not go back behind the watermark."""
+        return max(now_ns, watermark_ns) if self.recorded and watermark_ns is not None else now_ns
+
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
         """Whether a batch is far from a time, and of no use there; takes note of its offset."""
         stamp_ns = self.scene_time(entry.batch)
         entry.offset_ns = stamp_ns - reference_ns
         late = floor_ns is not None and stamp_ns < floor_ns
-        off = entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
-        return self.clock.is_off(off=off, others_wait=entry.key in self._keys)
+        if entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns):
+            return True
+        # The end of a recording that is played again fast is near the end of the last one.
+        return self.recorded and entry.key in self._keys
 
     def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:
-        """Whether a batch that is off waits: :meth:`WallClock.may_wait`."""
-        return self.clock.may_wait(entry.offset_ns, self.clock_set_ns, agreed=agreed, alone=alone)
+        """Whether a batch that is off waits (rule 3).
+
+        `agreed`: its session has agreed before; `alone`: no source agrees now.
+        """
+        near = abs(entry.offset_ns) <= self.window_ns
+        as_set = self.clock_set_ns != 0 and abs(entry.offset_ns - self.clock_set_ns) <= _SAME_STEP_NS
+        return self.recorded or agreed or (alone and (near or as_set))
+
+    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:
+        """Stamps that hold the watermark, and now, where no source is live and some still send.
+
+        All clocks are behind, or the service's is ahead: the sources set the pace. With recordings nothing
+        holds the watermark, which stands still.
+        """
+        return ([], now_ns) if self.recorded else (newest_ns, min([now_ns, *newest_ns]))
 
     def hold(self, entry: Entry) -> None:
         """Let a batch wait until it is clear whose clock is wrong."""
@@ -212,12 +147,24 @@ class Steps:
 
     def follow(self, reference_ns: int) -> None:
         """Move the time scale to the clock of those that wait."""
-        self.shift_ns += self.clock.shift(self.held, self.scene_time, reference_ns)
+        self.shift_ns += self._shift(reference_ns)
         self.followed += 1
+
+    def _shift(self, reference_ns: int) -> int:
+        """By how much the time scale moves to those that wait."""
+        if self.recorded:
+            # So that the earliest follows what was fused; a gap in a recording has lasted as long as it says.
+            earliest = min(self.scene_time(one.batch) for one in self.held) - reference_ns
+            return earliest - _GAP_NS if earliest < 0 else 0
+        by_source: dict[str, list[int]] = {}
+        for one in self.held:
+            by_source.setdefault(one.batch.source, []).append(one.offset_ns)
+        return median_low(median_low(offsets) for offsets in by_source.values())
 
     def note(self, batch: ObservationBatch, offset_ns: int, at_ns: int) -> None:
         """Take note of a batch whose clock is wrong, or which is late for its clock."""
-        zero = self.clock.is_zero(batch.stamp_ns)
+        # The stamps of recordings may count from anything.
+        zero = not self.recorded and batch.stamp_ns < _ZERO_NS
         kind: ClockKind = "clock-zero" if zero else "clock-ahead" if offset_ns > 0 else "clock-behind"
         trouble = self._troubles.get(batch.source)
         if trouble is None or trouble.kind != kind or at_ns - trouble.seen_ns > _TROUBLE_NS:

@@ -31,9 +31,9 @@ Then the watermark moves and releases:
 10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
     Nothing of an ended session comes out any more: what still waits is dropped as `late`.
 
-11. What a source's instants cost is charged to it. One that has spent its share waits for its next one, and
-    comes out behind the watermark then. After a second behind it, its batches there are dropped
-    (`over-budget`). See :mod:`.budget`.
+11. What a source's instants cost is charged to it; those that have sent for less than a second have one
+    share together. One that has spent its share waits for its next one, and comes out behind the watermark
+    then. After a second behind it, its batches there are dropped (`over-budget`). See :mod:`.budget`.
 
 What is forgotten:
 
@@ -50,13 +50,14 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..config import FusionConfig, to_ns
+from ..saving import plain, restored
 from .budget import Budget
 from .faults import Faults
 from .instants import Entry, Instants, SessionEnded, count_instants, in_time_order, size_of
 from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import FUTURE_NS, RecordedClock, Steps, WallClock
+from .steps import FUTURE_NS, Steps
 from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
@@ -65,6 +66,8 @@ __all__ = ["FUTURE_NS", "Timeline"]
 _AHEAD_NS = 250_000_000
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
+# Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
+_ROUNDS = 3
 Verdict = Literal["clock", "name", "watermark"] | Fate
 """What a batch waits for, or what became of it."""
 
@@ -110,17 +113,17 @@ class Timeline:
         self.sources = Sources(config)
         self._inbox: list[Entry] = []
         self._load = Load(config.limits)
-        self.budget = Budget(_STORING * config.limits.processing, to_ns(config.period))
+        self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
+        self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.at_ns = 0
         self.watermark_ns: int | None = None
-        self.ledger = Ledger(stats)
-        self.steps = Steps(WallClock(self._window_ns), self._source_timeout_ns)
+        self.steps = Steps(self._source_timeout_ns, self._window_ns)
 
     def follow_recordings(self) -> None:
         """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self.steps.clock = RecordedClock(self._window_ns)
+        self.steps.recorded = True
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -136,7 +139,7 @@ class Timeline:
         self.ledger.arrive(key)
         repeated = self.ledger.sight(key, batch.seq) == "repeated"
         entry = Entry(batch, repeated, size_of(batch))
-        if repeated and not self.steps.clock.repeats:
+        if repeated and not self.steps.recorded:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
@@ -162,7 +165,7 @@ class Timeline:
             In event-time order. Of instants the caller says by :meth:`done` what became of them, and charges
             :attr:`budget` with what they cost before it takes the next.
         """
-        self.at_ns = at_ns = now_ns if at_ns is None else at_ns
+        self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
@@ -238,7 +241,7 @@ class Timeline:
 
     def _reference(self, now_ns: int) -> int:
         """The time that stamps are compared with."""
-        return self.steps.clock.reference(now_ns, self.watermark_ns)
+        return self.steps.reference(now_ns, self.watermark_ns)
 
     def _decide(self, now_ns: int) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear who is wrong."""
@@ -288,7 +291,7 @@ class Timeline:
         if source is None:
             if not self._admit_source():
                 return "limit"
-            source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns)
+            source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns, since_ns=at_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
             return "late" if over else "name"
@@ -313,7 +316,7 @@ class Timeline:
         waiting = len(source.rivals)
         for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
             if not follows:
-                self.troubles.note("duplicate-name", entry.batch.source, self.at_ns)
+                self.troubles.note("duplicate-name", entry.batch.source)
             self._take(entry, "watermark" if follows else "duplicate-name", now_ns)
         return len(source.rivals) < waiting
 
@@ -360,7 +363,7 @@ class Timeline:
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
         if not live:
             sending = [s.newest_ns for s in self.sources.sending(self.at_ns)]
-            live, now_ns = self.steps.clock.pace(sending, now_ns)
+            live, now_ns = self.steps.pace(sending, now_ns)
         if not live:
             return
         reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)
@@ -372,20 +375,23 @@ class Timeline:
         return {
             "watermark": self.watermark_ns,
             "shift": self.steps.shift_ns,
-            "sources": self.sources.state(),
+            "sources": plain(self.sources),
+            "sessions": plain(self.sessions),
+            "next_number": self._release.next_number,
             "accounts": self.ledger.state(),
-        } | self._release.state()
+        }
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`.
 
         Raises
         ------
-        KeyError, TypeError, ValueError
+        AttributeError, KeyError, TypeError, ValueError
             If it is none.
         """
         self.watermark_ns = state["watermark"]
         self.steps.shift_ns = int(state["shift"])
-        self.sources.load(state["sources"])
-        self._release.load(state)
+        self.sources.update(restored(dict[str, Source], state["sources"]))
+        self.sessions.update(restored(dict[int, Key], state["sessions"]))
+        self._release.next_number = int(state["next_number"])
         self.ledger.load(state["accounts"])

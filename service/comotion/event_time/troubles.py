@@ -9,22 +9,27 @@ _LASTS_NS, _MOST = 3_000_000_000, 256
 
 
 class Troubles:
-    """By kind, the sources, what shows it, and when it was seen last on the clock of arrivals."""
+    """By kind, the sources, what shows it, and when it was seen last.
+
+    `at_ns` is now, on the clock of arrivals.
+    """
 
     def __init__(self) -> None:
+        self.at_ns = 0
         self._seen: dict[ProblemKind, dict[str, tuple[int, Any]]] = {}
 
-    def note(self, kind: ProblemKind, source: str, at_ns: int, evidence: Any = None) -> None:
+    def note(self, kind: ProblemKind, source: str, evidence: Any = None) -> None:
         """Take note of one; of too many sources, the one seen longest ago is forgotten."""
         seen = self._seen.setdefault(kind, {})
         seen.pop(source, None)
         if len(seen) >= _MOST:
             del seen[next(iter(seen))]
-        seen[source] = at_ns, evidence
+        seen[source] = self.at_ns, evidence
 
-    def lately(self, at_ns: int) -> dict[ProblemKind, dict[str, Any]]:
+    def lately(self) -> dict[ProblemKind, dict[str, Any]]:
         """What has been seen within 3 s: by kind and source, the evidence."""
+        since_ns = self.at_ns - _LASTS_NS
         return {
-            kind: {name: one for name, (seen_ns, one) in sorted(seen.items()) if at_ns - seen_ns <= _LASTS_NS}
+            kind: {name: one for name, (seen_ns, one) in sorted(seen.items()) if seen_ns >= since_ns}
             for kind, seen in self._seen.items()
         }

@@ -19,7 +19,7 @@ from ..trajectories.window import Window
 
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
 # sources, too, have observed something; velocities are taken over the third.
-_SPAN_NS, _LAG_NS, _STEP_NS = 2_000_000_000, 300_000_000, 200_000_000
+_SPAN_NS, _LAG_NS, _STEP_NS = 4_000_000_000, 300_000_000, 200_000_000
 # ns; between observations farther apart, bodies turn and swing by more than noise.
 _DENSE_NS = 100_000_000
 # ns between two looks, and for which a source counts as drifting after it was found to.
@@ -35,6 +35,9 @@ _CHANGE = 10.0
 # What a change must explain, in variances of noise for each of its unknowns, and what it may leave for each
 # coordinate.
 _CLEAR, _LEFT = 4.0, 6.0
+# Others agree on a body where its variance of noise is at most so many times that of the calmest, or so large
+# a share of the extent squared.
+_AGREE, _EXACT = 16.0, 1e-10
 
 
 class _Motion(NamedTuple):
@@ -147,19 +150,31 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
         if len(gains) == 2:
             apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
         drifting.add(max(apart, key=lambda one: apart[one]))
+    if not known:
+        return drifting
     motions = _motions(rest)
     steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
     return drifting - steady
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
-    """Motion of each hypothesis that enough features tell."""
-    dim, found = seen.before.shape[1], {}
-    for label in np.unique(seen.label).tolist():
-        mine = seen.where(seen.label == label)
-        if len(mine.label) > dim:
-            found[label] = _fit(mine.before, mine.after)
-    return found
+    """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
+    dim = seen.before.shape[1]
+    names, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
+    share = (row == np.arange(len(names))[:, None]) / counts[:, None]
+    middle, now = share @ seen.before, share @ seen.after
+    before, after = seen.before - middle[row], seen.after - now[row]
+    U, _, V = np.linalg.svd((share[:, None] * before.T) @ after)
+    V[:, -1] *= np.sign(np.linalg.det(U @ V))[:, None]
+    R = (U @ V).transpose(0, 2, 1)
+    t = now - np.einsum("kij,kj->ki", R, middle)
+    squares = ((np.einsum("nij,nj->ni", R[row], before) - after) ** 2).sum(1)
+    squared = np.bincount(row, squares, len(names)).tolist()
+    return {
+        one: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
+        for k, (one, count) in enumerate(zip(names.tolist(), counts.tolist(), strict=True))
+        if count > dim
+    }
 
 
 def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
@@ -168,6 +183,8 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     NaN where they share too little, or where no change explains the difference.
     """
     shared = [one for one in motions if np.count_nonzero(other.label == one) >= _LEAST_FEATURES]
+    if shared:
+        shared = _agreed({one: motions[one] for one in shared}, other.before)
     if len(shared) < _LEAST_BODIES:
         return np.nan
     other = other.where(np.isin(other.label, shared))
@@ -197,6 +214,16 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
 
 
+def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
+    """Bodies that others see move as one, in a scene of places [n, dim].
+
+    Where they disagree one of them may be right: what they see together is no measure for another.
+    """
+    noise = {one: motion.squared / max(motion.freedom, 1) for one, motion in motions.items()}
+    most = max(_AGREE * min(noise.values(), default=0.0), _EXACT * float(places.var(0).sum()))
+    return [one for one in noise if noise[one] <= most]
+
+
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
     """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
     n, dim = places.shape
@@ -221,16 +248,3 @@ def _calmest(seen: _Seen) -> float:
     labels, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
     means = np.bincount(row, squared, len(labels)) / counts
     return float(means[counts >= _LEAST_FEATURES].min(initial=np.inf))
-
-
-def _fit(before: Floats, after: Floats) -> _Motion:
-    """The rigid motion that fits best (Kabsch), float64 [n, dim] each."""
-    n, dim = before.shape
-    middle, now = before.mean(0), after.mean(0)
-    U, _, V = np.linalg.svd((before - middle).T @ (after - now))
-    mirror = np.ones(dim)
-    mirror[-1] = np.sign(np.linalg.det(U @ V))
-    R = (V.T * mirror) @ U.T
-    t = now - R @ middle
-    squared = float(((before @ R.T + t - after) ** 2).sum())
-    return _Motion(R, t, squared, n * dim - dim * (dim + 1) // 2, n)

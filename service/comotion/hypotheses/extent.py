@@ -67,7 +67,7 @@ def measured(
         R, t = reference.R[:dim, :dim], reference.t[:dim]
     elif before is not None:
         before = before.without_points()
-    mine = np.flatnonzero(current.labels == one)
+    mine = current.members[one]
     if current.sure[mine].any():
         mine = mine[current.sure[mine]]
     if reference is None:

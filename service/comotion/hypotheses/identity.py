@@ -8,7 +8,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Bools, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..saving import plain, restored
@@ -103,7 +103,9 @@ class LabelMemory:
         slots, groups, count = partition.slots, partition.groups, len(partition.described)
         known = self.labels[slots].copy()
         vote = partition.deciding & ~self._overruled(window, partition, current)
-        votes = Votes(self.supported(slots)[vote], known[vote], groups[vote])
+        votes = Votes(
+            self.supported(slots)[vote], known[vote], groups[vote], self._voters(window, slots[vote])
+        )
         self.ids = name_groups(votes, count, matching, self._allocator.next)
         before = self.labels[current]
         self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
@@ -113,6 +115,10 @@ class LabelMemory:
         if self._established_decide:
             self._establish(window, slots, stamp_ns)
         return now
+
+    def _voters(self, window: Window, slots: Slots) -> Slots | None:
+        """Whose the votes of some slots are, where that matters: not so in the method of the thesis."""
+        return window.source[slots] if self._established_decide else None
 
     def _establish(self, window: Window, slots: Slots, stamp_ns: int) -> None:
         """Establish slots whose label has lasted, and that the window knows for as long."""
@@ -219,12 +225,28 @@ class LabelMemory:
 class Votes:
     """Of N trajectories: for which hypothesis each votes, which it is in, and its group; negative for none.
 
-    int64 [N], int64 [N] and intp [N].
+    int64 [N], int64 [N] and intp [N]; `sources` intp [N] says whose it is; None: each vote counts 1.
     """
 
     supported: Labels
     before: Labels
     groups: Ints
+    sources: Slots | None = None
+
+    def weights(self, wanted: Labels) -> Floats:
+        """How much each vote for a hypothesis, int64 [N], counts, float64 [N].
+
+        The votes of a source grow with the root of their number: what two sources see outweighs what a third
+        sees otherwise with as many features as both. In the mean a vote for a hypothesis counts 1.
+        """
+        if self.sources is None:
+            return np.ones(len(wanted))
+        names, row = np.unique(wanted, return_inverse=True)
+        owners, column = np.unique(self.sources, return_inverse=True)
+        counts = np.bincount(row * len(owners) + column, minlength=len(names) * len(owners))
+        roots = np.sqrt(counts.reshape(len(names), len(owners)))
+        mean = (roots**2).sum(1) / np.maximum(roots.sum(1), 1.0)
+        return np.asarray(mean[row] / roots[row, column])
 
 
 def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable[[], int]) -> Labels:
@@ -242,7 +264,10 @@ def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable
         Gives a fresh id, for a group that continues none.
     """
     before = np.concatenate([np.tile(votes.supported, _ESTABLISHED_VOTES), np.tile(votes.before, _VOTES)])
-    matched = continued(before, np.tile(votes.groups, _ESTABLISHED_VOTES + _VOTES), count, matching)
+    groups = np.tile(votes.groups, _ESTABLISHED_VOTES + _VOTES)
+    supported, present = votes.weights(votes.supported), votes.weights(votes.before)
+    weights = np.concatenate([np.tile(supported, _ESTABLISHED_VOTES), np.tile(present, _VOTES)])
+    matched = continued(before, groups, count, matching, weights)
     ids = np.full(count, NO_HYPOTHESIS)
     for k in np.unique(votes.groups[votes.groups >= 0]).tolist():
         ids[k] = matched[k] if k in matched else allocate()

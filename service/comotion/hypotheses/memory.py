@@ -8,10 +8,10 @@ from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Slots, Stamps, find, thinned
+from ..arrays import Floats, Slots, find, thinned
 from ..partition import PoseReference
 from ..trajectories.window import Window
-from .records import Trace
+from .records import Current, Trace
 
 # s; lost features count among the last members of their hypothesis for so long.
 _LAST_MEMBERS = 2.0
@@ -32,18 +32,6 @@ _JUMP = 5.0
 _MOST_SEEN = 64
 # s; its velocity then is that of the first so many seconds.
 _FIRST = 0.4
-
-
-@dataclass(frozen=True)
-class Newcomer:
-    """A group: keys int64 [n] and positions float64 [n, dim] of its current members.
-
-    `static` says whether it is the method's static body.
-    """
-
-    keys: Stamps
-    positions: Floats
-    static: bool
 
 
 @dataclass(frozen=True)
@@ -94,21 +82,24 @@ def _positions_at(window: Window, slots: Slots, stamp_ns: int) -> Floats:
 def seen(
     before: Trace | None,
     stamp_ns: int,
-    group: Newcomer,
-    current: Stamps,
+    current: Current,
     description: Hypothesis,
     reference: PoseReference,
+    *,
+    static: bool,
 ) -> Trace:
-    """The trace of a hypothesis with current members; `current` int64 [n], ascending: all current keys."""
-    keys, stamps, positions = group.keys, np.full(len(group.keys), stamp_ns), group.positions
+    """The trace of a hypothesis with members among the current trajectories."""
+    mine = current.members[description.id]
+    keys, stamps, positions = current.keys[mine], np.full(len(mine), stamp_ns), current.positions[mine]
     place, spread = positions.mean(0), 0.0
     if before is not None:
         place, spread = _followed(before, place, (stamp_ns - before.stamp_ns) * 1e-9)
-        lost = (find(before.keys, current) < 0) & (before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9))
+        recent = before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9)
+        lost = recent & (find(before.keys, current.keys) < 0)
         keys = np.concatenate([keys, before.keys[lost]])
         stamps = np.concatenate([stamps, before.stamps[lost]])
         positions = np.vstack([positions, before.positions[lost]])
-    return Trace(keys, stamps, positions, description, group.static, reference, place, spread)
+    return Trace(keys, stamps, positions, description, static, reference, place, spread)
 
 
 def recognised(

@@ -1,13 +1,14 @@
 """What is known of each hypothesis over time, and of the current trajectories of an update."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
 from ..partition import NO_HYPOTHESIS, PoseReference
 
 
@@ -141,7 +142,14 @@ class Current:
     positions: Floats
     sure: Bools
 
-    def sizes(self) -> dict[int, int]:
-        """Current members of each hypothesis that has any."""
-        found, counts = np.unique(self.labels[self.labels != NO_HYPOTHESIS], return_counts=True)
-        return dict(zip(found.tolist(), counts.tolist(), strict=True))
+    @cached_property
+    def members(self) -> dict[int, Ints]:
+        """Rows of the members of each hypothesis that has any, ascending."""
+        order = np.argsort(self.labels, kind="stable")
+        names, first = np.unique(self.labels[order], return_index=True)
+        rows = zip(names.tolist(), np.split(order, first[1:]), strict=False)
+        return {one: mine for one, mine in rows if one != NO_HYPOTHESIS}
+
+    def centroid(self, one: int) -> Floats:
+        """Of a hypothesis that has members, float64 [dim]."""
+        return np.asarray(self.positions[self.members[one]].mean(0), np.float64)

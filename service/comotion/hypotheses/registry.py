@@ -18,7 +18,7 @@ import numpy as np
 
 from comotion_schemas import Event, Hypothesis
 
-from ..arrays import Labels, Slots
+from ..arrays import Floats, Labels, Slots
 from ..config import HypothesesConfig
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference
 from ..saving import plain, refill
@@ -26,7 +26,7 @@ from ..trajectories.window import Window
 from .events import Count, Lifecycle
 from .extent import measured
 from .identity import IdAllocator, LabelMemory
-from .memory import Newcomer, appearance, recognised, seen
+from .memory import appearance, recognised, seen
 from .records import Current, Trace
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
@@ -149,26 +149,25 @@ class Registry:
         Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
         as a group that comes later may be the one that it was taken for.
         """
-        sizes, least, traces = found.sizes(), self._least(found), self._traces()
-        missing = [one for one in traces if one not in sizes]
+        members, least, traces = found.members, self._least(found), self._traces()
+        missing = [one for one in traces if one not in members]
         self._recalled = [
-            one for one in self._recalled if one in sizes and self._lifecycle.stage(one) == "absent"
+            one for one in self._recalled if one in members and self._lifecycle.stage(one) == "absent"
         ]
         unconfirmed = [
             one
-            for one in sizes
-            if (missing or self._recalled) and sizes[one] >= least and not self._lifecycle.confirmed(one)
+            for one, rows in members.items()
+            if (missing or self._recalled) and len(rows) >= least and not self._lifecycle.confirmed(one)
         ]
         if not unconfirmed and not self._recalled:
             return False
-        groups = self._newcomers(partition, found, [*unconfirmed, *self._recalled])
+        static, groups = self._static(partition), [*unconfirmed, *self._recalled]
         heirs = {one: traces[one].heir(found.keys, found.labels) for one in missing}
-        names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and not groups[heir].static}
+        names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and heir != static}
         lost = [one for one in missing if heirs[one] is None] + self._recalled
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
         first = {
-            one: None if group.static else appearance(window, found.slots[found.labels == one])
-            for one, group in groups.items()
+            one: None if one == static else appearance(window, found.slots[members[one]]) for one in groups
         }
         for some, margin in ((unconfirmed, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
@@ -177,7 +176,7 @@ class Registry:
             wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
             names |= self._free(wanted, names)
         names = {new: old for new, old in names.items() if new != old}
-        self._rename(stamp_ns, names, groups)
+        self._rename(stamp_ns, names, {new: found.centroid(new) for new in names if new != static})
         self._recalled += [old for old in names.values() if old in lost and old not in self._recalled]
         return bool(names)
 
@@ -190,26 +189,23 @@ class Registry:
                 return taken
             wanted = taken
 
-    def _rename(self, stamp_ns: int, names: dict[int, int], groups: dict[int, Newcomer]) -> None:
+    def _rename(self, stamp_ns: int, names: dict[int, int], centroids: dict[int, Floats]) -> None:
+        """Give groups the ids that they continue, {present: other}; with the centroids of those that move."""
         traces = self._traces()
         self.labels.rename(names)
         for new, old in names.items():
-            self.labels.references[old] = _carried(traces[old], groups[new], stamp_ns)
-            if not groups[new].static:
+            self.labels.references[old] = _carried(traces[old], centroids.get(new), stamp_ns)
+            if new in centroids:
                 self._lifecycle.records[old].extent = None
 
-    def _newcomers(self, partition: Partition, found: Current, ids: list[int]) -> dict[int, Newcomer]:
-        group_of = {one: k for k, one in enumerate(self.labels.ids.tolist())}
-        groups = {}
-        for one in ids:
-            mine = found.labels == one
-            static = partition.described[group_of[one]].static
-            groups[one] = Newcomer(found.keys[mine], found.positions[mine], static)
-        return groups
+    def _static(self, partition: Partition) -> int | None:
+        """The hypothesis of the static body, if there is one."""
+        groups = zip(self.labels.ids.tolist(), partition.described, strict=False)
+        return next((one for one, group in groups if group.static), None)
 
     def _count(self, before: Labels, found: Current) -> Count:
-        sizes, known = found.sizes(), self._lifecycle.records
-        origins = {one: _origin(before[found.labels == one]) for one in sizes if one not in known}
+        sizes, known = {one: len(rows) for one, rows in found.members.items()}, self._lifecycle.records
+        origins = {one: _origin(before[rows]) for one, rows in found.members.items() if one not in known}
         heirs: dict[int, int] = {}
         supported = self.labels.supported(found.slots)
         for one, trace in self._traces().items():
@@ -228,8 +224,7 @@ class Registry:
             reference = self.labels.references[one]
             # A hypothesis without a current member keeps its pose up to date for their return.
             pose = None if group.pose_since is None else group.pose_since(reference)
-            members = np.flatnonzero(found.labels == one)
-            if not len(members):
+            if one not in found.members:
                 continue
             record, posed = self._lifecycle.records[one], None if pose is None else reference
             record.extent, box = measured(record.extent, stamp_ns, one, found, posed, seek=boxes)
@@ -237,10 +232,10 @@ class Registry:
                 Hypothesis(
                     id=one,
                     space=self._space,
-                    size=len(members),
+                    size=len(found.members[one]),
                     born_ns=reference.born_ns,
                     state=group.state,
-                    centroid=found.positions[members].mean(0).tolist(),
+                    centroid=found.centroid(one).tolist(),
                     pose=pose,
                     twist=group.twist,
                     noise=group.noise,
@@ -254,11 +249,12 @@ class Registry:
         self, stamp_ns: int, partition: Partition, found: Current, listed: list[Hypothesis]
     ) -> None:
         """Take down the present hypotheses. One that has just returned may yet turn out to be another."""
-        present = [one for one in listed if self._lifecycle.stage(one.id) == "present"]
-        groups = self._newcomers(partition, found, [one.id for one in present])
-        for one in present:
-            record, reference = self._lifecycle.records[one.id], self.labels.references[one.id]
-            record.trace = seen(record.trace, stamp_ns, groups[one.id], found.keys, one, reference)
+        static = self._static(partition)
+        for one in listed:
+            record = self._lifecycle.records[one.id]
+            if record.stage == "present":
+                reference = self.labels.references[one.id]
+                record.trace = seen(record.trace, stamp_ns, found, one, reference, static=one.id == static)
 
     def _with_absent(self, listed: list[Hypothesis], found: Current) -> list[Hypothesis]:
         """All hypotheses, by id: those with current members, and those that are remembered without."""
@@ -279,10 +275,13 @@ def _origin(before: Labels) -> int | None:
     return int(found[counts.argmax()])
 
 
-def _carried(trace: Trace, group: Newcomer, stamp_ns: int) -> PoseReference:
-    """Pose reference of a hypothesis that returns: how it has turned meanwhile is not known."""
+def _carried(trace: Trace, centroid: Floats | None, stamp_ns: int) -> PoseReference:
+    """Pose reference of a hypothesis that returns: how it has turned meanwhile is not known.
+
+    `centroid` float64 [dim] is where its members are; None for the static body, which has not moved.
+    """
     last = trace.reference
     moved = np.zeros(3)
-    if not group.static:
-        moved[: group.positions.shape[1]] = group.positions.mean(0) - trace.positions.mean(0)
+    if centroid is not None:
+        moved[: len(centroid)] = centroid - trace.positions.mean(0)
     return replace(PoseReference.new(last.born_ns), R=last.R.copy(), t=last.t + moved, stamp_ns=stamp_ns)

@@ -4,7 +4,7 @@ Every pair of confirmed hypotheses that may touch is judged in turn, a few at an
 a joint between two judgements follows from the poses and velocities of its hypotheses.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from comotion_schemas.hypotheses import EventKind, JointKind
 from comotion_schemas.rigid import matrix, rotation, spin, three
 
 from ..arrays import Floats
-from ..config import FusionConfig, JointsConfig, to_ns
+from ..config import JointsConfig
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
 from ..saving import plain, restored
@@ -61,12 +61,11 @@ class Joints:
     Parameters
     ----------
     config
-        `joints` and `window` matter here.
+        How many pairs are judged together.
     """
 
-    def __init__(self, config: FusionConfig) -> None:
-        self._config: JointsConfig = config.joints
-        self._window_ns = to_ns(config.window)
+    def __init__(self, config: JointsConfig) -> None:
+        self._config = config
         self._pairs: dict[Key, Pair] = {}
         self._judged_ns: int | None = None
 
@@ -114,8 +113,7 @@ class Joints:
             elif key in self._pairs:
                 self._pairs[key].judged_ns = stamp_ns
         shown = [self._pairs[key] for key in near if key in self._pairs]
-        places = {one: Place.of(h) for one, h in listed.items()}
-        return [_describe(pair, places, view) for pair in shown], _merged(events)
+        return [_describe(pair, listed, view) for pair in shown], _merged(events)
 
     def _due(self, near: list[Key], stamp_ns: int) -> list[Key]:
         """The pairs that were judged longest ago, as many as there is time for."""
@@ -196,7 +194,7 @@ def _extent(view: SpaceView, one: Hypothesis) -> tuple[Floats, Floats]:
     return centre - half, centre + half
 
 
-def _describe(pair: Pair, places: dict[int, Place | None], view: SpaceView) -> Joint:
+def _describe(pair: Pair, listed: Mapping[int, Hypothesis], view: SpaceView) -> Joint:
     """A joint as it is published."""
     confidence = min(max(pair.known.confidence, 0.0), 1.0)
     joint = Joint(
@@ -206,9 +204,11 @@ def _describe(pair: Pair, places: dict[int, Place | None], view: SpaceView) -> J
         kind=pair.known.kind,
         confidence=confidence,
     )
-    parent, child = places[pair.parent], places[pair.child]
     model, sigmas = pair.model, pair.known.sigmas
-    if model is None or sigmas is None or parent is None or child is None:
+    if model is None or sigmas is None:
+        return joint
+    parent, child = Place.of(listed[pair.parent]), Place.of(listed[pair.child])
+    if parent is None or child is None:
         return joint
     state = _state_now(pair, parent, child)
     axis = parent.R @ model.u

@@ -11,7 +11,7 @@ from ..arrays import Floats, Stamps
 from ..partition import BodyMotion
 from .evidence import DEGREES, KINDS, Verdict, excess, judge
 from .memory import KeyStates
-from .models import FixedKind, Model, joint_position
+from .models import Fit, FixedKind, Model, joint_position
 from .states import States, averaged, quantiles, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
@@ -102,8 +102,9 @@ class Pair:
     _keys: KeyStates = field(default_factory=KeyStates)
     # States up to here are key states, or of no account.
     _absorbed_ns: int = -(2**62)
-    # The state of position 0.
+    # The state of position 0, and where on the model it is.
     _first: States | None = None
+    _zero: float = 0.0
     # Whether both have moved in the space at a time.
     _together: bool = False
     _candidate: JointKind = "undetermined"
@@ -134,9 +135,12 @@ class Pair:
         self.models = {kind: one.model for kind, one in verdict.fits.items()}
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
         self._decide(verdict, len(states) / rate)
-        if self.model is not None and (before is None or before.kind != self.model.kind):
-            self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
-        self._see(verdict)
+        model = self.model
+        if model is not None:
+            if before is None or before.kind != model.kind:
+                self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
+            self._zero = 0.0 if self._first is None else joint_position(model, self._first)
+            self._see(verdict.fits[model.kind])
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
@@ -148,10 +152,7 @@ class Pair:
         model = self.model
         if model is None:
             return 0.0
-        return joint_position(model, state) - self._zero(model)
-
-    def _zero(self, model: Model) -> float:
-        return 0.0 if self._first is None else joint_position(model, self._first)
+        return joint_position(model, state) - self._zero
 
     def _decide(self, verdict: Verdict, seconds: float) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
@@ -181,15 +182,11 @@ class Pair:
         if self.known.kind in JOINTS:
             self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MOST_PATIENCE_NS)
 
-    def _see(self, verdict: Verdict) -> None:
+    def _see(self, fit: Fit) -> None:
         """Widen the range of the joint."""
-        model = self.model
-        if model is None or model.kind == "fixed":
-            return
-        fit = verdict.fits[model.kind]
-        zero = self._zero(model)
-        low, high = quantiles(fit.q, (0.01, 0.99))
-        self.range = (min(self.range[0], low - zero), max(self.range[1], high - zero))
+        if fit.model.kind != "fixed":
+            low, high = quantiles(fit.q - self._zero, (0.01, 0.99))
+            self.range = (min(self.range[0], low), max(self.range[1], high))
 
     def _broken(self, verdict: Verdict, keys: int, age_ns: Stamps) -> bool:
         kind = _joint_kind(self.known.kind)

@@ -8,16 +8,13 @@ Before a camera that moves:
 7. Give those that are too short to be compared to their neighbours (:mod:`.newborns`).
 """
 
-from bisect import bisect_left, insort
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats, Floats32, Ints, Labels, Slots
 from ..config import FusionConfig
 from ..matching import continued, largest_first
-from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, Rows, SpaceSpec
+from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
 from .describe import describe
@@ -46,7 +43,6 @@ class PixelMethod(Method):
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels
-        self._stamps: list[int] = []
         self._camera = RestingCamera(self._p)
         nobody: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
@@ -54,13 +50,12 @@ class PixelMethod(Method):
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories, and the ended ones that were compared with them."""
-        del self._stamps[: bisect_left(self._stamps, stamp_ns - window.span_ns)]
         belief = None
-        if self._stamps:
-            belief = self._camera.advance(window, self._stamps, stamp_ns, previous.labels)
+        if window.instants:
+            belief = self._camera.advance(window, window.instants, stamp_ns, previous.labels)
         if belief is not None:
             return self._believed(belief, window, current, previous)
-        compared, frames = compared_trajectories(window, current, self._stamps, self._p)  # 1
+        compared, frames = compared_trajectories(window, current, window.instants, self._p)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         before = previous.labels[compared]
@@ -124,18 +119,6 @@ class PixelMethod(Method):
         group_of = {int(name): k for k, name in enumerate(names)}
         return np.array([group_of.get(label, NO_HYPOTHESIS) for label in labels.tolist()]), share / 2
 
-    def observed(self, window: Window, rows: Rows) -> None:  # noqa: ARG002
-        """Remember the instant: key frames are chosen among them."""
-        at = bisect_left(self._stamps, rows.stamp_ns)
-        if at == len(self._stamps) or self._stamps[at] != rows.stamp_ns:
-            insort(self._stamps, rows.stamp_ns)
-
-    def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
-        """Nothing to do."""
-
-    def forgetting(self, window: Window, slots: Slots) -> None:
-        """Nothing to do."""
-
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""
         current, compared, value = self._last
@@ -145,15 +128,6 @@ class PixelMethod(Method):
         affinity[np.ix_(rows, rows)] = np.minimum(value[np.ix_(index, index)], np.float32(1))
         np.fill_diagonal(affinity, 1.0)
         return affinity
-
-    def state(self) -> dict[str, Any]:
-        """Nothing: all that is kept follows from the window."""
-        return {}
-
-    def load(self, state: dict[str, Any], window: Window) -> None:  # noqa: ARG002
-        """Read the instants from the window."""
-        series = [window.held(window.times, slot) for slot in window.slots().tolist()]
-        self._stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *series])).tolist()
 
 
 def _provisional_names(before: Labels, groups: Ints) -> Labels:

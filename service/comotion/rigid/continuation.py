@@ -60,7 +60,8 @@ def held(
         return None
     tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
-    if fresh and _lost(last.result.assignment.labels, tracks):
+    # Trajectories stand by their keys. Where others of a large space are grouped than before, none is new.
+    if fresh and (tracks.key[-fresh] < frames.key[-1] or _lost(last.result.assignment.labels, tracks)):
         return None
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))

@@ -4,7 +4,6 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason
@@ -12,6 +11,7 @@ from comotion_schemas.messages import RejectionReason
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from . import problems
+from .intake import Intake
 from .problems import Found, Problems
 
 # Rates are means over this time, so that a source with one batch a second has one.
@@ -24,24 +24,6 @@ _FORGET_NS = 60_000_000_000
 _HANGING_NS = 3_000_000_000
 # Counters whose growth means that something is wrong.
 _TROUBLE = ("lost", "late", "partly_late", "overflow", "overruns", "faults")
-
-
-class Arrivals(NamedTuple):
-    """What the intake has seen.
-
-    Attributes
-    ----------
-    received
-        Valid batches so far, by source.
-    present
-        Names of the sources whose process is there, and since when in monotonic ns.
-    rejection
-        On whose key the newest payload came that was refused, and why; empty before any.
-    """
-
-    received: Mapping[str, int]
-    present: Mapping[str, int]
-    rejection: str
 
 
 @dataclass(frozen=True)
@@ -63,7 +45,7 @@ class Health:
         self,
         monotonic_ns: int,
         *,
-        arrivals: Arrivals,
+        intake: Intake,
         sources: list[SourceHealth],
         stats: Stats,
         notes: list[str],
@@ -75,8 +57,8 @@ class Health:
         ----------
         monotonic_ns
             Now, on the monotonic clock.
-        arrivals
-            What the intake has seen.
+        intake
+            What it has received, which sources are present, and what it has refused last are told.
         sources
             Health of every source that has sent data.
         stats
@@ -86,8 +68,8 @@ class Health:
         found
             Problems that the core has noticed.
         """
-        present, counters, rejected = arrivals.present, stats.counters(), dict(stats.rejected)
-        self._samples.append(_Sample(monotonic_ns, dict(arrivals.received), counters, rejected))
+        present, counters, rejected = intake.present, stats.counters(), dict(stats.rejected)
+        self._samples.append(_Sample(monotonic_ns, dict(intake.received), counters, rejected))
         while self._samples[0].at_ns < monotonic_ns - _RECENT_NS:
             self._samples.popleft()
         before = self._samples[0]
@@ -95,13 +77,12 @@ class Health:
         now: Found = {
             **(found or {}),
             **problems.silence(present, sources, monotonic_ns),
-            **problems.bounds(stats, before.counters, before.rejected.get("limit", 0)),
             **problems.defects(stats, before.counters),
         }
         lasting = self._problems.update(now, monotonic_ns)
         live = [s.name for s in sources if s.sending]
         silent = sorted(present.keys() - live)
-        trouble = [*notes, *self._recent(counters, rejected, arrivals.rejection)]
+        trouble = [*notes, *self._recent(counters, rejected, intake.rejection)]
         if silent:
             ages = {s.name: f" ({s.age_ns / 1e9:.1f} s)" for s in sources}
             trouble.append("no data from " + ", ".join(name + ages.get(name, "") for name in silent[:10]))

@@ -9,7 +9,7 @@ from comotion_schemas import HypothesisUpdate
 
 from ..fusion import Fusion
 from . import problems
-from .health import Arrivals, Health, Watchdog
+from .health import Health, Watchdog
 from .intake import Intake
 from .overload import Overload
 from .source_clocks import SourceClocks
@@ -73,7 +73,7 @@ class Housekeeping:
     def _report(self, intake: Intake, monotonic_ns: int, now_ns: int) -> None:
         fields = self._health.report(
             monotonic_ns,
-            arrivals=Arrivals(intake.received, intake.present, intake.rejection),
+            intake=intake,
             sources=self._fusion.timeline.sources.health(now_ns, monotonic_ns),
             stats=self._fusion.stats,
             notes=self._notes(),

@@ -41,7 +41,7 @@ class Intake:
         self._limit = LogLimit(10, 10.0)
         self._received: dict[str, int] = {}
         self.rejection = ""
-        self.tokens = Tokens(session, keys, 4 * most)
+        self.tokens = Tokens(session, keys, most)
         self.rings = Rings(session, keys, self.tokens, most)
         self.statuses = Statuses(session, keys, most)
 
@@ -71,7 +71,11 @@ class Intake:
             waits for the next call; any source may have one batch read.
         """
         self.tokens.look(monotonic_ns)
-        unknown = self.rings.gather(monotonic_ns)
+        unknown, dropped = self.rings.gather(monotonic_ns)
+        for name, count in dropped.items():
+            known = name if is_name(name) else ""
+            self._ledger.overflow((known, ""), count)
+            self._ledger.overlooked(known, count)
         for name, sample in unknown:
             yield from self._check(name, sample)
         yield from self._in_turns(self._active(monotonic_ns), budget_ns)

@@ -7,25 +7,17 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
 
 from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.component import Component
 from comotion_schemas.keys import QueryName
 from comotion_schemas.transport import Publisher, declare_publisher
 
+from .presence import Presence
 from .queries import Handler, Queryables
 from .standby import Election
 
 _log = logging.getLogger(__name__)
-
-
-class Leadership(Protocol):
-    """Whether this service speaks for its scene."""
-
-    @property
-    def epoch(self) -> int | None:
-        """The epoch under which it speaks; None while it is a standby."""
 
 
 class Output:
@@ -45,7 +37,7 @@ class Output:
     """
 
     def __init__(
-        self, component: Component, leadership: Leadership, handlers: Mapping[QueryName, Handler]
+        self, component: Component, leadership: Presence | Election, handlers: Mapping[QueryName, Handler]
     ) -> None:
         self._component = component
         self._leadership = leadership

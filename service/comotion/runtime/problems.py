@@ -5,6 +5,7 @@ A problem is said once in the log when it begins, once when it ends, and is in t
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -24,7 +25,7 @@ _LASTS_NS = 10_000_000_000
 # A process that has just started may take so long to its first batch.
 _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
-_MOST = 64
+_MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
@@ -50,11 +51,13 @@ class Problems:
 
     def update(self, found: Found, monotonic_ns: int) -> list[Problem]:
         """Follow the problems; returns those that last, the oldest first."""
+        alike = Counter(kind for _, kind in self._lasting)
         for key, text in found.items():
             known = self._lasting.get(key)
             if known is not None:
                 known.seen_ns, known.text = monotonic_ns, text
-            elif len(self._lasting) < _MOST:
+            elif len(self._lasting) < _MOST and alike[key[1]] < _MOST_OF_A_KIND:
+                alike[key[1]] += 1
                 self._lasting[key] = _Lasting(time.time_ns(), monotonic_ns, text)
                 self._limit.log(_log, logging.WARNING, "%s: %s", key[1], text)
         for key, one in list(self._lasting.items()):
@@ -78,7 +81,7 @@ def of_fusion(fusion: Fusion) -> Found:
 def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
     """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
     some = islice(evidence.items(), _MOST_ALIKE)
-    found: Found = {(name, kind): f"{name}: {text(one)}" for name, one in some}
+    found: Found = {(name or None, kind): f"{name or 'invalid names'}: {text(one)}" for name, one in some}
     if len(evidence) > _MOST_ALIKE:
         found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
     return found
@@ -128,6 +131,7 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
         "instants or spaces"
     ),
+    "limit": str,
     "contradicts-space": lambda text: (
         f"says {text}; publish in a space of its own, or set what is right in [spaces] of the parameters"
     ),
@@ -156,21 +160,6 @@ def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_n
         **_each("no-data", no_data, _TEXTS["no-data"]),
         **_each("silent", silent, _TEXTS["silent"]),
     }
-
-
-def bounds(stats: Stats, before: Mapping[str, int], rejected_before: int) -> Found:
-    """Bounds that were reached since the counters were `before`."""
-    words = {
-        "overflow": "batches came faster than they could be read; send fewer or smaller ones",
-        "refused_rows": "trajectories were refused: too many (max_tracks), ended before, or in two spaces",
-    }
-    now = stats.counters()
-    growth = {name: now[name] - before.get(name, 0) for name in words}
-    grown = [f"{growth[name]} {text}" for name, text in words.items() if growth[name] > 0]
-    refused = stats.rejected.get("limit", 0) - rejected_before
-    if refused > 0:
-        grown.append(f"{refused} batches were beyond a bound of `limits`; see docs/limits.md")
-    return {(None, "limit"): "; ".join(grown)} if grown else {}
 
 
 def defects(stats: Stats, before: Mapping[str, int]) -> Found:

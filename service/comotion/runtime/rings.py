@@ -7,7 +7,7 @@ an update is computed too, into queues that are bounded in bytes. A source is di
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -37,6 +37,16 @@ _PENDING_BYTES = 32 * 1024 * 1024
 _OPENING_NS = 2_000_000
 # The first batches of all sources that start at once.
 _DISCOVERY_RING = 1024
+# What waits so long for its ring to be opened comes too late to be fused.
+_EARLY_NS = 1_000_000_000
+
+
+class _Early(NamedTuple):
+    """A sample of a source that has no ring yet, and when it was found, on the monotonic clock."""
+
+    name: str
+    sample: zenoh.Sample
+    at_ns: int
 
 
 class Item(NamedTuple):
@@ -127,20 +137,27 @@ class Rings:
             session, keys.streams("obs"), "obs", RingChannel(_DISCOVERY_RING)
         )
         # Samples of sources that have no ring yet, as discovery has found them.
-        self._early: deque[tuple[str, zenoh.Sample]] = deque()
+        self._early: deque[_Early] = deque()
         self._early_bytes = 0
+        # Samples of those that have waited in vain, by source.
+        self._unopened: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._pull, name="intake", daemon=True)
         self._thread.start()
 
-    def gather(self, monotonic_ns: int) -> list[tuple[str, zenoh.Sample]]:
-        """Discover sources and take in what has come; returns samples for whose source there is no ring."""
+    def gather(self, monotonic_ns: int) -> tuple[list[tuple[str, zenoh.Sample]], Counter[str]]:
+        """Discover sources and take in what has come.
+
+        Returns samples for whose source there is no ring, and how many of each were dropped before there was
+        time to open it.
+        """
         with self._lock:
             without = self._discover(monotonic_ns)
             for ring in self.of.values():
                 ring.pull()
-        return without
+            dropped, self._unopened = self._unopened, Counter()
+        return without, dropped
 
     def take(self, ring: Ring) -> Item:
         """Take the oldest of what waits of a source."""
@@ -185,7 +202,7 @@ class Rings:
             # What comes later is in both rings: time stamps show which was already returned.
             self._drain_discovery(opened)
             found = False
-            for name in dict.fromkeys(name for name, _ in self._early if name not in self.of):
+            for name in dict.fromkeys(one.name for one in self._early if one.name not in self.of):
                 if is_full or (found and time.monotonic_ns() > until_ns):
                     break
                 if self._open(name, monotonic_ns):
@@ -200,30 +217,37 @@ class Rings:
     def _sort_early(self, *, is_full: bool) -> list[tuple[str, zenoh.Sample]]:
         """Give early samples to their rings; returns those for which there will be none."""
         without, waiting = [], []
-        for name, sample in self._early:
-            if name in self.of:
-                self.of[name].add(sample)
-                self.of[name].after = sample.timestamp
-            elif is_full or not is_name(name):
-                without.append((name, sample))
+        for one in self._early:
+            if one.name in self.of:
+                self.of[one.name].add(one.sample)
+                self.of[one.name].after = one.sample.timestamp
+            elif is_full or not is_name(one.name):
+                without.append((one.name, one.sample))
             else:
-                waiting.append((name, sample))
+                waiting.append(one)
         self._early = deque(waiting)
-        self._early_bytes = sum(len(sample.payload) for _, sample in waiting)
+        self._early_bytes = sum(len(one.sample.payload) for one in waiting)
         return without
 
     def _drain_discovery(self, opened: Collection[str] = ()) -> None:
         """Keep what has come of sources without a ring, and of those whose ring has just been opened."""
+        now_ns = time.monotonic_ns()
         for _ in range(_DISCOVERY_RING):
             sample = self._discovery.try_recv()
             if sample is None:
                 break
             name = last_chunk(str(sample.key_expr))
             if name not in self.of or name in opened:
-                self._early.append((name, sample))
+                self._early.append(_Early(name, sample, now_ns))
                 self._early_bytes += len(sample.payload)
-        while len(self._early) > _PENDING or (self._early_bytes > _PENDING_BYTES and len(self._early) > 1):
-            self._early_bytes -= len(self._early.popleft()[1].payload)
+        while self._early and (
+            len(self._early) > _PENDING
+            or self._early_bytes > _PENDING_BYTES
+            or now_ns - self._early[0].at_ns > _EARLY_NS
+        ):
+            one = self._early.popleft()
+            self._early_bytes -= len(one.sample.payload)
+            self._unopened[one.name] += 1
 
     def _open(self, name: str, monotonic_ns: int) -> bool:
         """Declare the ring of a source unless it has one, is no valid name, or is one too many."""

@@ -29,7 +29,7 @@ from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
 from .log_limit import DefectLog
-from .output import Leadership, Output
+from .output import Output
 from .overload import Overload
 from .presence import Presence
 from .queries import handlers
@@ -171,7 +171,7 @@ class _Loop:
         fusion: Fusion,
         component: Component,
         housekeeping: Housekeeping,
-        leadership: Leadership,
+        leadership: Presence | Election,
         clocks: SourceClocks,
         overload: Overload,
     ) -> None:

@@ -18,6 +18,8 @@ from .log_limit import LogLimit
 
 # Between two queries, at least; and for each token that the last one has found, so that many cost no more.
 _AGAIN_NS, _EACH_NS = 1_000_000_000, 2_000_000
+# After more tokens than there may be sources: for so many replies a router keeps all others waiting.
+_MANY_NS = 60_000_000_000
 _TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
 
@@ -70,7 +72,8 @@ class Tokens:
         answer = self._answer
         if answer is not None and answer.complete.is_set():
             self._answer = None
-            self._due_ns = monotonic_ns + max(_AGAIN_NS, _EACH_NS * answer.replies)
+            wait_ns = _EACH_NS * answer.replies if answer.replies <= self._most else _MANY_NS
+            self._due_ns = monotonic_ns + max(_AGAIN_NS, wait_ns)
             self._take_in(answer, monotonic_ns)
         if self._answer is None and monotonic_ns >= self._due_ns:
             self._answer = query = _Answer(self._most)

@@ -53,21 +53,15 @@ def weight(speed: Floats, v_move: float | None) -> Floats:
     Parameters
     ----------
     speed
-        float64 [M]; the larger speed of the two trajectories at each sample. (After (3.5) the thesis prints
+        float64 [...]; the larger speed of the two trajectories at each sample. (After (3.5) the thesis prints
         the observed trajectory's alone; the maximum of (3.2) is kept.)
     v_move
         Speed at which the weight is 0.9, in the unit of `speed`; None: all weights are 1.
     """
-    rate, offset = weight_exponent(v_move)
-    return -np.expm1(rate * speed**2 + offset)
-
-
-def weight_exponent(v_move: float | None) -> tuple[float, float]:
-    """−λ and −λε of (3.2): what v² is multiplied by, and what is added."""
     if v_move is None:
-        return 0.0, -math.inf
-    log_short = math.log(_WEIGHT_SHORT_OF_ONE)
-    return log_short / v_move**2, log_short * _EPSILON
+        return np.ones_like(speed)
+    rate = -math.log(_WEIGHT_SHORT_OF_ONE) / v_move**2
+    return -np.expm1(-rate * (speed**2 + _EPSILON * v_move**2))
 
 
 def variance(distance: Floats, weights: Floats) -> float:

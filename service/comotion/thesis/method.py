@@ -15,14 +15,13 @@ Steps 2 to 4 are in :mod:`~comotion.thesis.equations` as the thesis states them,
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig
 from ..matching import largest_first
-from ..partition import Group, Method, Partition, Previous, Rows, SpaceSpec
+from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .clustering import ClusterFunction, make_clustering
@@ -50,17 +49,12 @@ class ThesisMethod(Method):
     established = False
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec, cluster: ClusterFunction | None = None) -> None:
-        self._sigma_switch = config.thesis.switch_for(spec.unit)
         v_move = config.thesis.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
-        self._pair_sums = PairSums(v_move)
+        self._pair_sums = PairSums(v_move, config.thesis.switch_for(spec.unit))
         self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
-
-    def observed(self, window: Window, rows: Rows) -> None:
-        """One instant of one source has been stored."""
-        self._pair_sums.observed(window, rows)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """The oldest observations of some slots are about to go."""
@@ -74,7 +68,7 @@ class ThesisMethod(Method):
         """Group the current trajectories."""
         # 1. Trajectories: the window holds them up to date; `current` are those to group.
         # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
-        self._affinity = self._pair_sums.affinity(window, current, self._sigma_switch)
+        self._affinity = self._pair_sums.affinity(window, current)
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
         clusters = self._cluster(self._affinity, current)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
@@ -90,15 +84,6 @@ class ThesisMethod(Method):
     def affinity(self) -> Floats32:
         """Affinity [n, n] of the last update's trajectories."""
         return self._affinity.copy()
-
-    def state(self) -> dict[str, Any]:
-        """Nothing: the sums follow from the window."""
-        return {}
-
-    def load(self, state: dict[str, Any], window: Window) -> None:
-        """Compute the sums anew from the window."""
-        del state
-        self._pair_sums.rebuild(window, window.slots())
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis tells no more of its motion."""

@@ -1,86 +1,34 @@
 """Affinities of all pairs by :mod:`~comotion.thesis.equations`, computed incrementally.
 
-Nothing is computed when an observation comes in: the samples (3.5) that it brings follow from what the window
-holds and from how much of it has been taken in already. They are taken into the sums of (3.3) all at once,
-with those that eviction takes away, when affinities are wanted: one pass over the sums of all pairs.
+At an instant at which trajectory i was observed, i and j have one distance sample if j has a state there: it
+is observed too, or inside a segment (between two observations) that is short enough to interpolate (3.5).
+What an instant brings follows from what the window holds and from how much of it has been taken in already;
+what eviction takes away is subtracted again. The samples wait until affinities are wanted: then one pass
+takes them into the sums of (3.3) of all pairs.
 """
 
-from typing import Any
+import math
+from bisect import bisect_right
 
 import numpy as np
 
-from ..arrays import Floats32, Slots, Stamps, aligned_zeros
-from ..partition import Rows
+from ..arrays import Bools, Floats, Floats32, Slots, Stamps, aligned_zeros
+from ..compiled import worth_waking
+from ..trajectories.interpolation import states_at
+from ..trajectories.kernels import locate_newest
 from ..trajectories.window import Window
-from .block_sums import BlockSums
-from .kernels import LATEST, NEVER, STRIP, find_unsummed
-from .samples import MOST_INSTANTS, ObservationTimes, Participants, SampleBuffer
+from .equations import AFFINITY_AT_SWITCH, weight
+from .kernels import CHANGING, OBSERVED, PLANES, SAMPLE_PLANES, SIGN, STRIP, WEIGHT, update_blocks
 
-NO_ROW = -1
-_NO_OWNER = -1
+# Times before and after all others.
+_NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
-# Rounding adds up over hours: at every so many updates one block is computed again, each in its turn. With
-# the default period that is one block a second.
-_UPDATES_PER_REFRESH = 10
-
-
-class RowIndex:
-    """Rows of slots, handed out by strips that each belong to one source.
-
-    What is observed at an instant then lies in few strips, and most blocks have nothing to do.
-
-    Attributes
-    ----------
-    of
-        intp [slots]: row of a slot, :data:`NO_ROW` for none.
-    strips
-        Number of strips.
-    """
-
-    def __init__(self) -> None:
-        self.of: Slots = np.zeros(0, np.intp)
-        self.strips = 0
-        self._free: dict[int, list[int]] = {}
-        self._owner: list[int] = []
-        self._occupied: list[int] = []
-
-    def fit(self, slots: int) -> None:
-        """Hold slots below a number."""
-        self.of = np.pad(self.of, (0, slots - len(self.of)), constant_values=NO_ROW)
-
-    def assign(self, slots: Slots, sources: Slots) -> None:
-        """Give rows to those of n slots that have none; `sources` intp [n] are their sources."""
-        without = self.of[slots] == NO_ROW
-        for slot, source in zip(slots[without].tolist(), sources[without].tolist(), strict=True):
-            free = self._free.setdefault(source, [])
-            if not free:
-                self._open_strip(source, free)
-            self.of[slot] = row = free.pop()
-            self._occupied[row // STRIP] += 1
-
-    def release(self, slots: Slots) -> None:
-        """Take the rows of slots back."""
-        for slot in slots[self.of[slots] != NO_ROW].tolist():
-            strip = int(self.of[slot]) // STRIP
-            owner = self._owner[strip]
-            self._free[owner].append(int(self.of[slot]))
-            self.of[slot] = NO_ROW
-            self._occupied[strip] -= 1
-            if not self._occupied[strip]:
-                # The source may never come back: any source may have an empty strip.
-                self._free[owner] = [row for row in self._free[owner] if row // STRIP != strip]
-                self._owner[strip] = _NO_OWNER
-
-    def _open_strip(self, source: int, free: list[int]) -> None:
-        if _NO_OWNER in self._owner:
-            strip = self._owner.index(_NO_OWNER)
-        else:
-            strip = self.strips
-            self.strips += 1
-            self._owner.append(_NO_OWNER)
-            self._occupied.append(0)
-        self._owner[strip] = source
-        free.extend(range(strip * STRIP + STRIP - 1, strip * STRIP - 1, -1))
+# Instants that wait for a pass at most: bounds the memory that their samples take.
+_MOST_INSTANTS = 64
+# What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
+# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
+_FAR = 1e6
+_NOWHERE, _NO_AFFINITIES = np.zeros(0, np.intp), np.zeros((0, 0), np.float32)
 
 
 class PairSums:
@@ -94,34 +42,27 @@ class PairSums:
     ----------
     v_move
         Speed of λ in (3.2), in the space's unit per second; None: equal weights.
-    dtype
-        Precision of the sums: float32, or float64.
+    sigma_switch
+        Standard deviation at which the affinity is 0.5, in the unit of the distances.
 
     Attributes
     ----------
-    sums, rows
-        The sums by rows, and the row of each slot.
+    sums
+        float64 [blocks or more, PLANES, STRIP, STRIP], those of :func:`.kernels.update_blocks`.
     """
 
-    def __init__(self, v_move: float | None, dtype: type[np.floating[Any]] = np.float32) -> None:
+    def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
-        self.sums = BlockSums(dtype)
-        self.rows = RowIndex()
+        self._sigma_switch = sigma_switch
+        self.sums: Floats = aligned_zeros((0, PLANES, STRIP, STRIP), np.float64)
         # Newest observation of each slot whose samples have been taken in.
         self._known: Stamps = np.zeros(0, np.int64)
-        self._pending = SampleBuffer(0, self.sums.dtype)
-        self._times = ObservationTimes()
-        self._updates = 0
+        # How many observations of each slot have been taken in.
+        self._held: Slots = np.zeros(0, np.intp)
+        # Samples at the instants that wait, of which there are so many.
+        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
+        self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
-
-    def observed(self, window: Window, rows: Rows) -> None:
-        """Take note of observations that have just been stored."""
-        self._fit(window)
-        slots, stamp = rows.slots, rows.stamp_ns
-        self._times.add(stamp)
-        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
-        late = slots[self._known[slots] >= stamp]
-        self._restart(late)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -130,26 +71,28 @@ class PairSums:
         interval begins there now.
         """
         self._take_in(window)
-        part = self._known[slots] != NEVER
+        part = self._known[slots] != _NEVER
         slots, counts = slots[part], counts[part]
-        stay = window.counts(slots) - counts >= _MIN_OBSERVATIONS
+        stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if stay.any():
             self._shorten(window, slots[stay], counts[stay])
-        self._restart(slots[~stay])
+        self._held[slots] -= counts
+        self.forget(slots[~stay])
 
     def forget(self, slots: Slots) -> None:
-        """Drop all samples of trajectories, and their rows."""
+        """Drop all samples of trajectories; those that the window still holds come in again."""
         slots = slots[slots < len(self._known)]
-        self._restart(slots)
-        self.rows.release(slots)
+        slots = slots[self._known[slots] != _NEVER]
+        self._known[slots] = _NEVER
+        for slot in slots.tolist():
+            strip, inside = divmod(slot, STRIP)
+            self._samples[strip, :, :, inside] = 0.0
+            first = _blocks(strip)
+            self.sums[first : first + strip + 1, :, inside, :] = 0.0
+            below = np.arange(strip, len(self._samples))
+            self.sums[_blocks(below) + strip, :, :, inside] = 0.0
 
-    def rebuild(self, window: Window, slots: Slots) -> None:
-        """Compute all samples of trajectories anew from the window."""
-        self._fit(window)
-        self._times.add_all(window, slots)
-        self._restart(slots)
-
-    def affinity(self, window: Window, slots: Slots, sigma_switch: float) -> Floats32:
+    def affinity(self, window: Window, slots: Slots) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
 
         Parameters
@@ -158,8 +101,6 @@ class PairSums:
             Store of the trajectories.
         slots
             intp [n].
-        sigma_switch
-            Standard deviation at which the affinity is 0.5, in the unit of the distances.
 
         Returns
         -------
@@ -167,40 +108,34 @@ class PairSums:
             [n, n], symmetric; 0.5 for pairs with fewer than two common samples. Overwritten by the next call.
         """
         self._take_in(window)
-        self._assign_rows(window, slots)
         n = len(slots)
         if len(self._room) < n * n:
             self._room = aligned_zeros((n * n + n * n // 4,), np.float32)
         affinity = self._room[: n * n].reshape(n, n)
-        place = np.full(self.sums.strips * STRIP, -1)
-        place[self.rows.of[slots]] = np.arange(n)
-        wanted = sigma_switch, place, affinity
-        imprecise = self.sums.add_and_compare(self._pending, *wanted)
-        self._pending.count = 0
-        self._updates += 1
-        if self._updates % _UPDATES_PER_REFRESH == 0 and self.sums.blocks:
-            next_block = self._updates // _UPDATES_PER_REFRESH % self.sums.blocks
-            imprecise = np.union1d(imprecise, [next_block])
-        if len(imprecise):
-            self._recompute(window, imprecise)
-            self.sums.compare(imprecise, *wanted)
+        place = np.full(len(self._samples) * STRIP, -1)
+        place[slots] = np.arange(n)
+        self._pass(place, affinity)
         np.exp(affinity, out=affinity)
         np.fill_diagonal(affinity, 1.0)
         return affinity
 
     def _fit(self, window: Window) -> None:
+        """Hold all slots in use."""
         extra = window.capacity - len(self._known)
         if extra:
-            self._known = np.pad(self._known, (0, extra), constant_values=NEVER)
-            self.rows.fit(window.capacity)
-
-    def _restart(self, slots: Slots) -> None:
-        """Drop the samples of trajectories; those that the window still holds come in again."""
-        self._known[slots] = NEVER
-        rows = self.rows.of[slots]
-        rows = rows[rows != NO_ROW]
-        self.sums.forget(rows)
-        self._pending.drop(rows)
+            self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
+            self._held = np.pad(self._held, (0, extra))
+        strips = -(-(int(np.flatnonzero(window.used).max(initial=-1)) + 1) // STRIP)
+        if strips <= len(self._samples):
+            return
+        if self._waiting:
+            self._pass()
+        self._samples = np.zeros((strips, *self._samples.shape[1:]))
+        if _blocks(strips) > len(self.sums):
+            # A quarter more at once: growing copies everything.
+            grown = aligned_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
+            grown[: len(self.sums)] = self.sums
+            self.sums = grown
 
     def _taking_part(self, window: Window) -> Slots:
         lasting = window.used & ~window.ended
@@ -209,68 +144,97 @@ class PairSums:
     def _take_in(self, window: Window) -> None:
         """Note the samples that observations have brought since the last time."""
         self._fit(window)
-        self.forget(np.flatnonzero(window.ended & (self.rows.of != NO_ROW)))
+        self.forget(np.flatnonzero(window.ended))
         slots = self._taking_part(window)
-        newest = window.times[slots, window.stop[slots] - 1]
-        fresh = newest > self._known[slots]
+        first, begin = self._first_new(window, slots), window.start[slots]
+        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
+        late = (self._known[slots] != _NEVER) & (first - begin != self._held[slots])
+        self.forget(slots[late])
+        first[late] = begin[late]
+        fresh = first < window.stop[slots]
         if not fresh.any():
             return
-        self._assign_rows(window, slots[fresh])
-        who = Participants.of(slots, self.rows.of[slots])
-        who.after[fresh] = self._unsummed_after(window, slots[fresh])
-        first, last = int(who.after[fresh].min()), int(newest[fresh].max())
-        self._enqueue(window, who, self._times.between(first, last), 1)
-        self._known[slots] = np.maximum(self._known[slots], newest)
+        newest = window.times[slots, window.stop[slots] - 1]
+        since = self._summed_until(window, slots[fresh], first[fresh])
+        after, until = np.full((2, len(slots)), _LATEST)
+        after[fresh] = since
+        self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
+        self._known[slots], self._held[slots] = newest, window.counts(slots)
 
-    def _assign_rows(self, window: Window, slots: Slots) -> None:
-        self.rows.assign(slots, window.source[slots])
-        self.sums.fit(self.rows.strips)
-        self._pending.fit(self.rows.strips)
+    def _first_new(self, window: Window, slots: Slots) -> Slots:
+        """Which observation of each slot is the first that has not been taken in."""
+        newest = np.empty(len(slots), np.intp)
+        locate_newest(window.times, window.start, window.stop, slots, self._known[slots], newest)
+        return newest + 1
 
-    def _unsummed_after(self, window: Window, slots: Slots) -> Stamps:
-        after = np.empty(len(slots), np.int64)
-        find_unsummed(window.times, window.start, window.stop, slots, self._known, window.gap_ns, after)
-        return after
+    def _summed_until(self, window: Window, slots: Slots, first: Slots) -> Stamps:
+        """States later than this are not in the sums yet, ns [n]; `first` is the first new observation."""
+        known, next_ns = self._known[slots], window.times[slots, first]
+        # The segment that ends with the first new observation is new as well.
+        follows = known != _NEVER
+        follows[follows] = next_ns[follows] - known[follows] <= window.gap_ns
+        return np.where(follows, known, next_ns - 1)
+
+    def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
+        """Which slots were so far away, at an observation that goes, that subtracting it leaves a trace."""
+        first, now = window.start[slots], window.positions[slots, window.stop[slots] - 1]
+        gone = (first + np.minimum(k, counts - 1) for k in range(counts.max(initial=0)))
+        away = [np.abs(window.positions[slots, at] - now).max(axis=1) for at in gone]
+        return np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Note the samples that go with the oldest observations of each slot."""
-        part = self._taking_part(window)
-        who = Participants.of(part, self.rows.of[part])
-        first = window.start[slots]
+        part, first = self._taking_part(window), window.start[slots]
         begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
-        until = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
-        who.until[:] = NEVER
-        index = np.searchsorted(part, slots)
-        who.after[index], who.until[index] = NEVER, until
+        after, until = np.full((2, len(part)), _NEVER)
+        until[np.searchsorted(part, slots)] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
         oldest = int(window.times[slots, first].min())
-        self._times.drop(oldest)
-        stamps = self._times.between(oldest - 1, int(until.max()))
-        self._enqueue(window, who, stamps, -1)
+        self._enqueue(window, part, (after, until), (oldest - 1, int(until.max())), -1.0)
 
-    def _enqueue(self, window: Window, who: Participants, stamps: Stamps, sign: int) -> None:
-        """Have samples wait for the next pass over the sums; a full buffer goes there at once."""
-        while len(stamps):
-            if not self._pending.free:
-                self.sums.add(self._pending)
-                self._pending.count = 0
-            part, stamps = stamps[: self._pending.free], stamps[self._pending.free :]
-            self._pending.add(window, who, part, sign=sign, v_move=self._v_move)
+    def _enqueue(
+        self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], span: tuple[int, int], sign: float
+    ) -> None:
+        """Have the samples in a span (after, until] wait for the next pass; a full buffer makes one."""
+        first, last = (bisect_right(window.instants, time) for time in span)
+        while first < last:
+            if self._waiting == _MOST_INSTANTS:
+                self._pass()
+            stamps = np.array(window.instants[first : min(last, first + _MOST_INSTANTS - self._waiting)])
+            waiting = self._samples[:, self._waiting : self._waiting + len(stamps)]
+            waiting[:] = 0.0
+            waiting[slots // STRIP, :, :, slots % STRIP] = self._sampled(window, slots, of, stamps, sign)
+            self._waiting += len(stamps)
+            first += len(stamps)
 
-    def _recompute(self, window: Window, blocks: Slots) -> None:
-        """Sum blocks up again from the window, of which everything has been taken in."""
-        part = self._taking_part(window)
-        rows = self.rows.of[part]
-        for block in blocks.tolist():
-            strip, other = self.sums.empty(block)
-            here = (rows // STRIP == strip) | (rows // STRIP == other)
-            second = STRIP if other != strip else 0
-            inside = rows[here] % STRIP + np.where(rows[here] // STRIP == strip, 0, second)
-            who = Participants.of(part[here], inside)
-            who.after[:] = NEVER
-            stamps = self._times.between(NEVER, LATEST)
-            samples = SampleBuffer(2 if other != strip else 1, self.sums.dtype)
-            # The newest first, for their distance becomes the shift.
-            for k in reversed(range(0, len(stamps), MOST_INSTANTS)):
-                samples.count = 0
-                samples.add(window, who, stamps[k : k + MOST_INSTANTS], sign=1, v_move=self._v_move)
-                self.sums.add_to(block, samples)
+    def _sampled(
+        self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], stamps: Stamps, sign: float
+    ) -> Floats:
+        """Samples of n slots at T instants, float64 [n, T, SAMPLE_PLANES]."""
+        states = states_at(window, slots, stamps)
+        newest = np.empty(states.held.size, np.intp)
+        where = np.tile(slots, len(stamps)), np.repeat(stamps, len(slots))
+        locate_newest(window.times, window.start, window.stop, *where, newest)
+        # Between observations the speed is that of the segment, which is kept where it ends.
+        at = newest.reshape(states.held.shape) + ~states.observed
+        after, until = of
+        found = np.zeros((*states.held.shape, SAMPLE_PLANES))
+        found[..., : window.dim] = states.position
+        found[..., WEIGHT] = weight(window.speed[slots, np.where(states.held, at, 0)], self._v_move)
+        found[..., OBSERVED] = states.observed
+        found[..., CHANGING] = (after < stamps[:, None]) & (stamps[:, None] <= until)
+        found[..., SIGN] = sign
+        found[~states.held] = 0.0
+        return found.transpose(1, 0, 2)
+
+    def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
+        """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
+        strips = len(self._samples)
+        rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
+        shared = worth_waking(_blocks(strips) * STRIP**2)
+        update_blocks(self.sums, strips, self._samples, self._waiting, rate, place, out, shared)
+        self._waiting = 0
+
+
+def _blocks(strips: int) -> int:
+    """Blocks of so many strips."""
+    return strips * (strips + 1) // 2

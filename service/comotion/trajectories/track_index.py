@@ -1,22 +1,19 @@
 """Finds the slots of trajectories in a window by the ids of their features."""
 
 from collections.abc import Iterable
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Slots
+from ..arrays import Bools, Slots, find
 from .window import Window
 
 Ids = NDArray[np.uint64]
 
-# So few ids are looked up one by one; more are searched in one go.
+# Ids that a session has declared lost and that are remembered, the newest: those of some generations.
+MAX_ENDED = 10_000
+# So few ids are compared with those that have ended one by one.
 _FEW = 64
-# Ids that a session has declared lost and that are remembered, the newest.
-MAX_ENDED = 100_000
-# Where at most one id in 16 differs from those sent last, only these are looked up one by one.
-_REPLACED_SHARE = 16
 
 
 class TrackIndex:
@@ -35,46 +32,30 @@ class TrackIndex:
 
     def __init__(self, window: Window) -> None:
         self._window = window
-        self._slot_of: dict[tuple[int, int], int] = {}
-        # Ids that each session sent last, and their slots.
-        self._last_sent: dict[int, tuple[Ids, Slots]] = {}
+        # Of each session that has sent anything: its ids, ascending, and their slots; None: to be sorted.
+        self._sorted: dict[int, tuple[Ids, Slots] | None] = {}
         # Ids that each session has declared lost, oldest first.
-        self._ended: dict[int, dict[int, None]] = {}
+        self._ended: dict[int, Ids] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
 
     def find(self, ids: Ids, session: int) -> Slots:
         """Slots of the ids of a session, intp [n]; -1 where there is none."""
-        slots = self._find_again(ids, session)
-        missing = np.flatnonzero(slots < 0)
-        if len(missing) > _FEW:
-            slots[missing] = self._search(ids[missing], session)
-        else:
-            for k in missing.tolist():
-                slots[k] = self._slot_of.get((session, int(ids[k])), -1)
-        return slots
-
-    def _search(self, ids: Ids, session: int) -> Slots:
-        """As :meth:`find`, for many ids at once."""
-        mine = np.flatnonzero(self._window.used & (self._window.source == session))
-        if not len(mine):
-            return np.full(len(ids), -1)
-        mine = mine[np.argsort(self.ids[mine])]
-        known = self.ids[mine]
-        at = np.minimum(np.searchsorted(known, ids), len(mine) - 1)
-        return np.where(known[at] == ids, mine[at], -1)
+        found = self._sorted.get(session)
+        if found is None:
+            mine = np.flatnonzero(self._window.used & (self._window.source == session))
+            mine = mine[np.argsort(self.ids[mine])]
+            found = self._sorted[session] = self.ids[mine], mine
+        known, slots = found
+        return np.append(slots, -1)[find(ids, known)]
 
     def knows(self, session: int) -> bool:
         """Whether a session has sent anything."""
-        return session in self._last_sent
+        return session in self._sorted
 
     def has_ended(self, ids: Ids, session: int) -> Bools:
         """Which of the ids a session has declared lost for good, bool [n]."""
         ended = self._ended.get(session)
-        if not ended:
-            return np.zeros(len(ids), np.bool_)
-        if len(ids) <= _FEW:
-            return np.array([one in ended for one in ids.tolist()], np.bool_)
-        return np.isin(ids, np.fromiter(ended, np.uint64, len(ended)))
+        return np.zeros(len(ids), np.bool_) if ended is None else np.isin(ids, ended)
 
     def open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
@@ -83,19 +64,14 @@ class TrackIndex:
         if extra:
             self.ids = np.concatenate([self.ids, np.zeros(extra, np.uint64)])
         self.ids[slots] = ids
-        self._slot_of.update(((session, i), int(s)) for i, s in zip(ids.tolist(), slots, strict=True))
+        self._sorted[session] = None
         return slots
-
-    def expect(self, ids: Ids, session: int, slots: Slots) -> None:
-        """Note what a session sent: most sources send the same ids again."""
-        # Those refused are not kept: a batch may have any number of them.
-        known = slots >= 0
-        self._last_sent[session] = (ids.copy(), slots) if known.all() else (ids[known], slots[known])
 
     def close(self, slots: Slots) -> None:
         """Forget trajectories and free their slots."""
-        for slot in slots.tolist():
-            del self._slot_of[int(self._window.source[slot]), int(self.ids[slot])]
+        for session in np.unique(self._window.source[slots]).tolist():
+            if session in self._sorted:
+                self._sorted[session] = None
         self._window.close(slots)
 
     def end(self, ids: Ids, session: int) -> None:
@@ -103,43 +79,22 @@ class TrackIndex:
         ids = ids[-MAX_ENDED:]
         slots = self.find(ids, session)
         self._window.ended[slots[slots >= 0]] = True
-        ended = self._ended.setdefault(session, {})
-        ended.update(dict.fromkeys(ids.tolist()))
-        for one in list(islice(ended, max(len(ended) - MAX_ENDED, 0))):
-            del ended[one]
+        ended = self._ended.get(session, ids[:0])
+        self._ended[session] = np.concatenate([ended, ids[~np.isin(ids, ended)]])[-MAX_ENDED:]
 
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session as ended for good."""
         self._window.ended |= self._window.used & (self._window.source == session)
-        self._last_sent.pop(session, None)
+        self._sorted.pop(session, None)
         self._ended.pop(session, None)
 
     def ended(self) -> list[tuple[int, Ids]]:
         """Ids that each session has declared lost."""
-        return [(session, np.fromiter(ids, np.uint64, len(ids))) for session, ids in self._ended.items()]
+        return list(self._ended.items())
 
     def load(self, ids: Ids, slots: Slots, ended: Iterable[tuple[int, Ids]]) -> None:
         """Take up the ids of the slots in use, of a window that has been filled again, and :meth:`ended`."""
-        self._ended = {int(session): dict.fromkeys(lost.tolist()) for session, lost in ended}
+        self._ended = {int(session): lost for session, lost in ended}
         self.ids = np.zeros(self._window.capacity, np.uint64)
         self.ids[slots] = ids
-        sessions = self._window.source[slots]
-        owners = zip(sessions.tolist(), ids.tolist(), strict=True)
-        self._slot_of = dict(zip(owners, slots.tolist(), strict=True))
-        for session in np.unique(sessions).tolist():
-            self._last_sent[session] = ids[sessions == session], slots[sessions == session]
-
-    def _find_again(self, ids: Ids, session: int) -> Slots:
-        """Slots of the ids that the session sent last; -1 for the others."""
-        sent, slots = self._last_sent.get(session, (ids[:0], np.zeros(0, np.intp)))
-        if not len(sent) or not self._window.capacity:
-            return np.full(len(ids), -1)
-        # Most sources send the same ids in the same order, but for a few that are replaced in their place.
-        if len(sent) != len(ids) or np.count_nonzero(sent != ids) > len(ids) // _REPLACED_SHARE:
-            order = np.argsort(sent, kind="stable")
-            at = order[np.minimum(np.searchsorted(sent, ids, sorter=order), len(sent) - 1)]
-            slots = slots[at]
-        # A slot may hold another trajectory by now.
-        window = self._window
-        same = window.used[slots] & (window.source[slots] == session) & (self.ids[slots] == ids)
-        return np.where(same & (slots >= 0), slots, -1)
+        self._sorted = dict.fromkeys(np.unique(self._window.source[slots]).tolist())

@@ -5,18 +5,19 @@ reads a trajectory gets plain array views. Slots are reused after a trajectory i
 its birth number, never is.
 """
 
+from bisect import bisect_left
 from copy import copy
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Slots, Stamps
+from ..arrays import Bools, Floats, Slots, Stamps, untouched_zeros
 from .kernels import append, compact, count_older, due_for_compaction, transfer
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete")
-_PER_SLOT = ("start", "stop", "used", *_KEPT)
+_PER_SLOT = ("start", "stop", "used", "live", *_KEPT)
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -36,6 +37,13 @@ class Window:
         Length of the window.
     gap_ns
         Longest time between two observations across which a trajectory may be interpolated.
+
+    Attributes
+    ----------
+    instants
+        Times at which anything in the window was observed, ns, ascending and distinct.
+    live
+        bool [capacity], slots of the trajectories that are current, as far as the caller says; new ones are.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -48,6 +56,7 @@ class Window:
         # Most slots in use since the columns are as they are: so many have memory behind them.
         self._written = 0
         self._next_key = 0
+        self.instants: list[int] = []
         self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
         self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
         self.speed: Floats = np.zeros((0, _FIRST_ROWS))
@@ -56,6 +65,7 @@ class Window:
         self.start: Slots = np.zeros(0, np.intp)
         self.stop: Slots = np.zeros(0, np.intp)
         self.used: Bools = np.zeros(0, np.bool_)
+        self.live: Bools = np.zeros(0, np.bool_)
         self.ended: Bools = np.zeros(0, np.bool_)
         self.source: Slots = np.zeros(0, np.intp)
         self.key: Stamps = np.zeros(0, np.int64)
@@ -90,7 +100,7 @@ class Window:
         while len(self._free) < count:
             self._grow_slots()
         slots = np.array([self._free.pop() for _ in range(count)], np.intp)
-        self.used[slots] = True
+        self.used[slots] = self.live[slots] = True
         self._written = max(self._written, self.capacity - len(self._free))
         self.ended[slots] = False
         self.source[slots] = source
@@ -104,7 +114,7 @@ class Window:
 
     def close(self, slots: Slots) -> None:
         """Free slots whose trajectories are forgotten."""
-        self.used[slots] = False
+        self.used[slots] = self.live[slots] = False
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
         self._give_back()
 
@@ -144,6 +154,7 @@ class Window:
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
+        self._note([stamps] if isinstance(stamps, int) else np.unique(stamps).tolist())
         stamps = np.full(len(slots), stamps)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
@@ -159,6 +170,13 @@ class Window:
             at = int(slots[k]), int(stamps[k])
             stored[k] = self._insert_between(*at, positions[k], float(sigma[k]), turn)
         return stored
+
+    def _note(self, stamps: list[int]) -> None:
+        """Keep the instants, of which most come in order."""
+        for stamp in stamps:
+            at = bisect_left(self.instants, stamp)
+            if self.instants[at : at + 1] != [stamp]:
+                self.instants.insert(at, stamp)
 
     def _append(
         self, slots: Slots, stamps: Stamps, positions: Floats, sigma: Floats, quaternions: Floats | None
@@ -180,6 +198,9 @@ class Window:
         """Drop the oldest observations of slots."""
         self.start[slots] += counts
         self._complete[slots] = False
+        held = np.flatnonzero(self.used & (self.stop > self.start))
+        oldest = self.times[held, self.start[held]].min(initial=np.iinfo(np.int64).max)
+        del self.instants[: bisect_left(self.instants, int(oldest))]
 
     def _insert_between(
         self, slot: int, stamp_ns: int, position: Floats, sigma: float, quaternion: Floats | None
@@ -259,7 +280,7 @@ class Window:
         for name in _COLUMNS:
             column = getattr(self, name)
             if column is not None:
-                grown = np.zeros((slots, rows, *column.shape[2:]), column.dtype)
+                grown = untouched_zeros((slots, rows, *column.shape[2:]), column.dtype)
                 transfer(used, np.atleast_3d(column), np.atleast_3d(grown), self.start, self.stop)
                 setattr(self, name, grown)
 
@@ -295,4 +316,5 @@ class Window:
         for name in _KEPT:
             getattr(self, name)[slots] = state[name]
         self._next_key = state["next_key"]
+        self.instants = np.unique(state["times"]).tolist()
         return slots

@@ -63,6 +63,7 @@ class MarkerOutput:
         self._counters["refused"] += markers.refused
         poses = [self._extrinsics.after(pose) for pose in markers.poses]
         count = len(poses)
+        self.publisher.name_features({number: f"marker {number}" for number in markers.numbers.tolist()})
         self.publisher.observe(
             stamp_ns=frame.stamp_ns,
             ids=markers.numbers,

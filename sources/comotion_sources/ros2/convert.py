@@ -62,11 +62,16 @@ class Converter:
     ----------
     pattern
         Names of frames and bodies to take, with ``*`` and ``?``.
+
+    Attributes
+    ----------
+    ids
+        Ids of frames and bodies by name.
     """
 
     def __init__(self, pattern: str = "*") -> None:
         self._pattern = pattern
-        self._ids: dict[str, int] = {}
+        self.ids: dict[str, int] = {}
 
     def convert(self, kind: str, raw: bytes, received_ns: int) -> list[Observed]:
         """Decode one message; without a stamp it has the time of its receipt.
@@ -82,7 +87,7 @@ class Converter:
         poses: dict[tuple[int, str], list[tuple[int, list[float], list[float]]]] = {}
         for name, header, place, turn in _poses(kind, message):
             if fnmatchcase(name, self._pattern):
-                number = self._ids.setdefault(name, len(self._ids))
+                number = self.ids.setdefault(name, len(self.ids))
                 where = [place.x, place.y, place.z]
                 row = (number, where, [turn.x, turn.y, turn.z, turn.w])
                 poses.setdefault((_stamp(header, received_ns), header.frame_id), []).append(row)

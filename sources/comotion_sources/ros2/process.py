@@ -84,6 +84,7 @@ class _Relay:
         except InputError as error:
             self._source.reject("malformed", str(error))
             return
+        self._source.name_features({number: name for name, number in self._converter.ids.items()})
         for observed in observations:
             self._publish(observed)
 

@@ -16,7 +16,7 @@ class Accuracy(Experiment):
 Examples:
   comotion dev reproduce accuracy --data recordings/mocap --out docs/research
   comotion dev reproduce accuracy --quick
-  comotion dev reproduce accuracy --part motion
+  comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
@@ -24,7 +24,7 @@ Examples:
     quick: bool = option(False, "One seed, the scenes of the thesis, as --no-robustness.")
     robustness: bool = option(True, "Halve and double every parameter too.")
     part: list[str] | None = option(
-        None, "scores, motion or robustness; may be repeated. Default: all.", metavar="PART"
+        None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
     )
     out: Path = option(Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR")
 
