@@ -204,11 +204,3 @@ def test_what_waits_too_long_for_its_ring_is_counted_and_forgotten(router, sessi
     session.put(KEYS.stream("obs", "c"), payload("c", 1))
     reader.until(lambda: reader.got[2:] == [("c", 1)])
     assert reader.stats.lost == 0
-
-
-def test_one_publisher_cannot_speak_for_another(router, session) -> None:
-    reader = Reader(router)
-    session.put(KEYS.stream("obs", "a"), payload("b", 0))
-    reader.until(lambda: reader.stats.rejected == {"source-mismatch": 1})
-    assert reader.got == []
-    assert reader.intake.rejection.startswith("obs/a: source-mismatch")
