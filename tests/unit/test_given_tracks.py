@@ -202,3 +202,9 @@ def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, caps
     assert "--max-features is of our own tracker" in capsys.readouterr().err
     assert run([*call, "--fps", "9"]) == 2
     assert "has a rate of its own" in capsys.readouterr().err
+
+
+def test_segment_wants_tracks_in_an_image(tmp_path, capsys):
+    np.savez(tmp_path / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
+    assert run(["segment", "--tracks", str(tmp_path / "room.npz"), "--json"]) == 2
+    assert "in an image they are in px" in capsys.readouterr().err
