@@ -92,7 +92,8 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
     interaction += np.float32(_INTERACTION_FLOOR)
     kernel += np.float32(_PREFERENCE_FLOOR)
     interaction *= kernel
-    return np.sqrt(interaction, out=interaction)
+    np.sqrt(interaction, out=interaction)
+    return np.asarray(interaction)
 
 
 def _best_residuals(square: Floats32) -> Floats32:
