@@ -4,10 +4,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas import Hypothesis, HypothesisUpdate, Status
 from comotion_schemas.naming import Names
 
 _MOST_SOURCES = 256
+# What does not move so soon after its birth is the background before that is known.
+_YOUNG_NS = 2_000_000_000
 
 
 class HypothesisNames(Names):
@@ -48,7 +50,8 @@ class HypothesisNames(Names):
             for row in rows:
                 if (name := names.get(int(update.track_id[row]))) is not None:
                     held.setdefault(int(update.track_hypothesis[row]), []).append(name)
-        living = {h.id: held.get(h.id, []) for h in update.hypotheses if h.state != "static"}
+        stands = {h.id for h in update.hypotheses if _stands(h, update.stamp_ns)}
+        living = {h.id: held.get(h.id, []) for h in update.hypotheses if h.id not in stands}
         holders = {name: hypothesis for hypothesis, names_held in held.items() for name in names_held}
         kept = {
             hypothesis: name
@@ -77,3 +80,9 @@ class HypothesisNames(Names):
 
     def __len__(self) -> int:
         return len(self._all)
+
+
+def _stands(hypothesis: Hypothesis, now_ns: int) -> bool:
+    """Whether it is, or may be, all that rests."""
+    young = now_ns - hypothesis.born_ns < _YOUNG_NS
+    return hypothesis.state == "static" or (hypothesis.state == "undetermined" and young)

@@ -8,7 +8,6 @@ these are from one another belongs to the background, the hypothesis with featur
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 NOBODY = -1
@@ -115,39 +114,3 @@ def _near(shape: tuple[int, ...], places: Floats) -> NDArray[np.bool_]:
     spacing = np.quantile(_spacing(places), _MOST_HAVE) if len(places) > 2 else np.inf
     reach = np.clip(_REACH * spacing, _LEAST_REACH * max(shape), _MOST_REACH * max(shape))
     return np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, 3) < reach)
-
-
-def nearest(
-    shape: tuple[int, int], pixels: NDArray[np.float32], labels: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Give every pixel the label of the nearest labelled feature; as :func:`regions`."""
-    known = labels >= 0
-    if not known.any():
-        return np.full(shape, NOBODY, np.int64)
-    rows, columns = np.indices(shape)
-    _, at = cKDTree(pixels[known]).query(np.column_stack([columns.ravel(), rows.ravel()]))
-    return np.asarray(labels[known][at].reshape(shape), np.int64)
-
-
-def intersection_over_union(found: NDArray[np.int64], true: NDArray[np.int32]) -> dict[int, float]:
-    """IoU of each true object with its region; pixels of no object are left out.
-
-    Objects and regions are matched one to one, so that the sum of IoU is largest; an object without a region
-    has 0.
-
-    Parameters
-    ----------
-    found, true
-        int64 and int32 [H, W], hypotheses, and objects with -1 for ambiguous.
-    """
-    scored = true >= 0
-    objects, row = np.unique(true[scored], return_inverse=True)
-    names, column = np.unique(found[scored], return_inverse=True)
-    both = np.bincount(row * len(names) + column, minlength=len(objects) * len(names))
-    both = both.reshape(len(objects), len(names)).astype(np.float64)
-    ratio = both / (both.sum(1)[:, None] + both.sum(0) - both)
-    matched = dict(zip(*(side.tolist() for side in linear_sum_assignment(ratio, maximize=True)), strict=True))
-    return {
-        number: float(ratio[k, matched[k]]) if k in matched else 0.0
-        for k, number in enumerate(objects.tolist())
-    }

@@ -166,7 +166,7 @@ def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
     with _scene(folder) as scene:
         scene.start("serve", "--no-state")
         begin = time.time() + 30.0  # all parts must agree on when the scene starts, and be there by then
-        parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.5)
+        parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.3)
         sources = [
             scene.start(*parts, "--rate", rate, "--part", f"{k}/3", "--name", name)
             for k, (rate, name) in enumerate(((15, "camera"), (30, "depth"), (100, "mocap")), 1)

@@ -1,4 +1,4 @@
-"""Names for the arrays that the core passes on, and arrays that begin where vector loads are fast."""
+"""Names for the arrays that the core passes on, and arrays that take memory where they are written to."""
 
 import math
 import mmap
@@ -26,25 +26,6 @@ _LARGE_BYTES = 1 << 22
 _PRIVATE: dict[str, Any] = (
     {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
 )
-# Of a cache line, the largest unit that processors load at once.
-_ALIGNMENT_BYTES = 64
-
-
-def aligned_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros that begin at a cache line; NumPy's begin at 16 bytes, which costs vector loops a quarter.
-
-    Parameters
-    ----------
-    shape
-        Of the array.
-    dtype
-        Of its elements.
-    """
-    element = np.dtype(dtype)
-    count = math.prod(shape) * element.itemsize
-    raw = np.zeros(count + _ALIGNMENT_BYTES, np.uint8)
-    first = -raw.ctypes.data % _ALIGNMENT_BYTES
-    return raw[first : first + count].view(element).reshape(shape)
 
 
 def untouched_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

@@ -5,8 +5,8 @@ in dicts, lists, tuples, sets and queues. Fields that are marked with :data:`NOT
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping
-from dataclasses import Field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -17,21 +17,26 @@ from scipy.spatial.transform import RigidTransform
 NOT_KEPT = {"kept": False}
 """Metadata of a field that a snapshot does not keep."""
 _UNIONS = (Union, UnionType)
+_ATOMS = frozenset((int, str, float, bool, NoneType))
 
 
 def plain(one: Any) -> Any:
     """A copy as plain values and arrays: nothing else changes it; of a dict with its items as a list."""
-    if is_dataclass(one):
-        return {field.name: plain(getattr(one, field.name)) for field in _kept(type(one))}
-    if isinstance(one, np.ndarray):
-        return one.copy()
-    if isinstance(one, RigidTransform):
-        return one.as_matrix()
-    if isinstance(one, Mapping):
-        return [[plain(key), plain(value)] for key, value in one.items()]
-    if isinstance(one, list | tuple | set | deque):
-        return [plain(member) for member in one]
-    return one
+    kind: Any = type(one)
+    found = one
+    if kind in _ATOMS:
+        pass
+    elif is_dataclass(one):
+        found = {name: plain(getattr(one, name)) for name in _kept(kind)}
+    elif isinstance(one, np.ndarray):
+        found = one.copy()
+    elif isinstance(one, RigidTransform):
+        found = one.as_matrix()
+    elif isinstance(one, Mapping):
+        found = [[plain(key), plain(value)] for key, value in one.items()]
+    elif isinstance(one, list | tuple | set | deque):
+        found = [plain(member) for member in one]
+    return found
 
 
 def restored(kind: Any, state: Any) -> Any:
@@ -70,12 +75,13 @@ def refill(one: Any, state: Mapping[str, Any]) -> None:
     """Give a dataclass the fields that :func:`plain` has kept of its like."""
     kind: Any = type(one)
     types = _types(kind)
-    for field in _kept(kind):
-        setattr(one, field.name, restored(types[field.name], state[field.name]))
+    for name in _kept(kind):
+        setattr(one, name, restored(types[name], state[name]))
 
 
-def _kept(kind: type) -> Iterator[Field[Any]]:
-    return (field for field in fields(kind) if field.metadata.get("kept", True))
+@cache
+def _kept(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind) if field.metadata.get("kept", True))
 
 
 @cache

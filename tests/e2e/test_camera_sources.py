@@ -168,6 +168,7 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
     calibration.write_text(format_calibration(CAMERA, PLACE))
     batches = listen(session, KEYS.stream("obs", "b-markers"), "obs")
     pixels = listen(session, KEYS.stream("obs", "b"), "obs")
+    statuses = listen(session, KEYS.stream("status", "b-markers"), "status")
     source = start(
         *("source", "external-camera", tmp_path / "images", "--name", "b", "--no-realtime"),
         *("--calibration", calibration, "--marker-size", "0.12", "--dictionary", "apriltag_36h11"),
@@ -184,6 +185,7 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
         turned = Rotation.from_matrix(facing).inv() * Rotation.from_quat(batch.quaternions[0])
         assert turned.magnitude() < np.deg2rad(8)
     assert pixels.next().space == "b/pixels"
+    assert statuses.until(lambda status: status.feature_names).feature_names == {"11": "marker 11"}
 
 
 def test_a_calibration_that_does_not_fit_the_images_is_one_line(

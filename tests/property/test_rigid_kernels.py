@@ -150,7 +150,7 @@ def test_costs_are_those_of_the_definition(rng, bodies, spectrum, metric):
     moves = [poses_of(rng, 20) for _ in range(bodies)]
     rows, wider, unposed = np.array([4, 0, 5]), rng.uniform(0, TOLERANCE, bodies), rng.uniform(3, 50)
     cost, squared, nothing = np.full((3, bodies), np.nan), np.zeros((3, bodies)), np.zeros((0, 0))
-    terms = wider, unposed, 3, 16.0, 1, cost, squared, nothing
+    terms = wider, unposed, 3, 16.0, cost, squared, nothing
     body_costs(arrays_of(y, w, tolerance, spectrum, metric), rows, stacked(list(map(body_of, moves))), *terms)
     for n, i in enumerate(rows):
         for k, poses in enumerate(moves):

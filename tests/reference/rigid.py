@@ -94,16 +94,11 @@ def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0
         return missing, 0.0
     x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
     turned = np.einsum("fji,jk,fkl->fil", R[used], M, R[used])
-    mean = weighted_mean(x, a[:, None, None] * turned)
+    mean = np.average(x, axis=0, weights=a)
     squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
-    b = weighted_mean(x, (a / (1 + a * squared / (SOFT * 3 * v)))[:, None, None] * turned)
+    b = np.average(x, axis=0, weights=a / (1 + a * squared / (SOFT * 3 * v)))
     squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum, turned)
     return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
-
-
-def weighted_mean(x, information):
-    """Mean [3] of points [n, 3] with information matrices [n, 3, 3]."""
-    return np.linalg.solve(information.sum(0), np.einsum("nij,nj->i", information, x))
 
 
 def squared_innovations(at, x, w, v, spectrum, metrics):

@@ -147,6 +147,23 @@ def test_depth_is_the_nearest_within_20_ms_or_missing(tmp_path: Path) -> None:
     assert camera.counters["depth_missing"] == 1
 
 
+DAMAGED = {
+    "empty": b"",
+    "no image": b"\x89PNG broken",
+    "of another size": cv2.imencode(".png", np.ones((24, 32), np.uint16))[1].tobytes(),
+    "of 8 bits": cv2.imencode(".png", np.ones((48, 64), np.uint8))[1].tobytes(),
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_depth_image_is_missing_depth(tmp_path: Path, content: bytes) -> None:
+    write_tum(tmp_path / "t", [1_000_000_000, 2_000_000_000])
+    (tmp_path / "t" / "depth" / "1.000000.png").write_bytes(content)
+    camera: Any = open_frames(str(tmp_path / "t"))
+    assert [frame.depth is not None for frame in camera] == [False, True]
+    assert camera.counters["depth_missing"] == 1
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
@@ -212,6 +229,16 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others() -> None:
         next(frames)
     assert device.closed.wait(10)
     camera.close()
+    camera.close()
+
+
+def test_an_error_of_the_driver_is_one_line_that_names_the_camera() -> None:
+    device = Scripted()
+    camera = LiveCamera("camera 0", device)
+    device.play(RuntimeError("no frame within 5000 ms:\n  USB was unplugged"))
+    with pytest.raises(CameraError, match="camera 0: no frame within 5000 ms: USB was unplugged"):
+        next(iter(camera))
+    assert device.closed.wait(10)
     camera.close()
 
 

@@ -55,7 +55,11 @@ def test_a_body_is_called_by_the_link_that_moves_with_it():
 
 
 def test_what_rests_with_the_background_gives_it_no_name():
-    assert names_after(held(1, 2)) == {2: "tool"}
+    found = held(1, 2)
+    assert names_after(found) == {2: "tool"}
+    # At first it is not known that it rests.
+    soon = [replace(h, state="undetermined", born_ns=found.stamp_ns) for h in found.hypotheses]
+    assert names_after(replace(found, hypotheses=soon)) == {}
 
 
 def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():

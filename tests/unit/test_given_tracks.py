@@ -202,11 +202,3 @@ def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, caps
     assert "--max-features is of our own tracker" in capsys.readouterr().err
     assert run([*call, "--fps", "9"]) == 2
     assert "has a rate of its own" in capsys.readouterr().err
-
-
-def test_segment_wants_a_video_or_tracks(tmp_path, capsys):
-    assert run(["segment"]) == 2
-    assert "name a video, or tracks with --tracks FILE" in capsys.readouterr().err
-    np.savez(tmp_path / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
-    assert run(["segment", "--tracks", str(tmp_path / "room.npz"), "--json"]) == 2
-    assert "in an image they are in px" in capsys.readouterr().err

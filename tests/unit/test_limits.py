@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
-import msgpack
 import numpy as np
 import pytest
 
@@ -20,7 +19,7 @@ from comotion.runtime.problems import Problems
 from comotion.runtime.queries import Queryables
 from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
 from comotion.trajectories.window import Window
-from comotion_schemas import DecodeError, Keys, decode
+from comotion_schemas import Keys
 
 from ..builders import MS, T0, S, batch
 
@@ -62,12 +61,6 @@ def test_of_ids_that_have_ended_the_newest_are_remembered():
     index.end(np.arange(MAX_ENDED, MAX_ENDED + 5, dtype=np.uint64), 1)
     asked = np.array([0, 4, 5, MAX_ENDED + 4], np.uint64)
     assert index.has_ended(asked, 1).tolist() == [False, False, True, True]
-
-
-def test_a_message_of_too_many_items_is_refused():
-    with pytest.raises(DecodeError) as refused:
-        decode(msgpack.packb({str(k): [0] * 90_000 for k in range(6)}))
-    assert refused.value.reason == "limit"
 
 
 class TestSpaces:

@@ -171,12 +171,6 @@ def test_a_source_that_was_held_up_goes_on_with_fresh_instants():
     assert {k: b.ended.tolist() for k, b in enumerate(sink.batches) if b.ended is not None} == {3: [9]}
 
 
-def test_original_stamps_leave_nothing_out():
-    sink = play(stamps="original", hold_up={4: 0.45})
-    assert sink.seconds(0.0) == tenths(0, 10)
-    assert sink.overruns == 0
-
-
 def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
     class Stepped(SimulatedClock):
         def wait(self, stop, seconds):
@@ -188,18 +182,6 @@ def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
     sink = play(clock=clock)
     assert sink.seconds() == tenths(0, 10)
     assert clock.passed == pytest.approx(1.0)
-
-
-def test_a_pause_puts_frames_and_their_stamps_off():
-    presses = iter([""] * 5 + [" ", "", " "])
-    sink = play(read_key=lambda: next(presses, ""))
-    times = sink.seconds()
-    assert len(times) == 11
-    assert max(np.diff(times)) == pytest.approx(0.3, abs=0.11)
-    for wall, message in sink.puts:
-        if isinstance(message, ObservationBatch):
-            assert wall == pytest.approx(message.stamp_ns / 1e9, abs=1e-6)
-    assert sink.overruns == 0
 
 
 def test_several_streams_go_out_in_time_order():

@@ -243,6 +243,15 @@ class TestStateFile:
         # The file has been put aside; the next start has the ids alone.
         assert next_id(self.load(tmp_path / "state")) > 5000
 
+    @pytest.mark.parametrize("damage", [b"", b"comotion-ids 5001 00000000\n", b"\xff" * 100])
+    def test_damaged_ids_are_said_and_not_believed(self, tmp_path: Path, damage, caplog) -> None:
+        kept(tmp_path / "state", running(first_id=5000))
+        (tmp_path / "state").unlink()
+        assert next_id(self.load(tmp_path / "state")) > 5000
+        (tmp_path / "state.ids").write_bytes(damage)
+        assert next_id(self.load(tmp_path / "state")) < 5000
+        assert "state.ids is damaged" in caplog.text
+
     def test_a_state_of_another_version_is_kept_aside_and_its_ids_are_not_reused(
         self, tmp_path: Path, monkeypatch, caplog
     ) -> None:

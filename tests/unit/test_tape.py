@@ -109,12 +109,6 @@ def test_stamps_move_to_now_with_their_latency(speed, offset_ns):
     assert truth.session == wire.batches("b")[0][1].session
 
 
-def test_a_start_in_the_future_is_waited_for():
-    items = scene()
-    times = [at for at, *_ in play(items, stamps="original", start_at=NOW + 5.0).puts]
-    assert times == pytest.approx([5.0 + (item.log_ns - BEGIN) / 1e9 for item in items], abs=1e-6)
-
-
 def test_a_part_comes_with_the_truth_of_before():
     wire = play(scene(), stamps="original", start=1.0, end=2.0)
     assert [kind for _, kind, _, _ in wire.puts].index("truth") == 0

@@ -1,5 +1,6 @@
 """What Rerun is given: read back from the file, and the errors a user sees before anything opens."""
 
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -60,6 +61,16 @@ class TestWithRerun:
             sockets = [line.split() for line in lines[0] + lines[1]]
             addresses = {s[1].split(":")[0] for s in sockets if int(s[1].split(":")[1], 16) in {page, data}}
         assert addresses == {"0100007F"}
+
+    @pytest.mark.parametrize("taken", ["web_port", "data_port"])
+    def test_a_port_in_use_is_an_error_that_names_it(self, taken: str) -> None:
+        from comotion_clients.viewing.sink import Destination, RerunSink, free_port
+
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            port = other.getsockname()[1]
+            ports = {"web_port": free_port(), "data_port": free_port(), taken: port}
+            with pytest.raises(OSError, match=str(port)), RerunSink(Destination(**ports)):
+                pass
 
     def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
         from comotion_clients.viewing.picture import ScenePicture

@@ -17,6 +17,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     np.savez(folder / "take.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
     (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
+    np.savez(folder / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
     (folder / "empty.npz").touch()
     (folder / "text.c3d").write_text("x" * 2000)
     (folder / "text.mp4").write_text("no video")
@@ -96,6 +97,13 @@ WRONG = [
         for n in "012"
     ),
     *((f"{command} {n}.mcap", f"{n}.mcap") for command in ("evaluate", "source replay") for n in "012"),
+    ("evaluate nothing.npz", "nothing.npz: No such file"),
+    ("evaluate sim:fig4_4 --scene lab", "--scene is only for a running scene, without FILES"),
+    ("evaluate --seeds 0-4", "--seeds is only for FILES"),
+    ("evaluate sim:fig4_4 --set window=-1", "fusion parameter window"),
+    ("evaluate sim:fig4_4 --duration 0", "--duration 0 is not above 0"),
+    ("segment", "name a video, or tracks with --tracks FILE"),
+    ("segment --tracks room.npz --json", "in an image they are in px"),
     ("segment text.mp4", "not a readable video"),
     ("segment none.mp4", "no such file"),
     ("dev reproduce --only 9.9", "no figure '9.9'; one of 3.3, 3.4"),

@@ -1,4 +1,4 @@
-"""Grouping in pixel space on labelled recordings: error, number of objects, time, baselines."""
+"""Grouping in pixel space on labelled recordings: error, number of objects, time."""
 
 from . import report
 from .benchmark import LENGTHS, Benchmark, run_benchmark

@@ -1,4 +1,4 @@
-"""Runs the pixel benchmark: data sets -> scores of the method and of baselines."""
+"""Runs the pixel benchmark: data sets -> scores of the method."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -11,24 +11,10 @@ from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
 
 from ..processes import Progress, quiet
-from .methods import (
-    divisive_brox_malik,
-    engine,
-    one_object,
-    spectral_brox_malik,
-    spectral_distance,
-    spectral_interaction,
-)
+from .methods import engine
 from .sequences import Sequence
 
 LENGTHS: tuple[int | None, ...] = (None, 10, 20, 30)
-BASELINES = {
-    "one object": one_object,
-    "spectral, distance variance, K given": spectral_distance,
-    "spectral, shape interaction, K given": spectral_interaction,
-    "spectral, Brox and Malik, K given": spectral_brox_malik,
-    "divisive k-means, Brox and Malik": divisive_brox_malik,
-}
 OURS = "comotion, K unknown"
 NOISY = "the same with 0.4 px of white noise"
 _NOISE_PX = 0.4
@@ -77,20 +63,13 @@ class Scored:
     seconds: float
 
 
-def run_benchmark(
-    data_sets: Mapping[str, list[Sequence]],
-    *,
-    baselines: bool = True,
-    progress: Progress = quiet,
-) -> Benchmark:
-    """Score the engine and the baselines on whole sequences and on their first frames.
+def run_benchmark(data_sets: Mapping[str, list[Sequence]], progress: Progress = quiet) -> Benchmark:
+    """Score the engine on whole sequences and on their first frames.
 
     Parameters
     ----------
     data_sets
         By name, see :func:`~comotion_experiments.pixels.sequences.find_data_sets`.
-    baselines
-        Whether to score these too.
     progress
         Receives what comes next.
     """
@@ -104,9 +83,6 @@ def run_benchmark(
                 found.rows.append(_row(name, title, frames, ours))
                 if frames is None and len({s.scene for s in sequences}) > 1:
                     found.halves[name if title == OURS else f"{name}, {title}"] = _halves(sequences, ours)
-            for title, method in BASELINES.items() if baselines else ():
-                scored = [score(part, method(part)) for part in parts]
-                found.rows.append(_row(name, title, frames, scored))
     if "Hopkins155" in data_sets:
         progress("single objects")
         found.singles = _singles(data_sets["Hopkins155"])

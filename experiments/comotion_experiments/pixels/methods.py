@@ -1,4 +1,4 @@
-"""Methods of the benchmark: the pixel method of the core, and baselines."""
+"""The pixel method of the core over a whole sequence, and two baselines of the stress report."""
 
 import time
 import warnings
@@ -15,14 +15,11 @@ from comotion.pixels.method import PixelMethod
 from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
 
-from ..brox_malik import affinity as pair_affinity
-from ..brox_malik.comparison import divisive
 from .sequences import Sequence
 
 Labels = NDArray[np.int64]
 _GAP_NS = 500_000_000
 _KEY_FRAMES = 24
-_SIGMA_SWITCH_PX = 8.0
 
 
 def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]:
@@ -53,38 +50,12 @@ def one_object(sequence: Sequence) -> Labels:
     return np.zeros(len(sequence.truth), np.int64)
 
 
-def spectral_distance(sequence: Sequence) -> Labels:
-    """Spectral clustering of exp(−γ var of the distance), the thesis' affinity (3.4), K given."""
-    frames = _key_frames(sequence)
-    x, seen = frames.positions, frames.visible.astype(np.float32)
-    common = seen.T @ seen
-    first, second = np.zeros_like(common), np.zeros_like(common)
-    for frame, visible in zip(x, seen, strict=True):
-        square = (frame[:, None, 0] - frame[None, :, 0]) ** 2 + (frame[:, None, 1] - frame[None, :, 1]) ** 2
-        square *= visible[:, None] * visible
-        first += np.sqrt(square)
-        second += square
-    variance = second / np.maximum(common, 1) - (first / np.maximum(common, 1)) ** 2
-    affinity = np.exp(-np.log(2) * np.maximum(variance, 0) / _SIGMA_SWITCH_PX**2)
-    return _spectral(np.where(common < 2, 0.5, affinity), sequence.objects())
-
-
 def spectral_interaction(sequence: Sequence) -> Labels:
     """Spectral clustering of shape interaction |v_i·v_j|⁴ at rank 4K, K given."""
     frames = _key_frames(sequence)
     vectors = subspace(frames, min(4 * sequence.objects(), 2 * len(frames.positions)), 6, 60)
     vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), 1e-12)
     return _spectral(np.abs(vectors.T @ vectors).astype(np.float64) ** 4, sequence.objects())
-
-
-def spectral_brox_malik(sequence: Sequence) -> Labels:
-    """Spectral clustering of the affinity of Brox and Malik (2010), K given."""
-    return _spectral(pair_affinity(sequence.positions, pixels=True), sequence.objects())
-
-
-def divisive_brox_malik(sequence: Sequence) -> Labels:
-    """Divisive k-means of the affinity of Brox and Malik (2010)."""
-    return divisive(pair_affinity(sequence.positions, pixels=True), 0).astype(np.int64)
 
 
 def _key_frames(sequence: Sequence) -> KeyFrames:

@@ -85,7 +85,7 @@ def link(similarity: Floats32, least: float = _LEAST_SIMILARITY) -> Ints:
     """Superclusters of trajectories, intp [N]: average linkage down to a mean similarity of `least`."""
     # The floors of its factors can lift a similarity above 1.
     tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
-    return np.asarray(fcluster(tree, 1 - least, "distance"), np.intp) - 1
+    return np.asarray(fcluster(tree, 1 - least, "distance").astype(np.intp) - 1)
 
 
 def _confidence(mean: Floats, labels: Ints) -> Floats:

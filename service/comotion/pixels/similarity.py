@@ -92,8 +92,7 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
     interaction += np.float32(_INTERACTION_FLOOR)
     kernel += np.float32(_PREFERENCE_FLOOR)
     interaction *= kernel
-    np.sqrt(interaction, out=interaction)
-    return np.asarray(interaction)
+    return np.asarray(np.sqrt(interaction, out=interaction))
 
 
 def _best_residuals(square: Floats32) -> Floats32:

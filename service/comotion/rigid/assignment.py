@@ -48,14 +48,12 @@ class Assignment:
 class SearchResult:
     """Bodies of a scene, the static one first, and the assignment of its N trajectories to them.
 
-    `evidence` holds the costs before any prior; `excess` float64 [N] those of
-    :func:`~comotion.rigid.costs.excess_costs`.
+    `evidence` holds the costs before any prior.
     """
 
     bodies: list[Body]
     assignment: Assignment
     evidence: Costs
-    excess: Floats
 
 
 def without_sliders(labels: Ints, found: Costs) -> Ints:
@@ -131,7 +129,7 @@ def joined(frames: Frames, newest: Floats, found: SearchResult, config: RigidCon
     cost[:, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
     labels[new] = np.argmin(cost, 1) - 1
     both = Assignment(labels, np.concatenate([assignment.cost, cost]))
-    return SearchResult(bodies, both, evidence, np.append(found.excess, np.zeros(len(new))))
+    return SearchResult(bodies, both, evidence)
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:

@@ -27,14 +27,11 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 _CLEARLY = 4.0
 # The past pays a little more than what the body and its memberships cost.
 _PAST_FACTOR = 1.2
-# Share of the rows of a candidate that must be of one hypothesis for the candidate to continue it.
-_PURE = 0.8
 # nat; by so much rest must explain the members better than the body does to speak against it.
 _CONTRARY = 10.0
-# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and what the
-# trajectory then pays for leaving it: less, since a hypothesis may change. Chosen on stress scenes of even
-# seeds and on the markers.
-_SURE, _LEAVING = 40.0, 20.0
+# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and so much the
+# trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the markers.
+_SURE = 40.0
 # Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
 _UNKNOWN = NO_HYPOTHESIS - 1
 
@@ -67,10 +64,9 @@ class Belief:
     def __init__(self) -> None:
         self.records: dict[int, Record] = {}
         self._stamp_ns: int | None = None
-        # Of all trajectories of the last update, keys ascending; their excess, and the hypothesis that each
-        # has clearly been a member of.
+        # Of all trajectories of the last update, keys ascending, and the hypothesis that each has clearly
+        # been a member of.
         self._keys: Stamps = np.zeros(0, np.int64)
-        self._excess: Floats = np.zeros(0)
         self._member_of: Labels = np.zeros(0, np.int64)
 
     def learn(self, result: SearchResult, frames: Frames, ids: Labels) -> None:
@@ -95,7 +91,7 @@ class Belief:
         clear = _clear(evidence, labels)
         clear[clear] = ids[labels[clear]] != NO_HYPOTHESIS
         member_of[clear] = ids[labels[clear]]
-        self._keys, self._member_of, self._excess = frames.key, member_of, result.excess
+        self._keys, self._member_of = frames.key, member_of
 
     def scene(
         self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: float
@@ -122,7 +118,6 @@ class Belief:
             judged=frames.life >= least,
             before=before,
             static=static,
-            excess=np.append(self._excess, 0.0)[at],
             separate=np.isin(before, separate),
             resting=np.isin(before, resting),
             clear=np.append(self._member_of, _UNKNOWN)[at] == before,
@@ -131,7 +126,6 @@ class Belief:
     def forget(self) -> None:
         """Forget what the last update has said of each trajectory: there are none."""
         self._keys, self._member_of = (np.zeros(0, np.int64) for _ in range(2))
-        self._excess = np.zeros(0)
 
     def state(self) -> dict[str, Any]:
         """What must survive a restart, as plain values and arrays."""
@@ -145,7 +139,6 @@ class Belief:
         """Take up :meth:`state`."""
         self.records = {int(one): Record(seconds=float(seconds)) for one, seconds in state["seconds"]}
         self._keys, self._member_of = state["keys"], state["member_of"]
-        self._excess = np.zeros(len(self._keys))
 
 
 def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:
@@ -157,7 +150,7 @@ def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:
     cost, continued = np.zeros((len(scene.before), len(owners))), continued_by(scene, owners)
     for one in np.unique(scene.before[scene.clear]).tolist():
         members = scene.clear & (scene.before == one)
-        cost[np.ix_(members, continued != one)] = _LEAVING
+        cost[np.ix_(members, continued != one)] = _SURE
     return cost
 
 
@@ -185,7 +178,7 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
 def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
     """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
 
-    Nearly all trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
+    Most trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
     none for the static body.
     """
     static = NO_HYPOTHESIS if scene.static is None else scene.static
@@ -193,11 +186,11 @@ def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
 
 
 def _usual(labels: Labels) -> int:
-    """The hypothesis of nearly all of labels int64 [m], m > 0."""
-    # What more than half of them have is in the middle when they are sorted.
+    """The hypothesis of more than half of labels int64 [m], m > 0."""
+    # It is in the middle when they are sorted.
     middle = len(labels) // 2
     one = int(np.partition(labels, middle)[middle])
-    return one if np.count_nonzero(labels == one) / len(labels) >= _PURE else NO_HYPOTHESIS
+    return one if 2 * np.count_nonzero(labels == one) > len(labels) else NO_HYPOTHESIS
 
 
 def _gain(evidence: Costs, members: Bools, k: int) -> float:

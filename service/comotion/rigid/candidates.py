@@ -17,7 +17,7 @@ CUTS = (1.0, 2.0, 4.5)
 _UNKNOWN = 3.0
 
 
-def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
+def candidate_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
     """Rows of every candidate but the static body.
 
     These are the hypotheses of the last update, and clusters. A cluster inside one hypothesis that has no
@@ -25,8 +25,6 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
 
     Parameters
     ----------
-    few
-        The frames of the scene, thinned.
     unexplained
         bool [N], trajectories that no hypothesis explains.
     """
@@ -34,7 +32,7 @@ def candidate_rows(scene: Scene, few: Frames, unexplained: Bools) -> list[Ints]:
     known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, scene.static)]
     groups = [rows for h in known if len(rows := frames.rows_of(before == h)) >= 2]
     explained_by = np.where(unexplained, NO_HYPOTHESIS, before)[frames.owner]
-    for rows in clusters(few, few.rows_of(few.current & scene.judged)):
+    for rows in clusters(frames, frames.rows_of(frames.current & scene.judged)):
         by = explained_by[rows]
         if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
             groups.append(rows)

@@ -18,16 +18,9 @@ _UNCOVERED_SHARE = 0.7
 # Most tolerances that the residual of one row adds to the looseness of its body: a row that does not belong
 # must not make it loose. Chosen on the scenes of docs/research/accuracy.md.
 _MOST_EXCESS = 9.0
-# Price of a wider tolerance, in half nats per coordinate and log. The deformation of a body is alike from
-# frame to frame, so that it is paid once, not at each frame. Chosen on the scenes of
-# docs/research/accuracy.md.
-_LOOSE_PRICE = 1.5
 # Share of what rest would gain by a body's tolerance that the body pays. All of it would be fair, but takes
 # soft bodies apart that rest most of the time. Chosen on the markers and on stress scenes of even seeds.
 _REST_SHARE = 0.5
-# Most that the median cost of a hypothesis may exceed the noise, as a factor, and still be what is usual in
-# it; a hypothesis that fits worse explains nothing. Chosen on the scenes of docs/research/accuracy.md.
-_MOST_USUAL = 2.0
 
 
 @dataclass(frozen=True)
@@ -60,35 +53,20 @@ class Costs:
         return Costs(self.body[:, chosen], self.outlier, *prices, wider, slides, squared)
 
 
-def costs(
-    frames: Frames,
-    bodies: list[Body],
-    config: RigidConfig,
-    stretch: float = 1.0,
-    stride: int = 1,
-) -> Costs:
+def costs(frames: Frames, bodies: list[Body], config: RigidConfig) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
     C_ik = 1/2 sum_f min(|x_f - b_i|^2 / v_ik, cap dim), x the trajectory in the body's frame, b_i its robust
     mean there and v_ik the tolerance. Each degree of freedom of a pose gains half a nat by fitting noise
     even where the body does not exist; the price of opening is beyond that.
-
-    Parameters
-    ----------
-    stretch
-        Factor from the costs of thinned frames to those of all frames.
-    stride
-        Above 1, the costs of bodies that are far from the best one are estimates from every stride-th frame.
     """
     poses = stacked(bodies)
     wider = _looseness(frames, bodies, poses, config)
-    body, squared = _body_costs(frames, poses, wider, config, stride)
-    body *= stretch
+    body, squared = _body_costs(frames, poses, wider, config)
     seen, outlier = _outlier_costs(frames, config)
-    outlier *= stretch
-    opening = np.array([_opening(b, b.free, config, stretch) for b in bodies])
-    restless = np.array([_opening(b, int(b.posed.sum()), config, stretch) for b in bodies])
-    body, slides = with_sliders(frames, bodies, body, seen, config, stretch)
+    opening = np.array([_opening(b, b.free, config) for b in bodies])
+    restless = np.array([_opening(b, int(b.posed.sum()), config) for b in bodies])
+    body, slides = with_sliders(frames, bodies, body, seen, config)
     return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
@@ -105,14 +83,13 @@ def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConf
     )
 
 
-def _body_costs(
-    frames: Frames, poses: Floats, wider: Floats, config: RigidConfig, stride: int = 1
-) -> tuple[Floats, Floats]:
+def _body_costs(frames: Frames, poses: Floats, wider: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
     at_rest = np.zeros((len(rows), len(poses)))
-    row_costs, squared = _residuals(frames, poses, rows, wider, config, stride, at_rest)
-    price = 0.5 * _LOOSE_PRICE * frames.dim * np.log1p(wider / frames.tolerance[:, None])
+    row_costs, squared = _residuals(frames, poses, rows, wider, config, at_rest)
+    # The deformation of a body is alike from frame to frame: its price is paid once, not at each frame.
+    price = 0.5 * frames.dim * np.log1p(wider / frames.tolerance[:, None])
     # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
     row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
     return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
@@ -136,7 +113,7 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
         members = np.flatnonzero(labels == k)
         if len(members):
             cost, due = evidence.body[members, k], expected[members]
-            usual = min(float(np.median(cost / due)), _MOST_USUAL)
+            usual = float(np.median(cost / due))
             found[members] = (cost - usual * due) / np.sqrt(due)
     return found
 
@@ -167,11 +144,11 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, poses: int, config: RigidConfig, stretch: float) -> float:
+def _opening(body: Body, poses: int, config: RigidConfig) -> float:
     """Price of a body: of so many poses, and of being one more."""
     if body.static:
         return 0.0
-    return pose_costs(body.dof, stretch * poses, config) + config.birth_price
+    return pose_costs(body.dof, poses, config) + config.birth_price
 
 
 def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:
@@ -187,7 +164,6 @@ def _residuals(
     rows: Ints,
     wider: Floats,
     config: RigidConfig,
-    stride: int = 1,
     at_rest: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
@@ -199,7 +175,7 @@ def _residuals(
     gain = np.zeros((0, 0)) if at_rest is None else at_rest
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, poses, *terms, stride, cost, squared, gain)
+    body_costs(frames.arrays, rows, poses, *terms, cost, squared, gain)
     return cost, squared
 
 

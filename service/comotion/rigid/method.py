@@ -42,7 +42,6 @@ from ..trajectories.window import Window
 from .anchored import anchored_motions
 from .arrivals import undecided
 from .assignment import (
-    OUTLIER,
     SearchResult,
     assign,
     cheapest,
@@ -63,12 +62,10 @@ from .resampling import Frames, make_frames
 from .rest import settled
 from .selection import STATIC, membership_prices, select, weighted
 from .subset import (
-    SUBSET_ROWS,
     Scene,
     Subset,
     choose_subset,
     extended_rows,
-    is_large,
     known_rows,
     unexplained,
 )
@@ -77,12 +74,6 @@ from .tracks import Tracks, read_tracks
 # Share of the window after which bodies are sought even where the known ones explain everything, and in which
 # the same unexplained trajectory is no cause for another search.
 _SEARCH_SHARE = 0.1
-# Candidates are compared on so many frames at least; what is selected is fitted to all. Chosen on the scenes
-# of docs/research/accuracy.md.
-_KEY_FRAMES = 50
-# In a large scene a trajectory is first compared with the bodies on every so many frames: most bodies are
-# then out of the question. The labels are those of all frames (tests/unit/test_rigid_scale.py).
-_ESTIMATE_STRIDE = 5
 
 
 class RigidMethod(Method):
@@ -186,18 +177,12 @@ class RigidMethod(Method):
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether others were sought."""
-        followed, now = None, None
-        if not (self.searching and self._old(scene)) and not is_large(scene):
-            followed = follow(scene, self._config)
-            now = followed.excess, followed.assignment.labels == OUTLIER
-        if self.searching and self._due(scene, scene.frames.key[unexplained(scene, now)]):
-            return search(scene, self._config), True
-        return followed or follow(scene, self._config), False
-
-    def _old(self, scene: Scene) -> bool:
-        """Whether bodies were sought long ago."""
-        stamps = scene.frames.stamps
-        return bool(stamps[-1] - self._searched_ns >= _SEARCH_SHARE * (stamps[-1] - stamps[0]))
+        followed = follow(scene, self._config)
+        excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
+        odd = unexplained(scene, followed.assignment.labels, excess)
+        if self.searching and self._due(scene, scene.frames.key[odd]):
+            return search(scene, odd, excess, self._config), True
+        return followed, False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
         """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.
@@ -207,7 +192,8 @@ class RigidMethod(Method):
         stamps, before = scene.frames.stamps, self._odd
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
         self._odd = {key: at for key, at in before.items() if now_ns - at < _SEARCH_SHARE * span_ns}
-        if self._old(scene) or not self._odd.keys() >= set(odd.tolist()):
+        long_ago = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
+        if long_ago or not self._odd.keys() >= set(odd.tolist()):
             self._searched_ns = now_ns
             self._odd |= dict.fromkeys(odd.tolist(), now_ns)
             return True
@@ -222,29 +208,22 @@ class RigidMethod(Method):
 
 def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    exact = len(scene.frames.owner) <= SUBSET_ROWS
-    return _decided(scene, _compare_all(scene, known_rows(scene), config, exact=exact))
+    return _decided(scene, _compare_all(scene, known_rows(scene), config))
 
 
-def search(scene: Scene, config: RigidConfig) -> SearchResult:
-    """Find the bodies of a scene: steps 5 to 9.
+def search(scene: Scene, odd: Bools, excess: Floats, config: RigidConfig) -> SearchResult:
+    """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
 
-    The first round finds bodies in the subset, on few frames. The second one fits them to all frames and
-    compares all trajectories with them. Where the subset is the whole scene, a third one fits the bodies to
-    the trajectories that were assigned to them.
+    Bodies are found in the subset; then all trajectories are compared with them. In a small scene they are
+    fitted to the trajectories that were assigned to them, twice.
     """
-    subset = choose_subset(scene, config)
+    subset = choose_subset(scene, odd, excess)
     bodies, labels = _first_bodies(scene, subset, config)
-    if subset.complete:
-        rows = _assigned_rows(scene, bodies, labels, keep_own=True)
-    else:
-        rows = extended_rows(scene, subset, labels, len(bodies))
-    result = _compare_all(scene, rows, config, exact=subset.complete)
-    if subset.complete:
-        labels = without_sliders(result.assignment.labels, result.evidence)
-        rows = _assigned_rows(scene, result.bodies, labels, keep_own=False)
-        result = _compare_all(scene, rows, config, exact=True)
-    return _decided(scene, result)
+    if not scene.small:
+        return _decided(scene, _compare_all(scene, extended_rows(scene, subset, labels, len(bodies)), config))
+    result = _compare_all(scene, _assigned_rows(scene, len(bodies), labels), config)
+    labels = without_sliders(result.assignment.labels, result.evidence)
+    return _decided(scene, _compare_all(scene, _assigned_rows(scene, len(result.bodies), labels), config))
 
 
 def _decided(scene: Scene, result: SearchResult) -> SearchResult:
@@ -254,35 +233,28 @@ def _decided(scene: Scene, result: SearchResult) -> SearchResult:
 
 
 def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
-    """Bodies of least cost in the subset, on few frames, and the cheapest of them for each trajectory [n]."""
-    part = scene if subset.complete else scene.of(subset.tracks)
-    count = len(part.frames.stamps)
-    few = part.frames.thinned(max(count // _KEY_FRAMES, 1))
-    candidates = candidate_rows(part, few, subset.unexplained)  # 5
-    bodies = [static_body(len(few.stamps)), *(fit_body(few, rows) for rows in candidates)]  # 6
-    found = costs(few, bodies, config, stretch=count / len(few.stamps))  # 7
-    chosen = select(weighted(part, _owners(few, bodies), found, config))  # 8
+    """Bodies of least cost in the subset, and the cheapest of them for each trajectory [n]."""
+    part = scene if scene.small else scene.of(subset.tracks)
+    frames = part.frames
+    candidates = candidate_rows(part, subset.unexplained)  # 5
+    bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in candidates)]  # 6
+    found = costs(frames, bodies, config)  # 7
+    chosen = select(weighted(part, _owners(frames, bodies), found, config))  # 8
     kept = found.of(chosen)
     return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
 
 
-def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig, *, exact: bool) -> SearchResult:
-    """Fit bodies to rows, select the best, and assign every trajectory to one of them.
+def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchResult:
+    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them.
 
-    Parameters
-    ----------
-    rows
-        intp [m] for each body but the static one.
-    exact
-        Whether to compute all costs on all frames. Else the costs of bodies far from the best are estimates,
-        and a body must be worth its price by its motion alone.
+    In a large scene a body must be worth its price by its motion alone.
     """
-    frames, stride = scene.frames, 1 if exact else _ESTIMATE_STRIDE
+    frames = scene.frames
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
-    found = costs(frames, still, config, stride=stride)  # 7
-    if not exact:
+    found = costs(frames, still, config)  # 7
+    if not scene.small:
         worth = moving_bodies(frames, still, found, config)
         bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)
     owners = _owners(frames, bodies)
@@ -308,9 +280,7 @@ def _assigned(
     # Nothing tells what rests with a resting body from the background: its membership has a price here too.
     cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
-    assignment = assign(frames, cost, evidence.outlier, own, position, config)
-    excess = excess_costs(evidence, assignment.labels, config)
-    return SearchResult(bodies, assignment, evidence, excess)
+    return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
 
 
 def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:
@@ -318,22 +288,16 @@ def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:
     return [np.unique(frames.owner[body.rows]) for body in bodies]
 
 
-def _assigned_rows(scene: Scene, bodies: list[Body], labels: Ints, *, keep_own: bool) -> list[Ints]:
-    """Rows of the trajectories that are assigned to each body but the static one.
+def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
+    """Rows of the trajectories that are assigned to each of `count` bodies but the static one.
 
-    With `keep_own` also, as one more body, the rows that each body was fitted to where they are others. Also
-    those of separate hypotheses at rest: a body that is dropped later may displace them.
+    Also those of separate hypotheses at rest: a body that is dropped later may displace them.
     """
     frames = scene.frames
     # Newborn members hold poses where few others are left.
     known = scene.judged | (scene.before != NO_HYPOTHESIS)
     telling = known & frames.telling
-    found = []
-    for k, body in enumerate(bodies[1:], 1):
-        rows = frames.rows_of((labels == k) & telling)
-        found.append(rows)
-        if keep_own and not np.array_equal(rows, body.rows):
-            found.append(body.rows)
+    found = [frames.rows_of((labels == k) & telling) for k in range(1, count)]
     for one in np.unique(scene.before[scene.resting]).tolist():
         rows = frames.rows_of((scene.before == one) & telling)
         if not any(np.array_equal(rows, other) for other in found):

@@ -18,10 +18,9 @@ from .resampling import Frames
 from .subset import SUBSET_ROWS, representatives
 from .tracks import Tracks
 
-# In a large scene so many trajectories of a group take part, and every so many of their frames. This bounds
-# the work of an update; chosen on made-up crowds of thousands of features.
+# In a large scene so many trajectories of a group take part. This bounds the work of an update; chosen on
+# made-up crowds of thousands of features.
 _REPRESENTATIVES = 12
-_STRIDE = 3
 # s; a trajectory takes part if it is observed for so long.
 _LEAST_LIFE = 0.5
 # Mean squared displacement of a group, in tolerances and per dimension, below which it does not move: the
@@ -35,7 +34,6 @@ class Registration:
     def __init__(self) -> None:
         self.reference: int | None = None
         self.found: dict[int, Offset] = {}
-        self._turn = 0
 
     def correct(self, tracks: Tracks) -> Tracks:
         """The same trajectories as the reference would have seen them."""
@@ -63,7 +61,7 @@ class Registration:
         if self.reference is None or self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
         large = len(frames.owner) > SUBSET_ROWS
-        groups = {s: _moving_groups(tracks, frames, labels, s) for s in self._due(sources.tolist(), large)}
+        groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
         if large:
             frames, groups = _excerpt(frames, groups)
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
@@ -75,14 +73,6 @@ class Registration:
                 self.found.pop(source, None)
                 if offset.vector.any():
                     self.found[source] = offset
-
-    def _due(self, sources: list[int], large: bool) -> list[int]:
-        """Sources that take part in this update: in a large scene the reference and one other, in turn."""
-        if not large:
-            return sources
-        others = [one for one in sources if one != self.reference]
-        self._turn += 1
-        return [one for one in sources if one in (self.reference, others[self._turn % len(others)])]
 
     def state(self) -> dict[str, Any]:
         """As plain values and arrays."""
@@ -119,11 +109,11 @@ def _moves(frames: Frames, rows: Ints) -> bool:
 
 
 def _excerpt(frames: Frames, groups: dict[int, Groups]) -> tuple[Frames, dict[int, Groups]]:
-    """Thinned frames of the rows that take part only, and the groups by their rows there."""
+    """The frames of the rows that take part only, and the groups by their rows there."""
     rows = np.unique(
         np.concatenate([np.zeros(0, np.intp), *(r for g in groups.values() for r in g.values())])
     )
     tracks = np.unique(frames.owner[rows])
     kept = frames.rows_of(tracks)
     found = {s: {k: np.searchsorted(kept, r) for k, r in g.items()} for s, g in groups.items()}
-    return frames.of(tracks).thinned(_STRIDE), found
+    return frames.of(tracks), found

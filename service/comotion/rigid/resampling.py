@@ -135,17 +135,6 @@ class Frames:
             current=self.current[tracks],
         )
 
-    def thinned(self, stride: int) -> "Frames":
-        """Every stride-th frame, counted back from the newest."""
-        kept = np.arange(len(self.stamps) - 1, -1, -stride)[::-1]
-        return replace(
-            self,
-            stamps=self.stamps[kept],
-            y=np.ascontiguousarray(self.y[:, kept]),
-            w=np.ascontiguousarray(self.w[:, kept]),
-            spectrum=np.column_stack([self.spectrum[:, :2], self.spectrum[:, 2] ** stride]),
-        )
-
     def per_track(self, values: Floats) -> Floats:
         """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""
         return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)

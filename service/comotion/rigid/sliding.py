@@ -28,7 +28,7 @@ _MOST = 128
 
 
 def with_sliders(
-    frames: Frames, bodies: list[Body], body: Floats, seen: Floats, config: RigidConfig, stretch: float
+    frames: Frames, bodies: list[Body], body: Floats, seen: Floats, config: RigidConfig
 ) -> tuple[Floats, Bools]:
     """Lower the costs of trajectories that no larger body explains to those of sliding, where that is less.
 
@@ -36,8 +36,6 @@ def with_sliders(
     ----------
     body, seen
         float64 [N, K], costs in nats, and [N], frames in which each trajectory is observed.
-    stretch
-        As of :func:`~comotion.rigid.costs.costs`.
 
     Returns
     -------
@@ -45,12 +43,12 @@ def with_sliders(
     """
     # What slides on a body at rest would slide on the static one, which hosts none.
     hosts = [k for k, one in enumerate(bodies) if one.free > 1 and _count(frames, one) >= _LEAST_OWNERS]
-    rows = _unexplained(frames, bodies, hosts, body / stretch, seen, config)
+    rows = _unexplained(frames, bodies, hosts, body, seen, config)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
     mine, found = frames.owner[rows], body.copy()
     for k in hosts:
-        found[mine, k] = np.minimum(body[mine, k], _slides(frames, bodies[k], rows, config) * stretch)
+        found[mine, k] = np.minimum(body[mine, k], _slides(frames, bodies[k], rows, config))
     return found, found < body
 
 

@@ -10,13 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
-from ..config import RigidConfig
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER
-from .costs import costs, excess_costs
 from .kernels.distances import farthest_points
-from .procrustes import static_body
 from .resampling import Frames
 
 # All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md
@@ -26,19 +23,9 @@ SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
 # Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
 _MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
-# Standard deviations that the cost of a trajectory exceeds the usual, from which on its hypothesis does not
-# explain it.
-_UNEXPLAINED = 4.5
-DOUBTFUL = 3.0
-"""Likewise, from which on it is worth a search: what begins to move shows in several trajectories, a
-little in each."""
 # So many unexplained members of hypotheses are taken first, by their excess. The rest is drawn, so that
 # lasting outliers leave room for others.
 _LARGEST_EXCESS = 32
-# In scenes up to so many subsets, what was at rest is judged by its cost now, not by that of the last update:
-# a body that starts to move is found one update earlier. In larger scenes the subset holds too little of such
-# a body at first: it would take a part of the background along, and one update more is better.
-_FRESH_EXCESS = 4
 FIT_ROWS = 64
 """Most rows that a body is fitted to in a large scene."""
 # Share of representatives that may be ended trajectories: they hold the poses from before others were born.
@@ -65,8 +52,6 @@ class Scene:
         int64 [N], hypothesis of each trajectory; these hypotheses are candidates again.
     static
         Hypothesis that was the static one.
-    excess
-        float64 [N], :func:`~comotion.rigid.costs.excess_costs`.
     separate
         bool [N], whether the hypothesis is known to be a body of its own.
     resting
@@ -80,10 +65,14 @@ class Scene:
     judged: Bools
     before: Labels
     static: int | None
-    excess: Floats
     separate: Bools
     resting: Bools
     clear: Bools
+
+    @property
+    def small(self) -> bool:
+        """Whether all trajectories are searched."""
+        return len(self.frames.owner) <= SUBSET_ROWS
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
@@ -93,7 +82,6 @@ class Scene:
             newest=self.newest[tracks],
             judged=self.judged[tracks],
             before=self.before[tracks],
-            excess=self.excess[tracks],
             separate=self.separate[tracks],
             resting=self.resting[tracks],
             clear=self.clear[tracks],
@@ -104,25 +92,25 @@ class Scene:
 class Subset:
     """Trajectories that are searched for bodies.
 
-    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them; `complete`,
-    whether they are all trajectories of the scene. In a complete subset everyone counts as unexplained, so
-    that every cluster is a candidate.
+    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them. In a small
+    scene, everyone is in it and counts as unexplained, so that every cluster is a candidate.
     """
 
     tracks: Ints
     unexplained: Bools
-    complete: bool
 
 
-def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
-    """Choose the trajectories that are searched for bodies."""
-    frames, before, excess = scene.frames, scene.before, scene.excess
-    if len(frames.owner) <= SUBSET_ROWS:
-        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_), complete=True)
-    if not is_large(scene):
-        excess = _fresh_excess(scene, config)
-    doubtful = _doubtful(before, excess)
-    odd = doubtful & scene.judged & frames.current
+def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
+    """Choose the trajectories that are searched for bodies.
+
+    Parameters
+    ----------
+    odd, excess
+        bool [N], what the known bodies do not explain, and float64 [N], by how much.
+    """
+    frames, before = scene.frames, scene.before
+    if scene.small:
+        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_))
     explained = scene.judged & ~odd
     hypotheses = np.setdiff1d(before[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
@@ -131,29 +119,18 @@ def choose_subset(scene: Scene, config: RigidConfig) -> Subset:
     left = max(SUBSET_ROWS - sum(len(some) for some in found), SUBSET_ROWS - most)
     found.append(_drawn(np.flatnonzero(odd), before, excess, int(frames.stamps[-1]), left))
     tracks = np.unique(np.concatenate(found))
-    return Subset(tracks, doubtful[tracks], complete=False)
+    return Subset(tracks, odd[tracks])
 
 
-def is_large(scene: Scene) -> bool:
-    """Whether what was unexplained at the last update is searched, not what is now: :data:`_FRESH_EXCESS`."""
-    return len(scene.frames.owner) > _FRESH_EXCESS * SUBSET_ROWS
+def unexplained(scene: Scene, labels: Ints, excess: Floats) -> Bools:
+    """Which current trajectories belong to nobody, or exceed the usual by more than chance, bool [N].
 
-
-def unexplained(scene: Scene, now: tuple[Floats, Bools] | None) -> Bools:
-    """Which current trajectories no hypothesis explains, bool [N].
-
-    Parameters
-    ----------
-    now
-        Of this update: float64 [N] excess costs, and bool [N], who belongs to nobody. None: those of the last
-        update count.
+    The largest of n normal deviates is about the root of 2 log n. `labels` intp [N] are those of followed
+    bodies, `excess` float64 [N] that of :func:`~comotion.rigid.costs.excess_costs`.
     """
-    doubtful = _doubtful(scene.before, scene.excess) if now is None else now[1] | (now[0] > DOUBTFUL)
-    return doubtful & scene.judged & scene.frames.current
-
-
-def _doubtful(before: Labels, excess: Floats) -> Bools:
-    return np.asarray((before == NO_HYPOTHESIS) | (excess > _UNEXPLAINED))
+    asked = scene.judged & scene.frames.current
+    most = np.sqrt(2 * np.log(max(int(asked.sum()), 1)))
+    return np.asarray(asked & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 
 def known_rows(scene: Scene) -> list[Ints]:
@@ -213,13 +190,6 @@ def _rows_of_representatives(scene: Scene, members: Bools) -> Ints:
     if len(rows) <= FIT_ROWS:
         return rows
     return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, FIT_ROWS))
-
-
-def _fresh_excess(scene: Scene, config: RigidConfig) -> Floats:
-    """Excess costs of the last update, but of what was at rest then as seen now, float64 [N]."""
-    resting = scene.before == scene.static
-    now = costs(scene.frames, [static_body(len(scene.frames.stamps))], config)
-    return np.where(resting, excess_costs(now, np.where(resting, 0, OUTLIER), config), scene.excess)
 
 
 def _drawn(odd: Ints, before: Labels, excess: Floats, seed: int, count: int) -> Ints:

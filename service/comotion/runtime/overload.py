@@ -11,39 +11,23 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass
-class Overload:
-    """Says what is left out. Times are monotonic nanoseconds.
+class Overload(Load):
+    """Finds the level, and says what is left out. Times are monotonic nanoseconds."""
 
-    Attributes
-    ----------
-    period_ns
-        Time between updates.
-    """
-
-    period_ns: int
-    _load: Load = field(init=False)
     _limit: LogLimit = field(default_factory=lambda: LogLimit(10, 60.0))
     _cost_ns: float = 0.0
     _spent_ns: int = 0
 
-    def __post_init__(self) -> None:
-        self._load = Load(self.period_ns)
-
-    @property
-    def level(self) -> int:
-        """From 0, nothing is left out, to :data:`comotion.shedding.MOST`."""
-        return self._load.level
-
     def cost_ns(self) -> int:
         """What this thread costs so far: on a busy machine a second of its processor time takes longer."""
         before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
-        self._cost_ns += (self._spent_ns - before_ns) * self._load.busy
+        self._cost_ns += (self._spent_ns - before_ns) * self.busy
         return int(self._cost_ns)
 
     def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
         """Take note of how long an update took, and its processor time; returns the level from now on."""
         before = self.level
-        level = self._load.note(took_ns, spent_ns, at_ns)
+        level = super().note(took_ns, spent_ns, at_ns)
         if level > before:
             kind = logging.INFO if before else logging.WARNING
             self._limit.log(_log, kind, "%s", *self.notes())

@@ -42,11 +42,11 @@ _EARLY_NS = 1_000_000_000
 
 
 class _Early(NamedTuple):
-    """A sample of a source that has no ring yet, and when it was found, on the monotonic clock."""
+    """A sample of a source that has no ring yet, and since when there was no time to open it; 0: not yet."""
 
     name: str
     sample: zenoh.Sample
-    at_ns: int
+    since_ns: int = 0
 
 
 class Item(NamedTuple):
@@ -216,35 +216,32 @@ class Rings:
 
     def _sort_early(self, *, is_full: bool) -> list[tuple[str, zenoh.Sample]]:
         """Give early samples to their rings; returns those for which there will be none."""
-        without, waiting = [], []
+        without, waiting, now_ns = [], [], time.monotonic_ns()
         for one in self._early:
             if one.name in self.of:
                 self.of[one.name].add(one.sample)
                 self.of[one.name].after = one.sample.timestamp
             elif is_full or not is_name(one.name):
                 without.append((one.name, one.sample))
+            elif one.since_ns and now_ns - one.since_ns > _EARLY_NS:
+                self._unopened[one.name] += 1
             else:
-                waiting.append(one)
+                waiting.append(one._replace(since_ns=one.since_ns or now_ns))
         self._early = deque(waiting)
         self._early_bytes = sum(len(one.sample.payload) for one in waiting)
         return without
 
     def _drain_discovery(self, opened: Collection[str] = ()) -> None:
         """Keep what has come of sources without a ring, and of those whose ring has just been opened."""
-        now_ns = time.monotonic_ns()
         for _ in range(_DISCOVERY_RING):
             sample = self._discovery.try_recv()
             if sample is None:
                 break
             name = last_chunk(str(sample.key_expr))
             if name not in self.of or name in opened:
-                self._early.append(_Early(name, sample, now_ns))
+                self._early.append(_Early(name, sample))
                 self._early_bytes += len(sample.payload)
-        while self._early and (
-            len(self._early) > _PENDING
-            or self._early_bytes > _PENDING_BYTES
-            or now_ns - self._early[0].at_ns > _EARLY_NS
-        ):
+        while len(self._early) > _PENDING or (self._early_bytes > _PENDING_BYTES and len(self._early) > 1):
             one = self._early.popleft()
             self._early_bytes -= len(one.sample.payload)
             self._unopened[one.name] += 1

@@ -27,15 +27,15 @@ _ROWS_AT_ONCE = 64
 class DivisiveKMeans:
     """Clusters whose smallest affinity is above `stop_affinity`.
 
-    The splits of one call are the first guess of the next: of a large cluster, two products with the matrix
+    The splits of one call are the first guess of the next: of a large cluster, four products with the matrix
     confirm that nothing moves.
     """
 
     def __init__(self, stop_affinity: float) -> None:
         # As the affinities are: in single precision.
         self._stop_affinity = float(np.float32(stop_affinity))
-        # Of each slot: the sides that it took at the splits of the last call, bool [depths, slots].
-        self._sides: Bools = np.zeros((0, 0), np.bool_)
+        # By depth, int8 [slots]: the side that each took at the split of the last call, 1 or -1; 0 for none.
+        self._sides: list[NDArray[np.int8]] = []
 
     def __call__(self, affinity: Floats32, slots: Slots) -> tuple[NDArray[np.intp], Floats]:
         """Split trajectories into clusters.
@@ -55,6 +55,7 @@ class DivisiveKMeans:
         n = len(slots)
         labels, inside = np.zeros(n, np.intp), np.zeros(n)
         pending = [(affinity, np.arange(n), 0)] if n else []
+        before, self._sides = self._sides, []
         found = 0
         while pending:
             part, members, depth = pending.pop()
@@ -63,9 +64,12 @@ class DivisiveKMeans:
                 labels[members], inside[members] = found, sums
                 found += 1
                 continue
-            self._fit(depth + 1, int(slots.max()) + 1)
-            second = halve(part, sums, self._sides[depth, slots[members]])
-            self._sides[depth, slots[members]] = second
+            known = before[depth] if depth < len(before) else np.zeros(0, np.int8)
+            mine = slots[members]
+            second = halve(part, sums, np.append(known, np.int8(0))[np.minimum(mine, len(known))])
+            if depth == len(self._sides):
+                self._sides.append(np.zeros(int(slots.max()) + 1, np.int8))
+            self._sides[depth][mine] = np.where(second, 1, -1)
             halves = np.flatnonzero(second), np.flatnonzero(~second)
             pending += [(part.take(half, 0).take(half, 1), members[half], depth + 1) for half in halves]
         return labels, inside
@@ -74,13 +78,8 @@ class DivisiveKMeans:
         parts = (affinity[k : k + _ROWS_AT_ONCE] for k in range(0, len(affinity), _ROWS_AT_ONCE))
         return len(affinity) > 1 and any(part.min() <= self._stop_affinity for part in parts)
 
-    def _fit(self, depths: int, slots: int) -> None:
-        more, wider = max(depths - len(self._sides), 0), max(slots - self._sides.shape[1], 0)
-        if more or wider:
-            self._sides = np.pad(self._sides, ((0, more), (0, wider)))
 
-
-def halve(affinity: Floats32, sums: Floats, guess: Bools) -> Bools:
+def halve(affinity: Floats32, sums: Floats, guess: NDArray[np.int8]) -> Bools:
     """2-means (3.6) on the rows of a matrix, not all equal; bool [n], neither half empty.
 
     Parameters
@@ -90,17 +89,22 @@ def halve(affinity: Floats32, sums: Floats, guess: Bools) -> Bools:
     sums
         float [n], of its rows.
     guess
-        bool [n]: a first guess at one half; all alike for none.
+        int8 [n]: a first guess, 1 and -1 for the halves; 0 where nothing is known.
     """
     n = len(affinity)
     if n == 2:
         return np.array([False, True])
     small = n <= _MANY_STARTS_SIZE
     rows = affinity.astype(np.float64) if small else affinity
-    starts = guess[:, None] if guess.any() and not guess.all() else np.zeros((n, 0), np.bool_)
+    starts, high, low = np.zeros((n, 0), np.bool_), guess > 0, guess < 0
+    if high.any() and low.any():
+        # What is not known yet is where it is nearer.
+        halves = _product(rows, np.column_stack([low, high])) / [low.sum(), high.sum()]
+        nearer = _product(rows, halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
+        starts = nearer if 0 < nearer.sum() < n else high[:, None]
     if not small and starts.size:
         known = _two_means(rows, sums, starts)
-        if _apart(known, guess) <= n // _SETTLED_SHARE:
+        if np.count_nonzero((known != high) & (guess != 0)) <= n // _SETTLED_SHARE:
             return known
     count = _STARTS if small else max(_STARTS * _MANY_STARTS_SIZE // n, 2)
     starts = np.hstack([starts, _around_rows(rows, sums, count)])
@@ -157,9 +161,3 @@ def _product(rows: Floats | Floats32, other: Floats | Bools) -> Floats:
     """Of a matrix and columns, in the precision of the matrix."""
     product: Floats = (rows @ other.astype(rows.dtype)).astype(np.float64)
     return product
-
-
-def _apart(one: Bools, other: Bools) -> int:
-    """How many would have to change sides to make two splits the same."""
-    differ = int((one != other).sum())
-    return min(differ, len(one) - differ)

@@ -72,7 +72,7 @@ def update_blocks(
 
 @compiled(fastmath={"contract"})
 def _update_block(
-    block: Floats, number: int, samples: Floats, count: int, rate: float, place: Slots, out: Floats32
+    block: Floats, number: np.int64, samples: Floats, count: int, rate: float, place: Slots, out: Floats32
 ) -> None:
     """One block, by its number; the other parameters are those of :func:`update_blocks`."""
     row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)

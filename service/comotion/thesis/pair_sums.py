@@ -9,10 +9,11 @@ takes them into the sums of (3.3) of all pairs.
 
 import math
 from bisect import bisect_right
+from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Floats32, Slots, Stamps, aligned_zeros
+from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
 from ..compiled import worth_waking
 from ..trajectories.interpolation import states_at
 from ..trajectories.kernels import locate_newest
@@ -54,7 +55,7 @@ class PairSums:
     def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
-        self.sums: Floats = aligned_zeros((0, PLANES, STRIP, STRIP), np.float64)
+        self.sums: Floats = untouched_zeros((0, PLANES, STRIP, STRIP), np.float64)
         # Newest observation of each slot whose samples have been taken in.
         self._known: Stamps = np.zeros(0, np.int64)
         # How many observations of each slot have been taken in.
@@ -110,7 +111,7 @@ class PairSums:
         self._take_in(window)
         n = len(slots)
         if len(self._room) < n * n:
-            self._room = aligned_zeros((n * n + n * n // 4,), np.float32)
+            self._room = untouched_zeros((n * n + n * n // 4,), np.float32)
         affinity = self._room[: n * n].reshape(n, n)
         place = np.full(len(self._samples) * STRIP, -1)
         place[slots] = np.arange(n)
@@ -133,7 +134,7 @@ class PairSums:
         self._samples = np.zeros((strips, *self._samples.shape[1:]))
         if _blocks(strips) > len(self.sums):
             # A quarter more at once: growing copies everything.
-            grown = aligned_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
+            grown = untouched_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
             grown[: len(self.sums)] = self.sums
             self.sums = grown
 
@@ -180,7 +181,7 @@ class PairSums:
         first, now = window.start[slots], window.positions[slots, window.stop[slots] - 1]
         gone = (first + np.minimum(k, counts - 1) for k in range(counts.max(initial=0)))
         away = [np.abs(window.positions[slots, at] - now).max(axis=1) for at in gone]
-        return np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch
+        return np.asarray(np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch)
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Note the samples that go with the oldest observations of each slot."""
@@ -235,6 +236,6 @@ class PairSums:
         self._waiting = 0
 
 
-def _blocks(strips: int) -> int:
+def _blocks(strips: Any) -> Any:
     """Blocks of so many strips."""
     return strips * (strips + 1) // 2

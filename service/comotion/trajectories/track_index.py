@@ -12,8 +12,6 @@ Ids = NDArray[np.uint64]
 
 # Ids that a session has declared lost and that are remembered, the newest: those of some generations.
 MAX_ENDED = 10_000
-# So few ids are compared with those that have ended one by one.
-_FEW = 64
 
 
 class TrackIndex:

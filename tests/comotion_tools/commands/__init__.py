@@ -3,12 +3,11 @@
 from comotion_deploy.options import Command
 
 from .bench import Bench
-from .scenes import Ablation, Accuracy, Pixels, Stress
 from .soak import Soak
+from .studies import Accuracy, Pixels, Stress
 
 TOOLS: dict[str, type[Command]] = {"bench": Bench, "soak": Soak}
 STUDIES: dict[str, type[Command]] = {
-    "ablation": Ablation,
     "stress": Stress,
     "pixels": Pixels,
     "accuracy": Accuracy,

@@ -1,40 +1,128 @@
-"""Options and checks that several studies share."""
+"""``comotion dev reproduce accuracy, stress, pixels``: methods on made-up and recorded scenes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from comotion_deploy.commands.experiments import Experiment, check, check_folder, progress
 from comotion_deploy.errors import UserError
-from comotion_deploy.options import Command, option
+from comotion_deploy.options import option, setting
 
 
 @dataclass(kw_only=True)
-class OnFamilies(Command):
-    """Options of an experiment on stress families."""
+class Accuracy(Experiment):
+    """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
+
+    epilog = """
+Examples:
+  comotion dev reproduce accuracy --data recordings/mocap --out docs/research
+  comotion dev reproduce accuracy --quick
+  comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
+"""
+
+    data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
+    seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
+    quick: bool = option(False, "One seed, the scenes of the thesis, as --no-robustness.")
+    robustness: bool = option(True, "Halve and double every parameter too.")
+    part: list[str] | None = option(
+        None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
+    )
+    out: Path = option(Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR")
+
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments import accuracy as study
+        from comotion_experiments.accuracy import report
+        from comotion_experiments.inputs import parse_seeds
+
+        check(self.out)
+        robust = self.robustness and not self.quick
+        most = [part for part in study.PARTS if part != "robustness" or robust]
+        unknown = [part for part in self.part or () if part not in study.PARTS]
+        if unknown:
+            raise UserError(f"no part {unknown[0]!r}; one of {', '.join(study.PARTS)}")
+        parts = self.part or most
+        cases = study.scene_cases()
+        if self.quick:
+            cases = [case for case in cases if case.group == "thesis scenes"]
+        else:
+            cases += study.displaced_cases()
+        cases += study.recorded_cases(self.data) if self.data is not None else []
+        seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
+        with progress() as note:
+            results = study.run_experiment(study.Experiment(cases, seeds, parts), progress=note)
+        picture = "images/reliability.png"
+        drawn = {picture: lambda path: report.save_reliability(path, results)} if "scores" in parts else {}
+        self.report("accuracy", report.markdown(results, picture), report.as_json(results), pictures=drawn)
+
+
+@dataclass(kw_only=True)
+class Stress(Experiment):
+    """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
+
+    epilog = """
+Examples:
+  comotion dev reproduce stress --quick
+  comotion dev reproduce stress --out docs/research
+  comotion dev reproduce stress --family restart --family cover --seeds 0,2 --method comotion
+
+A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.
+"""
 
     family: list[str] | None = option(
         None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
     )
     jobs: int = option(2, "Processes at once.", min=1, max=256)
+    seeds: str | None = setting(
+        None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
+    )
+    method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
+    quick: bool = option(False, "One seed, no runs of ten minutes.")
+    trace: bool = option(False, "Print the NMI of every update too.")
+    out: Path = option(Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR")
+
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments import stress as study
+        from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.stress import report
+
+        check(self.out)
+        seeds = parse_seeds(self.seeds) if self.seeds else study.REPORTED_SEEDS[: 1 if self.quick else None]
+        unknown = [name for name in self.method or () if name not in study.METHODS]
+        if unknown:
+            raise UserError(f"method {unknown[0]!r} is none of {', '.join(study.METHODS)}")
+        families = study.find_families(self.family or (), quick=self.quick)
+        with progress() as note:
+            results = study.run_experiment(
+                families, seeds, methods=self.method or study.METHODS, jobs=self.jobs, progress=note
+            )
+        picture = "images/stress.png"
+        text = report.markdown(results, picture)
+        drawn = {picture: lambda path: report.save_picture(path, results)}
+        shown = [*report.tables(results), *([report.traces(results)] if self.trace else [])]
+        self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
 
 
 @dataclass(kw_only=True)
-class OnWorkcell(Command):
-    """The option of an experiment on scenes of the workcell."""
+class Pixels(Experiment):
+    """Score the grouping of image features on labelled recordings."""
 
-    workcell: list[str] | None = option(
-        None, "Workcell scene; may be repeated. Default: those of the report.", metavar="SCENE"
-    )
+    epilog = """
+Examples:
+  comotion dev reproduce pixels --data recordings --out pixels
 
+The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall01.npz.
+"""
 
-def known_parts(parts: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    """Check the parts of an experiment; none: all are meant.
+    data: Path = option(..., "Folder of the recordings.", env="COMOTION_DATA", metavar="DIR")
+    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR")
 
-    Raises
-    ------
-    UserError
-        If there is no part of that name.
-    """
-    unknown = [part for part in parts or () if part not in known]
-    if unknown:
-        raise UserError(f"no part {unknown[0]!r}; one of {', '.join(known)}")
-    return list(parts or ())
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments.pixels import find_data_sets, report, run_benchmark
+
+        check_folder(self.out)
+        with progress() as note:
+            scores = run_benchmark(find_data_sets(self.data), note)
+        shown = report.table(scores), *report.lines(scores)
+        self.report("pixels", report.markdown(scores), scores.as_json(), *shown)

@@ -15,8 +15,6 @@ from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
 from comotion_schemas import HypothesisUpdate, Keys
 
-from ...command_line import refused
-
 pytestmark = pytest.mark.e2e
 SETTINGS = ("--set", "thesis.sigma_switch=0.02", "--set", "thesis.v_move=null")
 SCENE = """
@@ -91,19 +89,3 @@ def test_a_scene_that_nobody_serves_is_one_clear_line(
     assert run(["evaluate", "--connect", endpoint, "--duration", "0.5", "--scene", "typo"]) == 2
     said = capsys.readouterr().err.splitlines()
     assert said[-1] == "error: no update was received in scene 'typo': is the service running?"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["nothing.npz"], "nothing.npz: No such file"),
-        (["sim:fig4_4", "--scene", "lab"], "--scene is only for a running scene, without FILES"),
-        (["--seeds", "0-4"], "--seeds is only for FILES"),
-        (["sim:fig4_4", "--set", "window=-1"], "fusion parameter window"),
-        (["sim:fig4_4", "--duration", "0"], "--duration 0 is not above 0"),
-    ],
-)
-def test_misuse_is_one_clear_line(
-    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert complaint in refused(capsys, "evaluate", *arguments)

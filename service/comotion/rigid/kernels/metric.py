@@ -11,20 +11,6 @@ def is_round_metric(metric: Floats) -> bool:
 
 
 @compiled()
-def turned_metric(m: Floats, R: Floats, turned: Floats) -> None:
-    """R^T M R of a metric [6] and a rotation, row by row in R [9 or more], to [6]."""
-    for c in range(3):
-        a, b, e = R[c], R[3 + c], R[6 + c]
-        u0, u1, u2 = (
-            m[0] * a + m[1] * b + m[2] * e,
-            m[1] * a + m[3] * b + m[4] * e,
-            m[2] * a + m[4] * b + m[5] * e,
-        )
-        for d in range(c, 3):
-            turned[c + d + (c > 0)] = u0 * R[d] + u1 * R[3 + d] + u2 * R[6 + d]
-
-
-@compiled()
 def quadratic(m: Floats, a: float, b: float, c: float) -> float:
     """The square of a vector under a metric [6]."""
     across = m[1] * a * b + m[2] * a * c + m[4] * b * c
@@ -32,13 +18,12 @@ def quadratic(m: Floats, a: float, b: float, c: float) -> float:
 
 
 @compiled()
-def solved(m: Floats, a: float, b: float, c: float) -> tuple[float, float, float]:
-    """M^-1 v of a symmetric matrix [6], positive definite."""
-    c00, c01, c02 = m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5], m[1] * m[4] - m[2] * m[3]
-    c11, c12, c22 = m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]
-    inverse = 1.0 / (m[0] * c00 + m[1] * c01 + m[2] * c02)
-    return (
-        inverse * (c00 * a + c01 * b + c02 * c),
-        inverse * (c01 * a + c11 * b + c12 * c),
-        inverse * (c02 * a + c12 * b + c22 * c),
-    )
+def squared_length(m: Floats, R: Floats, a: float, b: float, c: float, is_round: bool) -> float:
+    """The square of a vector in the frame of a body, under a metric [6] of the axes of the space.
+
+    `R` [9 or more] is the rotation of the body, row by row.
+    """
+    if is_round:
+        return a * a + b * b + c * c
+    u, v = R[0] * a + R[1] * b + R[2] * c, R[3] * a + R[4] * b + R[5] * c
+    return quadratic(m, u, v, R[6] * a + R[7] * b + R[8] * c)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...arrays import Floats
 from ...compiled import compiled
-from .metric import is_round_metric, quadratic, solved, turned_metric
+from .metric import is_round_metric, squared_length
 from .records import PoseArrays
 from .rotation import newton_rotation, planar_rotation, rotation_matrix, spatial_rotation
 
@@ -49,41 +49,55 @@ def fit_poses(
     _seed(y, w, b, known)
     need = 2 if (dim == 2 or m <= 2) else 3
     started = np.zeros(count, np.bool_)
-    weights, H, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 3))
-    soft, identity = 1.0 / (SOFT * dim), np.eye(3)
+    weights, soft, identity = np.zeros(m), 1.0 / (SOFT * dim), np.eye(3)
     all_round = True
     for i in range(m):
         all_round &= is_round_metric(metric[i])
     for iteration in range(iterations):
         weighed = not all_round and iteration == iterations - 1
-        sums = np.zeros((9 if weighed else 4, m))
-        neighbour = -1
+        sums, neighbour = np.zeros((4, m)), -1
         for f in range(count - 1, -1, -1):
             robust = soft if iteration > 0 and posed[f] else 0.0
             posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
             if posed[f]:
-                _moments(y[f], b, weights, centres, H)
-                if dim == 2:
-                    planar_rotation(H, R[f])
-                else:
-                    _pull(H, R[neighbour] if neighbour >= 0 else identity, _PULL)
-                    # The frame's own rotation of the last iteration is nearer still than its neighbour's.
-                    start = f if iteration > 0 and started[f] else neighbour
-                    spatial_rotation(H, R[start], neighbour >= 0, R[f])
-                _translation(R[f], centres, t[f])
+                near = R[neighbour] if neighbour >= 0 else identity
+                # The frame's own rotation of the last iteration is nearer still than its neighbour's.
+                start = R[f].copy() if iteration > 0 and started[f] else near
+                _frame_pose(y[f], b, weights, dim, near, start, neighbour >= 0, R[f], t[f])
                 started[f] = True
                 neighbour = f
                 if weighed:
                     _step(y[f], weights, metric, b, dim, R[f], t[f])
-                    _collect_metric(y[f], w[f] * inverse, metric, b, known, R[f], t[f], soft, sums)
-                else:
-                    _collect(y[f], w[f], inverse, b, known, R[f], t[f], soft, sums)
-        if weighed:
-            _update_metric(sums, b, known)
-        else:
-            _update(sums, b, known)
+                _collect(y[f], w[f], inverse, metric, b, known, R[f], t[f], soft, not weighed, sums)
+        _update(sums, b, known)
         if iteration < iterations - 1:
-            _bridge(y, w, inverse, need, b, known, poses)
+            _bridge(y, w, inverse, dim, need, b, known, poses)
+
+
+@compiled()
+def _frame_pose(
+    y: Floats,
+    b: Floats,
+    weights: Floats,
+    dim: int,
+    near: Floats,
+    start: Floats,
+    started: bool,
+    R: Floats,
+    t: Floats,
+) -> None:
+    """Weighted pose y = R b + t of one frame, its rotation pulled towards `near`, in place.
+
+    Newton's method begins at the rotation `start`, if it has `started`.
+    """
+    H, centres = np.zeros((3, 3)), np.zeros((2, 3))
+    _moments(y, b, weights, centres, H)
+    if dim == 2:
+        planar_rotation(H, R)
+    else:
+        _pull(H, near, _PULL)
+        spatial_rotation(H, start, started, R)
+    _translation(R, centres, t)
 
 
 @compiled()
@@ -91,6 +105,7 @@ def _bridge(
     y: Floats,
     w: Floats,
     inverse: Floats,
+    dim: int,
     need: int,
     b: Floats,
     known: Floats,
@@ -113,15 +128,9 @@ def _bridge(
             held += w[f, i] > 0 and known[i] > 0
         if seen < need or held == 0 or held >= need:
             continue
-        weights, H, centres = np.zeros(m), np.zeros((3, 3)), np.zeros((2, 3))
+        weights = np.zeros(m)
         _weigh(y[f], w[f], inverse, b, known, R[f], t[f], 0.0, weights)
-        _moments(y[f], b, weights, centres, H)
-        if held == 1:
-            R[f] = R[beside]
-        else:
-            _pull(H, R[beside], _PULL)
-            spatial_rotation(H, R[beside], True, R[f])
-        _translation(R[f], centres, t[f])
+        _frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
         for i in range(m):
             if w[f, i] > 0 and known[i] == 0:
                 known[i] = 1.0
@@ -158,7 +167,6 @@ def continue_poses(
     m = w.shape[1]
     known, weights = np.ones(m), np.zeros(m)
     need = 2 if (dim == 2 or m <= 2) else 3
-    H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     soft, all_round = 1.0 / (SOFT * dim), True
     for i in range(m):
         all_round &= is_round_metric(metric[i])
@@ -168,13 +176,7 @@ def continue_poses(
         for robust in (0.0, soft, soft):
             posed[now] = _weigh(y[f], w[f], inverse, b, known, R[now], t[now], robust, weights) >= need
             if posed[now]:
-                _moments(y[f], b, weights, centres, H)
-                if dim == 2:
-                    planar_rotation(H, R[now])
-                else:
-                    _pull(H, R[before], _PULL)
-                    spatial_rotation(H, R[before], True, R[now])
-                _translation(R[now], centres, t[now])
+                _frame_pose(y[f], b, weights, dim, R[before], R[before], True, R[now], t[now])
         if posed[now] and not all_round:
             _step(y[f], weights, metric, b, dim, R[now], t[now])
 
@@ -310,22 +312,25 @@ def _collect(
     y: Floats,
     w: Floats,
     inverse: Floats,
+    metric: Floats,
     b: Floats,
     known: Floats,
     R: Floats,
     t: Floats,
     soft: float,
+    is_round: bool,
     sums: Floats,
 ) -> None:
     """Add a frame's points, in the body's frame, to the weighted sums [4, m] of the template."""
     y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
     s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
+    flat = R.copy().ravel()
     for i in range(len(w)):
         z0, z1, z2 = y0[i] - t[0], y1[i] - t[1], y2[i] - t[2]
         x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
         x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
         x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
-        r2 = (x0 - b0[i]) ** 2 + (x1 - b1[i]) ** 2 + (x2 - b2[i]) ** 2
+        r2 = squared_length(metric[i], flat, x0 - b0[i], x1 - b1[i], x2 - b2[i], is_round)
         a = w[i] * inverse[i]
         a /= 1.0 + soft * known[i] * r2 * a
         s0[i] += a * x0
@@ -385,42 +390,3 @@ def _derivatives(b: Floats, R: Floats, m: Floats, J: Floats, MJ: Floats) -> None
         MJ[0, q] = m[0] * J[0, q] + m[1] * J[1, q] + m[2] * J[2, q]
         MJ[1, q] = m[1] * J[0, q] + m[3] * J[1, q] + m[4] * J[2, q]
         MJ[2, q] = m[2] * J[0, q] + m[4] * J[1, q] + m[5] * J[2, q]
-
-
-@compiled()
-def _collect_metric(
-    y: Floats,
-    a: Floats,
-    metric: Floats,
-    b: Floats,
-    known: Floats,
-    R: Floats,
-    t: Floats,
-    soft: float,
-    sums: Floats,
-) -> None:
-    """As :func:`_collect`, by the information [6] and the weighted point [3] of each row, to [9, m]."""
-    flat, turned = R.copy().ravel(), np.empty(6)
-    for i in range(len(a)):
-        if a[i] > 0:
-            z0, z1, z2 = y[0, i] - t[0], y[1, i] - t[1], y[2, i] - t[2]
-            x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
-            x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
-            x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
-            turned_metric(metric[i], flat, turned)
-            r2 = quadratic(turned, x0 - b[0, i], x1 - b[1, i], x2 - b[2, i])
-            g = a[i] / (1.0 + soft * known[i] * r2 * a[i])
-            for c in range(6):
-                sums[c, i] += g * turned[c]
-            sums[6, i] += g * (turned[0] * x0 + turned[1] * x1 + turned[2] * x2)
-            sums[7, i] += g * (turned[1] * x0 + turned[3] * x1 + turned[4] * x2)
-            sums[8, i] += g * (turned[2] * x0 + turned[4] * x1 + turned[5] * x2)
-
-
-@compiled()
-def _update_metric(sums: Floats, b: Floats, known: Floats) -> None:
-    """Template from the sums of :func:`_collect_metric`, in place."""
-    for i in range(sums.shape[1]):
-        if sums[0, i] > 0:
-            known[i] = 1.0
-            b[0, i], b[1, i], b[2, i] = solved(sums[:6, i], sums[6, i], sums[7, i], sums[8, i])

@@ -2,19 +2,14 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats, Slots
+from ...arrays import Floats, Slots
 from ...compiled import compiled
-from .metric import is_round_metric, quadratic, solved, turned_metric
+from .metric import is_round_metric, squared_length
 from .procrustes import SOFT
 from .records import RowArrays
 
 LEAST_COVERED = 0.6
 """Share of a row's frames in which a body must be posed to be charged the expected residual elsewhere."""
-# A cost is first estimated on every stride-th frame if a row has at least so many of those. It is then
-# computed on all frames for bodies whose estimate is below so many times the least plus so many nats.
-# All three were chosen on the scenes of docs/research/accuracy.md.
-_LEAST_ESTIMATE_FRAMES = 6
-_NEAR_FACTOR, _NEAR_NATS = 3.0, 100.0
 
 
 @compiled()
@@ -26,7 +21,6 @@ def body_costs(
     unposed: float,
     dim: int,
     cap: float,
-    stride: int,
     cost: Floats,
     squared: Floats,
     gain: Floats,
@@ -46,80 +40,28 @@ def body_costs(
     unposed
         Twice the cost of a frame without a pose where a body covers little of a row. Where it covers most
         frames of the row, the others cost the expected residual.
-    stride
-        Above 1: estimate on every stride-th frame first, and take all frames only for the bodies whose
-        estimate is near the least. The others keep their estimate.
     cost
         Out: float64 [n, K], in nats.
     squared
         Out: float64 [n, K], the mean of w |x - b|^2 over posed frames.
     gain
         Out, where the first body is the static one: float64 [n, K], what a row would gain at rest by the
-        wider tolerance of each body whose cost is no estimate. Else empty.
+        wider tolerance of each body. Else empty.
     """
     y, w, tolerance, spectrum, metric = arrays
-    count, bodies = w.shape[1], len(poses)
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
-    some, asked = np.ascontiguousarray(poses[:, ::stride]), np.ones(bodies, np.bool_)
+    x, gains = np.empty((w.shape[1], 5)), np.empty((w.shape[1], 2))
     for n in range(len(rows)):
         i = rows[n]
-        first, stop = observed_span(w[i])
-        scale = tolerance[i], wider, dim, cap, unposed
-        asked[:] = True
-        if stride > 1 and stop - first >= _LEAST_ESTIMATE_FRAMES * stride:
-            seen, persistence = _copy_row(y[i], w[i], stride, row), spectrum[i, 2] ** stride
-            _filter_gains(w[i], spectrum[i], stride, gains)
-            span, noise = (0, some.shape[1]), (metric[i], persistence)
-            _row_costs(row, some, span, asked, scale, noise, x, gains, cost[n], squared[n])
-            if seen > 0:
-                _keep_near(cost[n], asked, _copy_row(y[i], w[i], 1, row) / seen)
-        _copy_row(y[i], w[i], 1, row)
-        _filter_gains(w[i], spectrum[i], 1, gains)
-        loose = False
-        for k in range(bodies):
-            loose |= gain.size > 0 and asked[k] and wider[k] > 0
-        # The gain by a wider tolerance follows from the residuals at rest.
-        asked[0] |= loose
-        span, noise = (first, stop), (metric[i], spectrum[i, 2])
-        _row_costs(row, poses, span, asked, scale, noise, x, gains, cost[n], squared[n])
-        for k in range(1, bodies):
-            if loose and asked[k] and wider[k] > 0:
-                gain[n, k] = _wider_gain(x, stop - first, tolerance[i], wider[k], cap * dim)
-
-
-@compiled()
-def _keep_near(cost: Floats, asked: Bools, factor: float) -> None:
-    """Scale the estimates [K] that were asked for, and ask on for those that are near the least."""
-    least = np.inf
-    for k in range(len(cost)):
-        if asked[k]:
-            cost[k] *= factor
-        least = min(least, cost[k])
-    for k in range(len(cost)):
-        asked[k] = asked[k] and cost[k] < _NEAR_FACTOR * least + _NEAR_NATS
-
-
-@compiled()
-def _row_costs(
-    row: Floats,
-    poses: Floats,
-    span: tuple[int, int],
-    asked: Bools,
-    scale: tuple[float, Floats, int, float, float],
-    noise: tuple[Floats, float],
-    x: Floats,
-    gains: Floats,
-    cost: Floats,
-    squared: Floats,
-) -> None:
-    """Cost and mean squared residual of a row under the bodies that are asked for, the first body last."""
-    (tolerance, wider, dim, cap, unposed), (metric, persistence), (first, stop) = scale, noise, span
-    for k in range(len(poses) - 1, -1, -1):
-        if asked[k]:
-            inverse = 1.0 / (tolerance + wider[k])
-            cost[k], squared[k] = _body_cost(
-                row, poses[k], first, stop, inverse, dim, cap, unposed, metric, x, gains, persistence
-            )
+        span, terms = observed_span(w[i]), (dim, cap, unposed)
+        _filter_gains(w[i], spectrum[i], gains)
+        # The body at rest is the last: the gain by a wider tolerance follows from its residuals.
+        for k in range(len(poses) - 1, -1, -1):
+            inverse = 1.0 / (tolerance[i] + wider[k])
+            noise = inverse, metric[i], spectrum[i, 2]
+            cost[n, k], squared[n, k] = _body_cost(y[i], w[i], poses[k], span, noise, terms, x, gains)
+        for k in range(1, gain.shape[1]):
+            if wider[k] > 0:
+                gain[n, k] = _wider_gain(x, span[1] - span[0], tolerance[i], wider[k], cap * dim)
 
 
 @compiled()
@@ -154,16 +96,14 @@ def own_residuals(
     """
     y, w, tolerance, spectrum, metric = arrays
     count = w.shape[1]
-    row, x, gains = np.empty((count, 4)), np.empty((count, 5)), np.empty((count, 8))
+    x, gains = np.empty((count, 5)), np.empty((count, 2))
     for k in range(len(poses)):
         for n in range(first[k], first[k + 1]):
             i = rows[n]
-            _copy_row(y[i], w[i], 1, row)
             inverse = 1.0 / tolerance[i]
-            _filter_gains(w[i], spectrum[i], 1, gains)
-            _, squared = _body_cost(
-                row, poses[k], 0, count, inverse, dim, 1.0, 0.0, metric[i], x, gains, spectrum[i, 2]
-            )
+            _filter_gains(w[i], spectrum[i], gains)
+            noise = inverse, metric[i], spectrum[i, 2]
+            _, squared = _body_cost(y[i], w[i], poses[k], (0, count), noise, (dim, 1.0, 0.0), x, gains)
             excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
 
 
@@ -191,7 +131,7 @@ def recent_residuals(
         Out: float64 [P] each, sum of the squared distances in tolerances, and number of frames.
     """
     y, w, tolerance, _, metric = arrays
-    (first, split), x, turned = span, np.zeros(3), np.zeros(6)
+    (first, split), x = span, np.zeros(3)
     for i in range(len(body)):
         k = body[i]
         if k < 0:
@@ -204,13 +144,13 @@ def recent_residuals(
                 total, m0, m1, m2 = total + a, m0 + a * x[0], m1 + a * x[1], m2 + a * x[2]
         if total == 0.0:
             continue
-        variance = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total)
+        variance, is_round = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total), is_round_metric(metric[i])
         for f in range(split, w.shape[1]):
             a = w[i, f] * poses[k, f, 12]
             if a > 0:
                 _in_body(y[i, f], poses[k, f], x)
-                turned_metric(metric[i], poses[k, f], turned)
-                d2 = quadratic(turned, x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total)
+                e0, e1, e2 = x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total
+                d2 = squared_length(metric[i], poses[k, f], e0, e1, e2, is_round)
                 squared[i] += a * d2 / variance
                 count[i] += 1.0
 
@@ -235,55 +175,41 @@ def observed_span(w: Floats) -> tuple[int, int]:
 
 
 @compiled()
-def _copy_row(y: Floats, w: Floats, stride: int, row: Floats) -> int:
-    """Copy every stride-th frame of a row to [F, 4]; return in how many of them it is observed."""
-    seen = 0
-    for f in range(0, len(w), stride):
-        k = f // stride
-        row[k, 0], row[k, 1], row[k, 2], row[k, 3] = y[f, 0], y[f, 1], y[f, 2], w[f]
-        seen += w[f] > 0
-    return seen
-
-
-@compiled()
 def _body_cost(
-    row: Floats,
+    y: Floats,
+    w: Floats,
     poses: Floats,
-    first: int,
-    stop: int,
-    inverse: float,
-    dim: int,
-    cap: float,
-    unposed: float,
-    metric: Floats,
+    span: tuple[int, int],
+    noise: tuple[float, Floats, float],
+    terms: tuple[int, float, float],
     x: Floats,
     gains: Floats,
-    persistence: float,
 ) -> tuple[float, float]:
-    """Cost of one row under one body at frames [first:stop], and its mean squared residual.
+    """Cost of one row under one body at some frames, and its mean squared residual.
 
-    `row` [F, 4] holds y and w, `poses` [F, 13] those of the body, `metric` [6] that of the noise; `gains`
-    [F, 8] are those of the row's slow noise, and room for the metric in the body's frame; `x` [F, 5] is room.
+    Parameters
+    ----------
+    y, w, poses
+        float64 [F, 3], [F] and [F, 13].
+    span, noise, terms
+        First frame and one past the last; inverse tolerance, metric [6] and persistence of the row;
+        dimension, cap and price of a frame without a pose.
+    x, gains
+        float64 [F, 5], room, and [F, 2], of :func:`_filter_gains`.
     """
+    (first, stop), (inverse, metric, persistence), (dim, cap, unposed) = span, noise, terms
     seen, held, count = 0.0, 0.0, stop - first
-    is_round = is_round_metric(metric)
     for f in range(count):
-        p, r = poses[first + f], row[first + f]
-        z0, z1, z2 = r[0] - p[9], r[1] - p[10], r[2] - p[11]
-        x[f, 0] = p[0] * z0 + p[3] * z1 + p[6] * z2
-        x[f, 1] = p[1] * z0 + p[4] * z1 + p[7] * z2
-        x[f, 2] = p[2] * z0 + p[5] * z1 + p[8] * z2
-        x[f, 3] = r[3] * p[12]
-        seen += 1.0 if r[3] > 0 else 0.0
+        _in_body(y[first + f], poses[first + f], x[f])
+        x[f, 3] = w[first + f] * poses[first + f, 12]
+        seen += 1.0 if w[first + f] > 0 else 0.0
         held += 1.0 if x[f, 3] > 0 else 0.0
-        if not is_round:
-            turned_metric(metric, p, gains[first + f, 2:])
     missing = 0.5 * (dim if held >= LEAST_COVERED * seen else unposed) * (seen - held)
     if held == 0.0:
         return missing, 0.0
-    soft = inverse / (SOFT * dim)
-    mean = _robust_mean(x, count, gains[first:], soft, is_round)
-    _squares(x, count, mean, gains[first:], persistence, soft, is_round)
+    shape = metric, is_round_metric(metric), inverse / (SOFT * dim)
+    mean = _robust_mean(x, count, poses[first:], shape)
+    _squares(x, count, poses[first:], mean, gains[first:], persistence, shape)
     paid, squared, most = 0.0, 0.0, cap * dim
     for f in range(count):
         squared += x[f, 4]
@@ -293,15 +219,14 @@ def _body_cost(
 
 @compiled()
 def _robust_mean(
-    x: Floats, count: int, gains: Floats, soft: float, is_round: bool
+    x: Floats, count: int, poses: Floats, shape: tuple[Floats, bool, float]
 ) -> tuple[float, float, float]:
-    """Mean of points [count, 4 or more], three coordinates and a weight, under the metrics of `gains` [F, 8].
+    """Mean of points [count, 4 or more], three coordinates and a weight, in the frame of a body.
 
-    A squared distance of 1 / soft from the plain mean halves a weight.
+    A squared distance of 1 / soft from the plain mean halves a weight. `shape` is the metric [6], whether it
+    is round, and soft.
     """
-    if not is_round:
-        plain = _metric_mean(x, count, gains, 0.0, (0.0, 0.0, 0.0))
-        return _metric_mean(x, count, gains, soft, plain)
+    metric, is_round, soft = shape
     total, m0, m1, m2 = 1e-300, 0.0, 0.0, 0.0
     for f in range(count):
         a = x[f, 3]
@@ -312,7 +237,7 @@ def _robust_mean(
     m0, m1, m2 = m0 / total, m1 / total, m2 / total
     total, b0, b1, b2 = 1e-300, 0.0, 0.0, 0.0
     for f in range(count):
-        d2 = (x[f, 0] - m0) ** 2 + (x[f, 1] - m1) ** 2 + (x[f, 2] - m2) ** 2
+        d2 = squared_length(metric, poses[f], x[f, 0] - m0, x[f, 1] - m1, x[f, 2] - m2, is_round)
         g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
         total += g
         b0 += g * x[f, 0]
@@ -322,51 +247,26 @@ def _robust_mean(
 
 
 @compiled()
-def _metric_mean(
-    x: Floats, count: int, gains: Floats, soft: float, centre: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Mean with weights 1 / (1 + soft d^2) by the distance d from a centre, under the metrics."""
-    information, b0, b1, b2 = np.zeros(6), 0.0, 0.0, 0.0
-    for f in range(count):
-        if x[f, 3] > 0:
-            m = gains[f, 2:]
-            d2 = quadratic(m, x[f, 0] - centre[0], x[f, 1] - centre[1], x[f, 2] - centre[2])
-            g = x[f, 3] / (1.0 + soft * x[f, 3] * d2)
-            for c in range(6):
-                information[c] += g * m[c]
-            b0 += g * (m[0] * x[f, 0] + m[1] * x[f, 1] + m[2] * x[f, 2])
-            b1 += g * (m[1] * x[f, 0] + m[3] * x[f, 1] + m[4] * x[f, 2])
-            b2 += g * (m[2] * x[f, 0] + m[4] * x[f, 1] + m[5] * x[f, 2])
-    return solved(information, b0, b1, b2)
-
-
-@compiled()
 def _squares(
     x: Floats,
     count: int,
+    poses: Floats,
     mean: tuple[float, float, float],
     gains: Floats,
     persistence: float,
-    soft: float,
-    is_round: bool,
+    shape: tuple[Floats, bool, float],
 ) -> None:
     """Weighted squared distances of points [count, 5] from their mean, to the last column.
 
     With slow noise, of the innovations: the distance from what a Kalman filter of the slow noise expects
     (Kalman 1960). These are independent from frame to frame, and have the variance of the tolerance.
     """
-    s0, s1, s2 = mean
-    if persistence == 0.0 and is_round:
-        for f in range(count):
-            d2 = (x[f, 0] - s0) ** 2 + (x[f, 1] - s1) ** 2 + (x[f, 2] - s2) ** 2
-            x[f, 4] = x[f, 3] * d2
-        return
+    (metric, is_round, soft), (s0, s1, s2) = shape, mean
     for f in range(count):
         x[f, 4] = 0.0
         if x[f, 3] > 0:
             e0, e1, e2 = x[f, 0] - s0, x[f, 1] - s1, x[f, 2] - s2
-            d2 = e0 * e0 + e1 * e1 + e2 * e2 if is_round else quadratic(gains[f, 2:], e0, e1, e2)
-            x[f, 4] = x[f, 3] * d2
+            x[f, 4] = x[f, 3] * squared_length(metric, poses[f], e0, e1, e2, is_round)
             if persistence > 0.0:
                 x[f, 4] *= gains[f, 1]
                 g = gains[f, 0] / (1.0 + soft * x[f, 4])
@@ -378,18 +278,18 @@ def _squares(
 
 
 @compiled()
-def _filter_gains(w: Floats, spectrum: Floats, stride: int, gains: Floats) -> None:
+def _filter_gains(w: Floats, spectrum: Floats, gains: Floats) -> None:
     """Gain of a Kalman filter of a row's slow noise, and inverse variance of its innovations, to [F, 2].
 
     The latter are in tolerances, and relative to the weight of the observation. `spectrum` [3] is that of
-    :class:`~.records.RowArrays`, of frames as dense as those of `w`; every stride-th is taken.
+    :class:`~.records.RowArrays`.
     """
-    white, slow, persistence = spectrum[0], spectrum[1], spectrum[2] ** stride
+    white, slow, persistence = spectrum[0], spectrum[1], spectrum[2]
     if slow == 0.0:
         return
     variance = slow
-    for k in range((len(w) + stride - 1) // stride):
-        a = w[k * stride]
+    for k in range(len(w)):
+        a = w[k]
         gain = variance * a / (variance * a + white)
         gains[k, 0], gains[k, 1] = gain, 1.0 / (variance * a + white)
         variance -= gain * variance
