@@ -41,7 +41,7 @@ def scene(*, lost: bool, crowded: bool = True) -> Scene:
         current=current,
     )
     nobody = np.zeros(n, bool)
-    return Scene(frames, places, frames.life >= 0.3, before, 1, nobody, nobody)
+    return Scene(frames, places, frames.life >= 0.3, before, 1, nobody, nobody, nobody)
 
 
 @pytest.mark.parametrize("nearest", [0, 1])
