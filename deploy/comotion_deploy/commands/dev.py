@@ -13,5 +13,5 @@ add(app, {"reproduce": reproduce.app, **commands_of_checkout("TOOLS"), "warm-up"
 MOVED = frozenset({"bench", "reproduce", "soak", "warm-up"})
 """Commands that had no group; their old names are accepted for one release."""
 
-OF_CHECKOUT = frozenset({"bench", "soak"}) | frozenset({"stress", "pixels", "accuracy"})
+OF_CHECKOUT = frozenset({"bench", "soak"}) | frozenset({"ablation", "stress", "pixels", "accuracy"})
 """Commands and studies that are in a checkout alone."""

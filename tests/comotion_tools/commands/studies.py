@@ -1,4 +1,4 @@
-"""``comotion dev reproduce accuracy, stress, pixels``: methods on made-up and recorded scenes."""
+"""``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,6 +6,14 @@ from pathlib import Path
 from comotion_deploy.commands.experiments import Experiment, check, check_folder, progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.options import option, setting
+
+
+def _known(asked: list[str] | None, names: list[str], what: str) -> list[str]:
+    """What is asked for, or all; an error where there is no such name."""
+    for one in asked or ():
+        if one not in names:
+            raise UserError(f"no {what} {one!r}; one of {', '.join(names)}")
+    return asked or names
 
 
 @dataclass(kw_only=True)
@@ -37,10 +45,7 @@ Examples:
         check(self.out)
         robust = self.robustness and not self.quick
         most = [part for part in study.PARTS if part != "robustness" or robust]
-        unknown = [part for part in self.part or () if part not in study.PARTS]
-        if unknown:
-            raise UserError(f"no part {unknown[0]!r}; one of {', '.join(study.PARTS)}")
-        parts = self.part or most
+        parts = _known(self.part, list(study.PARTS), "part") if self.part else most
         cases = study.scene_cases()
         if self.quick:
             cases = [case for case in cases if case.group == "thesis scenes"]
@@ -56,7 +61,53 @@ Examples:
 
 
 @dataclass(kw_only=True)
-class Stress(Experiment):
+class OnFamilies:
+    """Options of what runs on stress families."""
+
+    family: list[str] | None = option(
+        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
+    )
+    jobs: int = option(2, "Processes at once.", min=1, max=256)
+
+
+@dataclass(kw_only=True)
+class Ablation(OnFamilies, Experiment):
+    """Leave out each rule of the default method alone, on stress families and recordings."""
+
+    epilog = """
+Examples:
+  comotion dev reproduce ablation --data recordings/mocap --out docs/research
+  comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
+"""
+
+    rule: list[str] | None = option(
+        None, "Rule to leave out; may be repeated. Default: each.", metavar="NAME"
+    )
+    seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
+    data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
+    out: Path = option(Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR")
+
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments.ablation import report
+        from comotion_experiments.ablation.experiment import run_experiment
+        from comotion_experiments.ablation.rules import RULES
+        from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.stress import FAMILIES, find_families
+
+        check_folder(self.out)
+        rules = _known(self.rule, list(RULES), "rule")
+        chosen = find_families(self.family or (), quick=not self.family)
+        families = [family.name for family in chosen if family.name in FAMILIES]
+        with progress() as note:
+            results = run_experiment(
+                rules, families, parse_seeds(self.seeds), self.data or (), jobs=self.jobs, progress=note
+            )
+        self.report("ablation", report.markdown(results), report.as_json(results))
+
+
+@dataclass(kw_only=True)
+class Stress(OnFamilies, Experiment):
     """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
 
     epilog = """
@@ -68,10 +119,6 @@ Examples:
 A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.
 """
 
-    family: list[str] | None = option(
-        None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
-    )
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
     seeds: str | None = setting(
         None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
     )
@@ -88,14 +135,10 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
 
         check(self.out)
         seeds = parse_seeds(self.seeds) if self.seeds else study.REPORTED_SEEDS[: 1 if self.quick else None]
-        unknown = [name for name in self.method or () if name not in study.METHODS]
-        if unknown:
-            raise UserError(f"method {unknown[0]!r} is none of {', '.join(study.METHODS)}")
+        methods = _known(self.method, list(study.METHODS), "method")
         families = study.find_families(self.family or (), quick=self.quick)
         with progress() as note:
-            results = study.run_experiment(
-                families, seeds, methods=self.method or study.METHODS, jobs=self.jobs, progress=note
-            )
+            results = study.run_experiment(families, seeds, methods=methods, jobs=self.jobs, progress=note)
         picture = "images/stress.png"
         text = report.markdown(results, picture)
         drawn = {picture: lambda path: report.save_picture(path, results)}
