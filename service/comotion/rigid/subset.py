@@ -125,11 +125,12 @@ def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
 def unexplained(scene: Scene, labels: Ints, excess: Floats) -> Bools:
     """Which current trajectories belong to nobody, or exceed the usual by more than chance, bool [N].
 
-    The largest of n normal deviates is about the root of 2 log n. `labels` intp [N] are those of followed
-    bodies, `excess` float64 [N] that of :func:`~comotion.rigid.costs.excess_costs`.
+    That is three standard deviations, and more among many: the largest of n normal deviates is about the
+    root of 2 log n. `labels` intp [N] are those of followed bodies, `excess` float64 [N] that of
+    :func:`~comotion.rigid.costs.excess_costs`.
     """
     asked = scene.judged & scene.frames.current
-    most = np.sqrt(2 * np.log(max(int(asked.sum()), 1)))
+    most = max(3.0, float(np.sqrt(2 * np.log(max(int(asked.sum()), 1)))))
     return np.asarray(asked & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 
