@@ -126,6 +126,21 @@ def test_poses_are_those_of_plain_procrustes(rng, count):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_one_feature_that_is_left_carries_a_body_over_as_it_was_turned(dim):
+    rng = np.random.default_rng(0)
+    b, way = rng.normal(size=(9, 3)), np.outer(np.arange(20), [0.1, 0.2, 0.0])
+    b[:, dim:] = 0.0
+    y, w = b[:, None] + way, np.ones((9, 20))
+    # All but the first are others from the tenth frame on.
+    w[1:4, 10:] = w[4:, :10] = 0.0
+    template, R, t, posed = np.zeros((3, 9)), np.zeros((20, 3, 3)), np.zeros((20, 3)), np.zeros(20, bool)
+    rows = y.transpose(1, 2, 0).copy(), w.T.copy(), np.full(9, 1e6), metrics_of(9)
+    fit_poses(*rows, dim, 4, template, PoseArrays(R, t, posed))
+    assert posed.all()
+    np.testing.assert_allclose(R, np.tile(np.eye(3), (20, 1, 1)), atol=1e-6)
+
+
 @few
 @given(seeds, st.integers(0, 40), st.integers(2, 40))
 def test_a_body_has_one_pose_for_each_rest(rng, moves_from, moves_for):

@@ -130,7 +130,14 @@ def _bridge(
             continue
         weights = np.zeros(m)
         _weigh(y[f], w[f], inverse, b, known, R[f], t[f], 0.0, weights)
-        _frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
+        if held == 1:
+            # One point has no moments to pull.
+            H, centres = np.zeros((3, 3)), np.zeros((2, 3))
+            _moments(y[f], b, weights, centres, H)
+            R[f] = R[beside]
+            _translation(R[f], centres, t[f])
+        else:
+            _frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
         for i in range(m):
             if w[f, i] > 0 and known[i] == 0:
                 known[i] = 1.0
