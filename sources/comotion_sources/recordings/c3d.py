@@ -13,7 +13,7 @@ from ..errors import RecordingError
 from .npz import METRES
 from .recording import Recording, clean
 
-# From the specification: block size in bytes, key byte, and the largest frame number that the header can hold.
+# From the specification: block size in bytes, key byte, and the largest frame number in a header.
 _BLOCK = 512
 _MAGIC = 0x50
 _SATURATED = 0xFFFF
