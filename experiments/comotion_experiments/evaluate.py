@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.joint_rows import plain
+from comotion_clients.joint_rows import known_values
 from comotion_clients.metrics import Score
-from comotion_clients.scoring import Summary, finite_or_none
+from comotion_clients.scoring import Summary
 from comotion_clients.tum import save_paths
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
+from comotion_schemas.plain import plain
 from comotion_schemas.terminal import Report, reporting
 
 from .brox_malik import compare
@@ -175,24 +176,27 @@ def overall(results: Sequence[Evaluated]) -> dict[str, float]:
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
-    """Convert to plain values: parameters, one entry per run, and the mean over files."""
-    return {
-        "config": config.model_dump(mode="json"),
-        "period": config.period if period is None else period,
-        "runs": [
-            {
-                "file": r.name,
-                "seed": r.seed,
-                "seconds": r.seconds,
-                **finite_or_none(r.values()),
-                "updates_sha256": r.digest,
-                "joints": [plain(joint) for joint in r.joints],
-                **({"brox_malik": finite_or_none(r.compared)} if r.compared else {}),
-            }
-            for r in results
-        ],
-        "overall": finite_or_none(overall(results)),
-    }
+    """Values for JSON: parameters, one entry per run, and the mean over files."""
+    values: dict[str, Any] = plain(
+        {
+            "config": config.model_dump(mode="json"),
+            "period": config.period if period is None else period,
+            "runs": [
+                {
+                    "file": r.name,
+                    "seed": r.seed,
+                    "seconds": r.seconds,
+                    **r.values(),
+                    "updates_sha256": r.digest,
+                    "joints": [known_values(joint) for joint in r.joints],
+                    **({"brox_malik": r.compared} if r.compared else {}),
+                }
+                for r in results
+            ],
+            "overall": overall(results),
+        }
+    )
+    return values
 
 
 def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:

@@ -1,8 +1,6 @@
-"""The results of an ablation as Markdown and as plain values."""
+"""The results of an ablation as Markdown."""
 
-from typing import Any
-
-from ..tables import Table, mean, number, plain
+from ..tables import Table, mean, number
 from .experiment import SCATTER, WHOLE, Results
 from .rules import RULES
 
@@ -22,11 +20,6 @@ def markdown(results: Results) -> str:
         drawn.add(*_cells(results, name, f"`{name}`: {RULES[name].what}"))
     seeds = ", ".join(map(str, results.seeds))
     return f"{_HEAD.format(seeds=seeds, scatter=SCATTER)}\n\n{drawn.markdown()}\n"
-
-
-def as_json(results: Results) -> Any:
-    """Plain values."""
-    return plain(results)
 
 
 def _cells(results: Results, rule: str, title: str) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, plain, spread
+from ..tables import Table, spread
 from .experiment import DEFAULT, ROBUST_SCENES, THESIS, Results
 from .study import PERIOD, Array, Outcome
 
@@ -47,19 +47,18 @@ The methods are described [here](../method.md). The recordings are those on whic
 
 
 def as_json(results: Results) -> Any:
-    """Plain values: mean NMI of each case by method and seed, and the other parts that were run."""
+    """Values for JSON: mean NMI of each case by method and seed, and the other parts that were run."""
     scores: dict[str, dict[str, list[float]]] = {}
     for (name, method), outcomes in results.outcomes.items():
         scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
     moved = "motion" in results.experiment.parts
-    found = {
+    return {
         "seeds": results.experiment.seeds,
         "nmi": scores,
         "comparator": results.compared,
         "motion": results.motion.medians() if moved else None,
         "parameters": results.variations,
     }
-    return plain(found)
 
 
 def _table(results: Results, group: str) -> str:

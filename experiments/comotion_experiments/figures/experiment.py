@@ -1,7 +1,7 @@
 """Runs and draws figures one by one and collects their numbers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ class Made:
     picture: Path
     rows: Sequence[Row]
     parameters: Mapping[str, str]
-    curves: Mapping[str, Mapping[str, list[float | None]]]
+    curves: Mapping[str, Mapping[str, list[float]]]
     summary: tuple[str, str] | None
 
 
@@ -38,22 +38,22 @@ class Results:
     left_out: list[Figure] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything as plain values."""
+        """Everything, for JSON."""
         return {
-            "seeds": list(self.options.seeds),
-            "workcell_seeds": list(self.options.workcell_seeds),
+            "seeds": self.options.seeds,
+            "workcell_seeds": self.options.workcell_seeds,
             "quick": self.options.quick,
             "default_method": self.options.default.model_dump(mode="json"),
             "left_out": [figure.name for figure in self.left_out],
             "figures": {
-                one.figure.name: {
-                    "title": one.figure.title,
-                    "picture": one.picture.name,
-                    "numbers": [asdict(row) for row in one.rows],
-                    "parameters": dict(one.parameters),
-                    "curves": {label: dict(curve) for label, curve in one.curves.items()},
+                made.figure.name: {
+                    "title": made.figure.title,
+                    "picture": made.picture.name,
+                    "numbers": made.rows,
+                    "parameters": made.parameters,
+                    "curves": made.curves,
                 }
-                for one in self.made
+                for made in self.made
             },
         }
 
@@ -97,11 +97,12 @@ def reproduce(
     return results
 
 
-def _curve(take: SceneRuns) -> dict[str, list[float | None]]:
+def _curve(take: SceneRuns) -> dict[str, list[float]]:
     mean, spread = mean_and_spread(take.nmi)
-    return {"t": _plain(take.t, 4), "mean": _plain(mean, 4), "std": _plain(spread, 4)}
+    return {"t": _rounded(take.t), "mean": _rounded(mean), "std": _rounded(spread)}
 
 
-def _plain(values: Any, digits: int) -> list[float | None]:
-    filled = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return [round(value, digits) if np.isfinite(value) else None for value in filled.tolist()]
+def _rounded(values: Any) -> list[float]:
+    """To four digits; NaN where a value is masked."""
+    rounded: list[float] = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan).round(4).tolist()
+    return rounded

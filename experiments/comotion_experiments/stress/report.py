@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, means, number, plain
+from ..tables import Table, means, number
 from . import image_report
 from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Results
@@ -76,11 +76,14 @@ def traces(results: Results) -> str:
 
 
 def as_json(results: Results) -> Any:
-    """Everything but the traces as plain values."""
+    """Everything but the traces, for JSON."""
+    images = [
+        {"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in results.images
+    ]
     runs = [
         {"family": o.family, "method": o.method, "seed": o.seed, **vars(o.figures)} for o in results.outcomes
     ]
-    return plain({"seeds": results.seeds, "images": image_report.as_json(results.images), "runs": runs})
+    return {"seeds": results.seeds, "images": images, "runs": runs}
 
 
 def markdown(results: Results, picture: str) -> str:

@@ -10,19 +10,32 @@ from .simulation import Simulation
 DEFAULT_NAME = "simulator"
 
 
-def stream(simulation: Simulation, name: str | None = None) -> Stream:
-    """Build the stream of one simulated source.
+def streams(simulations: Sequence[Simulation], name: str | None = None) -> list[Stream]:
+    """Build the streams of simulated sources, to be played live or offline.
 
     Parameters
     ----------
-    simulation
-        The source.
+    simulations
+        The sources.
     name
-        Name of the source; None: ``simulator``, or ``simulator-k`` for part k of several.
+        Name of the source; with several sources, the k-th is ``<name>-k``. None: ``simulator``, or
+        ``simulator-k`` for part k of several.
     """
+    return [
+        _stream(
+            simulation,
+            numbered(DEFAULT_NAME, simulation.part, simulation.parts)
+            if name is None
+            else numbered(name, k, len(simulations)),
+        )
+        for k, simulation in enumerate(simulations)
+    ]
+
+
+def _stream(simulation: Simulation, name: str) -> Stream:
     spec = simulation.spec
     return Stream(
-        name=name or numbered(DEFAULT_NAME, simulation.part, simulation.parts),
+        name=name,
         space=spec.space,
         unit=spec.unit,
         dim=spec.dim,
@@ -36,7 +49,6 @@ def stream(simulation: Simulation, name: str | None = None) -> Stream:
 def batches(
     simulations: Simulation | Sequence[Simulation],
     *,
-    source: str = DEFAULT_NAME,
     session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
     publish_sigma: bool = False,
@@ -47,8 +59,6 @@ def batches(
     ----------
     simulations
         One source, or several of the same scene.
-    source
-        Name of the source; with several sources, the k-th is ``<source>-k``.
     session
         Session of every source, 16 hexadecimal digits.
     epoch_ns
@@ -57,7 +67,4 @@ def batches(
         Publish the true noise of every feature.
     """
     chosen = [simulations] if isinstance(simulations, Simulation) else simulations
-    streams = [
-        stream(simulation, numbered(source, simulation.part, simulation.parts)) for simulation in chosen
-    ]
-    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)
+    return merged(streams(chosen), session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)
