@@ -102,7 +102,7 @@ def evaluate_inputs(
         trace, digest = Trace(), hashlib.sha256()
         name = f"{count}/{len(inputs)} {_label(one.name, 30)}"
         try:
-            with reporting(quiet=not progress, terminal_s=0.25, plain_s=3.0) as report:
+            with reporting(quiet=not progress) as report:
                 on_update = _tee(trace, digest, report, name)
                 run = run_offline(one.open(), config, period=period, duration=duration, on_update=on_update)
         except ValueError as error:
@@ -135,7 +135,7 @@ def _evaluated(one: Input, run: Run, digest: str, compared: dict[str, float]) ->
         ms_p99=float(np.percentile(run.update_ms, 99)),
         seconds=float(run.seconds[-1]),
         digest=digest,
-        joints=run.joints,
+        joints=run.last.joints,
         compared=compared,
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from comotion_schemas import ObservationBatch, TruthBatch
 
-from ..streams import OFFLINE_SESSION, Stream, merged, numbered
+from ..streams import Stream, merged, numbered
 from .simulation import Simulation
 
 DEFAULT_NAME = "simulator"
@@ -49,7 +49,6 @@ def _stream(simulation: Simulation, name: str) -> Stream:
 def batches(
     simulations: Simulation | Sequence[Simulation],
     *,
-    session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
     publish_sigma: bool = False,
 ) -> Iterator[TruthBatch | ObservationBatch]:
@@ -59,12 +58,10 @@ def batches(
     ----------
     simulations
         One source, or several of the same scene.
-    session
-        Session of every source, 16 hexadecimal digits.
     epoch_ns
         Stamp of the start of the scene, nanoseconds since the Unix epoch.
     publish_sigma
         Publish the true noise of every feature.
     """
     chosen = [simulations] if isinstance(simulations, Simulation) else simulations
-    return merged(streams(chosen), session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)
+    return merged(streams(chosen), epoch_ns=epoch_ns, publish_sigma=publish_sigma)
