@@ -131,9 +131,7 @@ def _head(results: Results) -> str:
     opening = _OPENING.format(
         seeds=f"Seed{'s' if len(results.seeds) > 1 else ''} {listed} ({role}).",
         part="" if ran == set(ALL) else f" Here are {len(ran)} of {len(ALL)} families.",
-        both=", of NMI and delay the default method before the thesis method"
-        if len(results.methods) > 1
-        else "",
+        both=_BOTH if len(results.methods) > 1 else "",
     )
     return "\n\n".join(["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS])
 
@@ -190,9 +188,6 @@ def _mean_trace(results: Results, family: str, method: str) -> tuple[Array, Arra
     traces = [trace for outcome in results.of(family, method) for trace in outcome.traces]
     length = min(len(trace.nmi) for trace in traces)
     seconds = np.array(traces[0].seconds[:length]) - traces[0].seconds[0]
-    nmi = np.array([trace.nmi_apart[:length] for trace in traces])
-    known = np.isfinite(nmi)
     # While everything is covered there is nothing to score.
-    total = np.where(known, nmi, 0.0).sum(axis=0)
-    count = known.sum(axis=0)
-    return seconds, np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    nmi = np.ma.masked_invalid([trace.nmi_apart[:length] for trace in traces])
+    return seconds, nmi.mean(axis=0).filled(np.nan)
