@@ -70,7 +70,6 @@ def evaluate_inputs(
     duration: float | None = None,
     plot: Path | None = None,
     paths: Path | None = None,
-    progress: bool = True,
     comparator: bool = False,
 ) -> list[Evaluated]:
     """Run every input through the core.
@@ -87,8 +86,6 @@ def evaluate_inputs(
         Path of the plot; with several inputs the name of the input is added.
     paths
         Folder for paths in the TUM format; with several inputs one folder in it for each.
-    progress
-        Show progress on standard error.
     comparator
         Score the affinity of Brox and Malik as well.
 
@@ -102,7 +99,7 @@ def evaluate_inputs(
         trace, digest = Trace(), hashlib.sha256()
         name = f"{count}/{len(inputs)} {_label(one.name, 30)}"
         try:
-            with reporting(quiet=not progress) as report:
+            with reporting() as report:
                 on_update = _tee(trace, digest, report, name)
                 run = run_offline(one.open(), config, period=period, duration=duration, on_update=on_update)
         except ValueError as error:

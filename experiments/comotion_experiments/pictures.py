@@ -56,7 +56,7 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         made += _workcell(folder)
     for name, scene in PLOTS.items():
         if only in {None, name}:
-            evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name, progress=False)
+            evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name)
             made.append(folder / name)
     if only in {None, "workcell.jpg"}:
         made.append(_scenes(folder / "workcell.jpg"))

@@ -24,7 +24,7 @@ def streams(simulations: Sequence[Simulation], name: str | None = None) -> list[
     return [
         _stream(
             simulation,
-            numbered(DEFAULT_NAME, simulation.part, simulation.parts)
+            numbered(DEFAULT_NAME, simulation.part.index, simulation.part.count)
             if name is None
             else numbered(name, k, len(simulations)),
         )
