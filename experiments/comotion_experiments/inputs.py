@@ -82,13 +82,13 @@ def find_inputs(
     ImportError
         If an input is an .mcap file and the extra `record` is not installed.
     """
-    found: list[Input] = []
+    inputs: list[Input] = []
     for name in names:
         if name.startswith(SIMULATED):
-            found += _simulated(name, seeds, rates)
+            inputs += _simulated(name, seeds, rates)
         else:
-            found.append(_recorded(name, split, rates, as_received=as_received))
-    return found
+            inputs.append(_recorded(name, split, rates, as_received=as_received))
+    return inputs
 
 
 def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -> list[Input]:

@@ -117,7 +117,7 @@ def _workcell(folder: Path) -> list[Path]:
     images = [np.asarray(image, np.uint8) for image in read if image is not None]
     with closing(open_frames(WORKCELL, None)) as camera:
         raw = [frame.image for frame in camera]
-    pairs = [np.hstack((seen, found)) for seen, found in zip(raw, images, strict=True)]
+    pairs = [np.hstack((seen, coloured)) for seen, coloured in zip(raw, images, strict=True)]
     return from_frames(folder, [np.asarray(pair, np.uint8) for pair in pairs])
 
 

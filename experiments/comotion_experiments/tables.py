@@ -80,4 +80,4 @@ def mean(values: Iterable[float]) -> float:
 
 def means(rows: Sequence[Any]) -> dict[str, float]:
     """Mean of every field over dataclasses of one type, by :func:`mean`."""
-    return {one.name: mean([getattr(row, one.name) for row in rows]) for one in fields(rows[0])}
+    return {member.name: mean([getattr(row, member.name) for row in rows]) for member in fields(rows[0])}

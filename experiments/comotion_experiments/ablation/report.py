@@ -16,7 +16,7 @@ def markdown(results: Results) -> str:
     """A table with a line for each rule."""
     drawn = Table(("left out", "families", "recordings", "changes"))
     drawn.add(*_cells(results, WHOLE, "nothing"))
-    for name in dict.fromkeys(one.rule for one in results.runs if one.rule != WHOLE):
+    for name in dict.fromkeys(run.rule for run in results.runs if run.rule != WHOLE):
         drawn.add(*_cells(results, name, f"`{name}`: {RULES[name].what}"))
     seeds = ", ".join(map(str, results.seeds))
     return f"{_HEAD.format(seeds=seeds, scatter=SCATTER)}\n\n{drawn.markdown()}\n"

@@ -87,8 +87,8 @@ def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
         config = _config(method, case)
         results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
     if _is_compared(results.experiment, case):
-        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
-        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
+        compared = [compare(case.open(seed), case.duration).means() for seed in seeds]
+        results.compared[case.name] = {name: [scores[name] for scores in compared] for name in CLUSTERINGS}
 
 
 def _config(method: str, case: Case) -> FusionConfig:
@@ -101,13 +101,13 @@ def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:
     """Compute scores with the defaults, and with each parameter halved and doubled."""
     cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
     progress("robustness")
-    found = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
+    variations = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
     for name, value in RigidConfig().model_dump().items():
         progress(f"robustness: {name}")
         for factor in (0.5, 2.0):
             scaled = RigidConfig(**_scaled(name, value, factor))
-            found.append(Variation(name, factor, _scores_of(cases, scaled)))
-    return found
+            variations.append(Variation(name, factor, _scores_of(cases, scaled)))
+    return variations
 
 
 def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:

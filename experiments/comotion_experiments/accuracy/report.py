@@ -62,13 +62,13 @@ def as_json(results: Results) -> Any:
 
 
 def _table(results: Results, group: str) -> str:
-    found = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
+    table = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
     names = [case.name for case in results.experiment.cases if case.group == group]
     for name in names:
-        found.add(*_row(results, name))
+        table.add(*_row(results, name))
     if group == "recordings":
-        found.add(*_means(results, names))
-    return f"## {group[0].upper()}{group[1:]}\n\n{found.markdown()}"
+        table.add(*_means(results, names))
+    return f"## {group[0].upper()}{group[1:]}\n\n{table.markdown()}"
 
 
 def _row(results: Results, name: str) -> list[str]:
@@ -116,8 +116,8 @@ def _compared(results: Results) -> str:
     table = Table(("", "default", "thesis", *clusterings))
     for group in dict.fromkeys(groups[name] for name in rows):
         some = [row for name, row in rows.items() if groups[name] == group]
-        table.add(f"{group} ({len(some)})", *(f"{one:.3f}" for one in np.mean(some, 0)))
-    table.add("**mean**", *(f"{one:.3f}" for one in np.mean(list(rows.values()), 0)))
+        table.add(f"{group} ({len(some)})", *(f"{score:.3f}" for score in np.mean(some, 0)))
+    table.add("**mean**", *(f"{score:.3f}" for score in np.mean(list(rows.values()), 0)))
     better = ", ".join(
         f"{name} ({max(row[2:]):.3f} against {row[0]:.3f})"
         for name, row in rows.items()
@@ -223,12 +223,12 @@ def _leave_one_out(results: Results) -> str:
 
 def save_reliability(path: Path, results: Results) -> None:
     """Draw the reliability diagram."""
-    found = np.array(bins(results))
+    shares = np.array(bins(results))
     figure = new_figure(5, 4.5)
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color="#999999", linewidth=1)
-    axes.plot(found[:, 0], found[:, 1], marker="o", color="#0072b2")
-    for x, y, n in found:
+    axes.plot(shares[:, 0], shares[:, 1], marker="o", color="#0072b2")
+    for x, y, n in shares:
         axes.annotate(f"{int(n)}", (x, y), textcoords="offset points", xytext=(5, -10), fontsize=7)
     axes.set(xlabel="confidence", ylabel="share right", xlim=(0, 1.02), ylim=(0, 1.02))
     figure.savefig(path)

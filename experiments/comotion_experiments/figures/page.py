@@ -164,10 +164,10 @@ def _appendix(results: Results) -> str:
 
 def versions_in_use() -> list[tuple[str, str]]:
     """Name and version of what has a part in the figures."""
-    found = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
+    versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
     for name in _PACKAGES:
         try:
-            found.append((name, metadata.version(name)))
+            versions.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:
-            found.append((name, "not installed"))
-    return found
+            versions.append((name, "not installed"))
+    return versions

@@ -49,8 +49,8 @@ def families_of(results: Results) -> list[str]:
 
 def tables(results: Results) -> list[Table]:
     """For a terminal: a table of scenes and one of image sequences, those that were run."""
-    found = [_table(results)] if results.outcomes else []
-    return [*found, image_report.table(results.images)] if results.images else found
+    shown = [_table(results)] if results.outcomes else []
+    return [*shown, image_report.table(results.images)] if results.images else shown
 
 
 def _table(results: Results) -> Table:
