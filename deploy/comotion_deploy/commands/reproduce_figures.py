@@ -95,7 +95,7 @@ def _table(results: "Results") -> Any:
     for title in ("figure", "", "the thesis says", "thesis method here", "default method here"):
         table.add_column(title)
     for made in results.made:
-        for k, row in enumerate(made.rows):
+        for k, row in enumerate(made.drawn.rows):
             name = made.figure.name if k == 0 else ""
             table.add_row(name, row.quantity, row.printed, row.thesis, row.default)
         table.add_section()

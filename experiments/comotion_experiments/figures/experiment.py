@@ -1,6 +1,6 @@
 """Runs and draws figures one by one and collects their numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..processes import Progress, quiet
-from .figure import Figure, Row
+from .figure import Drawn, Figure
 from .panels import mean_and_spread
 from .runs import SceneRuns
 from .study import Options, Study
@@ -16,17 +16,11 @@ from .study import Options, Study
 
 @dataclass(frozen=True)
 class Made:
-    """A figure that was drawn: picture, numbers, and parameters.
-
-    `curves` has, by label, seconds `t`, and `mean` and `std` of NMI over the seeds.
-    """
+    """A figure, its picture, and what else came of drawing it."""
 
     figure: Figure
     picture: Path
-    rows: Sequence[Row]
-    parameters: Mapping[str, str]
-    curves: Mapping[str, Mapping[str, list[float]]]
-    summary: tuple[str, str] | None
+    drawn: Drawn
 
 
 @dataclass
@@ -38,7 +32,7 @@ class Results:
     left_out: list[Figure] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything, for JSON."""
+        """Everything, for JSON; a curve has seconds `t`, and `mean` and `std` of NMI over the seeds."""
         return {
             "seeds": self.options.seeds,
             "workcell_seeds": self.options.workcell_seeds,
@@ -49,9 +43,9 @@ class Results:
                 made.figure.name: {
                     "title": made.figure.title,
                     "picture": made.picture.name,
-                    "numbers": made.rows,
-                    "parameters": made.parameters,
-                    "curves": made.curves,
+                    "numbers": made.drawn.rows,
+                    "parameters": made.drawn.parameters,
+                    "curves": {label: _curve(take) for label, take in made.drawn.curves.items()},
                 }
                 for made in self.made
             },
@@ -92,8 +86,7 @@ def reproduce(
         drawn = figure.draw(study)
         picture = out / figure.file
         drawn.figure.savefig(picture)
-        curves = {label: _curve(take) for label, take in drawn.curves.items()}
-        results.made.append(Made(figure, picture, drawn.rows, drawn.parameters, curves, drawn.summary))
+        results.made.append(Made(figure, picture, drawn))
     return results
 
 
