@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Event, Hypothesis, Joint, Twist
 from comotion_schemas.hypotheses import EventKind, JointKind
-from comotion_schemas.rigid import matrix, rotation, spin, three
+from comotion_schemas.rigid import rotation, spin, three
 
 from ..arrays import Floats
 from ..config import JointsConfig
@@ -100,7 +101,7 @@ class Joints:
         self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
     ) -> tuple[list[Joint], list[Event]]:
         listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
-        near = _touching(view, list(listed))
+        near = _touching(listed)
         rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
         due = self._due(near, stamp_ns) if rested and motions_of is not None else []
         if due:
@@ -166,32 +167,26 @@ def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesi
     return (a, b) if listed[a].size >= listed[b].size else (b, a)
 
 
-def _touching(view: SpaceView, ids: list[int]) -> list[Key]:
-    """Pairs whose extents are near each other."""
-    bodies = {h.id: h for h in view.hypotheses}
-    names = sorted(one for one in ids if bodies[one].box is not None or (view.labels == one).any())
+def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
+    """Pairs whose boxes are near each other."""
+    boxes = {one: h.box for one, h in sorted(listed.items()) if h.box is not None}
+    names = list(boxes)
     if len(names) < 2:
         return []
-    low, high = (np.array(ends) for ends in zip(*(_extent(view, bodies[one]) for one in names), strict=True))
-    size = np.linalg.norm(high - low, axis=1)
-    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).clip(0)
+    turns = [box.rotation for box in boxes.values()]
+    flat = not isinstance(turns[0], list)
+    turn = Rotation.from_rotvec(np.outer(turns, [0, 0, 1])) if flat else Rotation.from_quat(turns)
+    centre = np.array([box.center for box in boxes.values()])
+    axes = np.abs(turn.as_matrix()[:, : centre.shape[1], : centre.shape[1]])
+    half = np.einsum("nij,nj->ni", axes, [box.half for box in boxes.values()])
+    size = 2 * np.linalg.norm(half, axis=1)
+    gap = (np.abs(centre[:, None] - centre) - half[:, None] - half).clip(0)
     # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
-    moving = np.array([bodies[one].state != "static" for one in names])
+    moving = np.array([listed[one].state != "static" for one in names])
     larger, smaller = np.maximum(size[:, None], size), np.minimum(size[:, None], size)
     margin = _REACH * np.where(moving[:, None] & moving, larger, smaller)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
     return [(names[i], names[j]) for i, j in near.tolist()]
-
-
-def _extent(view: SpaceView, one: Hypothesis) -> tuple[Floats, Floats]:
-    """Least and largest coordinates of the box of a hypothesis, or of its current members."""
-    if one.box is None:
-        slots = view.current[view.labels == one.id]
-        points = view.window.positions[slots, view.window.stop[slots] - 1]
-        return points.min(0), points.max(0)
-    turn = matrix(one.box.rotation)
-    centre, half = np.array(one.box.center), np.abs(turn) @ np.array(one.box.half)
-    return centre - half, centre + half
 
 
 def _describe(pair: Pair, listed: Mapping[int, Hypothesis], view: SpaceView) -> Joint:
