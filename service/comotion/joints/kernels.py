@@ -98,7 +98,7 @@ def _normal_equations(
 ) -> None:
     """Normal equations of a step, as in :func:`fit_joint`; `left` and `right` [10] are zero before."""
     u, c = frame[1], frame[2]
-    J, white = np.zeros((UNKNOWNS + 2, 6)), np.zeros((UNKNOWNS + 2, 6))
+    J, white = np.zeros((6, UNKNOWNS + 2)), np.zeros((6, UNKNOWNS + 2))
     E, turn = np.eye(3), np.zeros((1, 3, 3))
     d, moved, wide = frame[0] - c, np.zeros(3), np.zeros((3, 3))
     for n in range(len(q)):
@@ -108,13 +108,13 @@ def _normal_equations(
         _turn_left(R[n], E, R0, wide, turn[0])
         J[:] = 0.0
         _derivatives(kind, frame, E, d, moved, q[n], J)
-        J[UNKNOWNS + 1, :3] = rotation_vectors(turn)[0]
+        J[:3, UNKNOWNS + 1] = rotation_vectors(turn)[0]
         for i in range(3):
-            J[UNKNOWNS + 1, 3 + i] = p[n, i] - c[i] - moved[i] - (q[n] * u[i] if kind == PRISMATIC else 0.0)
+            J[3 + i, UNKNOWNS + 1] = p[n, i] - c[i] - moved[i] - (q[n] * u[i] if kind == PRISMATIC else 0.0)
         _whiten(W[n], J, white)
         squared = 0.0
         for i in range(6):
-            residual[n, i] = white[UNKNOWNS + 1, i]
+            residual[n, i] = white[i, UNKNOWNS + 1]
             squared += residual[n, i] * residual[n, i]
         _eliminate(white, kind, n, strength, slope)
         _add(white, 1 / (1 + squared / HEAVY), left, right)
@@ -202,14 +202,13 @@ def _turn_left(R: Floats, E: Floats, R0: Floats, wide: Floats, found: Floats) ->
 
 
 @compiled()
-def _whiten(W: Floats, rows: Floats, found: Floats) -> None:
-    """W times each row, in place; W is an upper triangle."""
-    for k in range(len(rows)):
-        for i in range(6):
-            total = 0.0
-            for j in range(i, 6):
-                total += W[i, j] * rows[k, j]
-            found[k, i] = total
+def _whiten(W: Floats, J: Floats, found: Floats) -> None:
+    """W J, in place; W is an upper triangle."""
+    found[:] = 0.0
+    for i in range(6):
+        for j in range(i, 6):
+            for k in range(UNKNOWNS + 2):
+                found[i, k] += W[i, j] * J[j, k]
 
 
 @compiled()
@@ -229,68 +228,58 @@ def _add_cross(a: Floats, b: Floats, factor: float, found: Floats) -> None:
 
 @compiled()
 def _derivatives(kind: int, frame: Floats, E: Floats, d: Floats, moved: Floats, q: float, J: Floats) -> None:
-    """Derivatives of a state by the unknowns and, next to last, by the position; zero before; in place."""
+    """Derivatives of a state by the unknowns and, next to last, by the position, in columns; zero before."""
     u, turned, arm = frame[1], np.zeros(3), np.zeros(3)
-    for k in range(3):
-        for i in range(3):
-            J[k, i] = J[3 + k, 3 + i] = E[i, k]
+    J[:3, :3] = J[3:, 3:6] = E
     if kind == PRISMATIC:
-        J[UNKNOWNS, 3:] = u
+        J[3:, UNKNOWNS] = u
     elif kind == REVOLUTE:
-        J[UNKNOWNS, :3] = u
-        _add_cross(u, moved, 1.0, J[UNKNOWNS, 3:])
+        J[:3, UNKNOWNS] = u
+        _add_cross(u, moved, 1.0, J[3:, UNKNOWNS])
     for k in range(2):
         across = frame[3 + k]
         if kind == PRISMATIC:
-            _add_cross(across, u, q, J[8 + k, 3:])
+            _add_cross(across, u, q, J[3:, 8 + k])
         elif kind == REVOLUTE:
             _apply(E, across, turned)
             for i in range(3):
-                J[8 + k, i] = J[6 + k, 3 + i] = across[i] - turned[i]
+                J[i, 8 + k] = J[3 + i, 6 + k] = across[i] - turned[i]
             arm[:] = 0.0
             _add_cross(across, d, 1.0, arm)
             _apply(E, arm, turned)
             for i in range(3):
-                J[8 + k, 3 + i] = -turned[i]
-            _add_cross(across, moved, 1.0, J[8 + k, 3:])
+                J[3 + i, 8 + k] = -turned[i]
+            _add_cross(across, moved, 1.0, J[3:, 8 + k])
 
 
 @compiled()
 def _eliminate(white: Floats, kind: int, n: int, strength: Floats, slope: Floats) -> None:
-    """Take out of whitened derivatives and residual what the position of the state explains, in place."""
-    direction = white[UNKNOWNS]
+    """Take out of whitened columns, of derivatives and residual, what the position explains, in place."""
+    share = np.zeros(UNKNOWNS + 2)
     strength[n] = _NO_DIRECTION
-    for i in range(6):
-        strength[n] += direction[i] * direction[i]
-    for k in range(UNKNOWNS + 1):
-        slope[n, k] = 0.0
+    slope[n] = 0.0
     if kind == FIXED:
         return
+    for i in range(6):
+        along = white[i, UNKNOWNS]
+        strength[n] += along * along
+        for k in range(UNKNOWNS + 2):
+            share[k] += along * white[i, k]
     for k in range(UNKNOWNS + 2):
-        if k == UNKNOWNS:
-            continue
-        share = 0.0
-        for i in range(6):
-            share += direction[i] * white[k, i]
-        share /= strength[n]
-        slope[n, min(k, UNKNOWNS)] = share
-        for i in range(6):
-            white[k, i] -= share * direction[i]
+        share[k] /= strength[n]
+    slope[n, :UNKNOWNS], slope[n, UNKNOWNS] = share[:UNKNOWNS], share[UNKNOWNS + 1]
+    for i in range(6):
+        along = white[i, UNKNOWNS]
+        for k in range(UNKNOWNS + 2):
+            white[i, k] -= share[k] * along
 
 
 @compiled()
 def _add(white: Floats, weight: float, left: Floats, right: Floats) -> None:
     """Add a state to the equations, in place."""
-    last = UNKNOWNS + 1
-    for a in range(UNKNOWNS):
-        total = 0.0
-        for i in range(6):
-            total += white[a, i] * white[last, i]
-        right[a] += weight * total
-        for b in range(a + 1):
-            total = 0.0
-            for i in range(6):
-                total += white[a, i] * white[b, i]
-            left[a, b] += weight * total
-            if a != b:
-                left[b, a] += weight * total
+    for i in range(6):
+        for a in range(UNKNOWNS):
+            one = weight * white[i, a]
+            right[a] += one * white[i, UNKNOWNS + 1]
+            for b in range(UNKNOWNS):
+                left[a, b] += one * white[i, b]
