@@ -100,21 +100,50 @@ class LabelMemory:
     ) -> Labels:
         """Hypotheses of the current trajectories, int64 [n]; a group that continues none gets a new id."""
         self._fit(window)
-        slots, groups, count = partition.slots, partition.groups, len(partition.described)
-        known = self.labels[slots].copy()
-        vote = partition.deciding & ~self._overruled(window, partition, current)
+        slots, groups = partition.slots, partition.groups
+        known, before = self.labels[slots], self.labels[current]
+        seen = np.zeros(window.capacity, np.bool_)
+        seen[current] = True
+        if not self._continues(partition, seen[slots], known):
+            self._vote(window, partition, seen[slots], known, matching)
+        now = np.append(self.ids, NO_HYPOTHESIS)[groups]
+        self.labels[slots] = now
+        self._since[slots[now != known]] = stamp_ns
+        self._lead_outdated(window, slots, before, self.labels[current])
+        if self._established_decide:
+            self._establish(window, slots, stamp_ns)
+        return self.labels[current]
+
+    def _continues(self, partition: Partition, seen: Bools, known: Labels) -> bool:
+        """Whether the groups are those of the last update, so that a vote would change nothing.
+
+        Nobody has gone from one to another, and each has a member whose vote counts.
+        """
+        groups, count = partition.groups, len(partition.described)
+        if len(self.ids) != count:
+            return False
+        now = np.append(self.ids, NO_HYPOTHESIS)[groups]
+        old = self._established_in[partition.slots]
+        strange = ((known != now) & (known >= 0)) | ((old != now) & (old >= 0))
+        voting = np.zeros(count + 1, np.bool_)
+        voting[groups[seen & partition.deciding & (old >= 0)]] = True
+        holding = np.zeros(count + 1, np.bool_)
+        holding[groups] = True
+        if strange.any() or (holding[:-1] != voting[:-1]).any():
+            return False
+        self.ids = np.where(holding[:-1], self.ids, NO_HYPOTHESIS)
+        return True
+
+    def _vote(
+        self, window: Window, partition: Partition, seen: Bools, known: Labels, matching: Matching
+    ) -> None:
+        """Let the members decide which hypothesis each group continues."""
+        slots, groups = partition.slots, partition.groups
+        vote = partition.deciding & ~self._overruled(window, partition, seen)
         votes = Votes(
             self.supported(slots)[vote], known[vote], groups[vote], self._voters(window, slots[vote])
         )
-        self.ids = name_groups(votes, count, matching, self._allocator.next)
-        before = self.labels[current]
-        self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
-        self._since[slots[self.labels[slots] != known]] = stamp_ns
-        now = self.labels[current]
-        self._lead_outdated(window, slots, before, now)
-        if self._established_decide:
-            self._establish(window, slots, stamp_ns)
-        return now
+        self.ids = name_groups(votes, len(partition.described), matching, self._allocator.next)
 
     def _voters(self, window: Window, slots: Slots) -> Slots | None:
         """Whose the votes of some slots are, where that matters: not so in the method of the thesis."""
@@ -129,17 +158,16 @@ class LabelMemory:
         settled = slots[held & (since_ns <= stamp_ns - tenure_ns)]
         self._established_in[settled] = self.labels[settled]
 
-    def _overruled(self, window: Window, partition: Partition, current: Slots) -> Bools:
+    def _overruled(self, window: Window, partition: Partition, seen: Bools) -> Bools:
         """Trajectories that have no say in which hypothesis a group continues, bool [N].
 
-        These are late members, and trajectories out of sight, of a source without an established
-        member, where those
-        of others have enough: in the hypothesis, or in the group. So a crowd of a new source does not take
-        the id of a body along.
+        These are late members, and trajectories out of sight, of a source without an established member,
+        where those of others have enough: in the hypothesis, or in the group. So a crowd of a new source does
+        not take the id of a body along.
         """
         slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._established_in[slots] != NO_HYPOTHESIS
-        seen, sources = np.isin(slots, current), window.source[slots]
+        sources = window.source[slots]
         if not self._established_decide or (old & seen).all():
             return np.zeros(len(slots), np.bool_)
         established = old & seen & partition.deciding & (groups >= 0)
@@ -215,6 +243,8 @@ class LabelMemory:
 
     def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Let outdated trajectories follow the current ones, which went from `before` to `now`."""
+        if not ((before != now) & (before != NO_HYPOTHESIS)).any():
+            return
         outdated = window.used & ~window.ended
         outdated[named] = False
         slots = np.flatnonzero(outdated)
