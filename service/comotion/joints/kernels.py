@@ -118,6 +118,8 @@ def _normal_equations(
             squared += residual[n, i] * residual[n, i]
         _eliminate(white, kind, n, strength, slope)
         _add(white, 1 / (1 + squared / HEAVY), left, right)
+    for a in range(UNKNOWNS):
+        left[:a, a] = left[a, :a]
 
 
 @compiled()
@@ -276,10 +278,12 @@ def _eliminate(white: Floats, kind: int, n: int, strength: Floats, slope: Floats
 
 @compiled()
 def _add(white: Floats, weight: float, left: Floats, right: Floats) -> None:
-    """Add a state to the equations, in place."""
+    """Add a state to the equations, of `left` its lower triangle, in place."""
     for i in range(6):
         for a in range(UNKNOWNS):
             one = weight * white[i, a]
             right[a] += one * white[i, UNKNOWNS + 1]
-            for b in range(UNKNOWNS):
+            if one == 0.0:  # the kind has no such unknown
+                continue
+            for b in range(a + 1):
                 left[a, b] += one * white[i, b]
