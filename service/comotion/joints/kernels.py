@@ -72,7 +72,7 @@ def fit_joint(
                 q[n] -= slope[n, a] * step[a]
             for i in range(6):
                 misfit += residual[n, i] * residual[n, i] / residual.size
-        _move(kind, R0, frame, step)
+        _move(kind, R0, frame, step)  # type: ignore[arg-type]
         for a in range(UNKNOWNS):
             for b in range(UNKNOWNS):
                 gain += step[a] * left[a, b] * step[b]
