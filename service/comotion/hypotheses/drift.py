@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
@@ -26,8 +26,8 @@ _DENSE_NS = 100_000_000
 _EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
 # Looks in a row that find it.
 _LOOKS = 2
-# Bodies that two sources share, and features of the one that are compared on each, at least.
-_LEAST_BODIES, _LEAST_FEATURES = 2, 2
+# Bodies that two sources share, and features of the one that are compared on each, at least and at most.
+_LEAST_BODIES, _LEAST_FEATURES, _MOST_FEATURES = 2, 2, 16
 # Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
 # as much it may change.
 _ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
@@ -122,6 +122,8 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     known = at >= 0
     slots, label = current[known], labels[order][at[known]]
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
+    few = _few(window.source[slots], label)
+    slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
     states = states_at(window, slots, stamps, _DENSE_NS)
@@ -129,6 +131,16 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
     every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
     return every.where(np.asarray(states.held.all(0)))
+
+
+def _few(sources: Slots, labels: Labels) -> Ints:
+    """Rows of the first features of each body that each source sees, intp [m], ascending."""
+    order = np.lexsort((sources, labels))
+    begins = np.flatnonzero(
+        (np.diff(sources[order], prepend=-1) != 0) | (np.diff(labels[order], prepend=-1) != 0)
+    )
+    rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    return np.sort(order[rank < _MOST_FEATURES])
 
 
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
