@@ -66,6 +66,15 @@ def thinned(indices: Ints, count: int) -> Ints:
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
+def ranks(groups: Labels, by: NDArray[Any]) -> Ints:
+    """Place of each among those of its group [n], from the least `by` [n]: intp [n] from 0, ties in order."""
+    order = np.lexsort((by, groups))
+    begins = np.flatnonzero(np.diff(groups[order], prepend=groups[order][:1] - 1))
+    found = np.empty(len(order), np.intp)
+    found[order] = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    return found
+
+
 def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:
     """Where each wanted key [m] is among ascending keys [n], integers: intp [m], -1 where it is not."""
     if not len(keys):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
@@ -122,7 +122,9 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     known = at >= 0
     slots, label = current[known], labels[order][at[known]]
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
-    few = _few(window.source[slots], label)
+    # What one source sees of one body; the first of these features.
+    views = label * (window.source.max(initial=0) + 1) + window.source[slots]
+    few = ranks(views, window.key[slots]) < _MOST_FEATURES
     slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
@@ -131,16 +133,6 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
     every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
     return every.where(np.asarray(states.held.all(0)))
-
-
-def _few(sources: Slots, labels: Labels) -> Ints:
-    """Rows of the first features of each body that each source sees, intp [m], ascending."""
-    order = np.lexsort((sources, labels))
-    begins = np.flatnonzero(
-        (np.diff(sources[order], prepend=-1) != 0) | (np.diff(labels[order], prepend=-1) != 0)
-    )
-    rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    return np.sort(order[rank < _MOST_FEATURES])
 
 
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:

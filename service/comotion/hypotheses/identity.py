@@ -140,14 +140,10 @@ class LabelMemory:
         """Let the members decide which hypothesis each group continues."""
         slots, groups = partition.slots, partition.groups
         vote = partition.deciding & ~self._overruled(window, partition, seen)
-        votes = Votes(
-            self.supported(slots)[vote], known[vote], groups[vote], self._voters(window, slots[vote])
-        )
+        # Whose the votes are does not matter in the method of the thesis.
+        voters = window.source[slots[vote]] if self._established_decide else None
+        votes = Votes(self.supported(slots)[vote], known[vote], groups[vote], voters)
         self.ids = name_groups(votes, len(partition.described), matching, self._allocator.next)
-
-    def _voters(self, window: Window, slots: Slots) -> Slots | None:
-        """Whose the votes of some slots are, where that matters: not so in the method of the thesis."""
-        return window.source[slots] if self._established_decide else None
 
     def _establish(self, window: Window, slots: Slots, stamp_ns: int) -> None:
         """Establish slots whose label has lasted, and that the window knows for as long."""

@@ -5,8 +5,7 @@ a joint between two judgements follows from the poses and velocities of its hypo
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,7 +18,7 @@ from ..arrays import Floats
 from ..config import JointsConfig
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
-from ..saving import plain, restored
+from ..saving import NOT_KEPT
 from .pair import JOINTS, Pair
 from .states import States
 
@@ -56,19 +55,19 @@ class Place:
         return np.asarray(self.linear + np.cross(self.angular, x - self.centroid))
 
 
+@dataclass
 class Joints:
     """Joints of all spaces, and their memory.
 
-    Parameters
+    Attributes
     ----------
     config
         How many pairs are judged together.
     """
 
-    def __init__(self, config: JointsConfig) -> None:
-        self._config = config
-        self._pairs: dict[Key, Pair] = {}
-        self._judged_ns: int | None = None
+    config: JointsConfig = field(metadata=NOT_KEPT)
+    _pairs: dict[Key, Pair] = field(default_factory=dict)
+    _judged_ns: int | None = None
 
     def update(
         self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
@@ -77,7 +76,7 @@ class Joints:
         found: list[Joint] = []
         events: list[Event] = []
         for view in views:
-            if view.spec.unit == "m" and self._config.pairs:
+            if view.spec.unit == "m" and self.config.pairs:
                 joints, changes = self._of_space(stamp_ns, view, view.motions if judging else None)
                 found += joints
                 events += changes
@@ -87,15 +86,6 @@ class Joints:
         """Forget the pairs of hypotheses that exist no more."""
         known = set(hypotheses)
         self._pairs = {key: pair for key, pair in self._pairs.items() if known.issuperset(key)}
-
-    def state(self) -> list[dict[str, Any]]:
-        """As plain values and arrays."""
-        return [plain(pair) for pair in self._pairs.values()]
-
-    def load(self, state: list[dict[str, Any]]) -> None:
-        """Take up :meth:`state`."""
-        pairs = (restored(Pair, one) for one in state)
-        self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
 
     def _of_space(
         self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
@@ -123,7 +113,7 @@ class Joints:
             last = self._pairs[key].judged_ns if key in self._pairs else None
             return (-(2**62) if last is None else last - stamp_ns, key)
 
-        return sorted(near, key=waiting)[: self._config.pairs]
+        return sorted(near, key=waiting)[: self.config.pairs]
 
     def _judge(
         self, key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis], stamp_ns: int
@@ -153,10 +143,6 @@ def _merged(events: list[Event]) -> list[Event]:
         known = found.get(name)
         found[name] = event if known is None else replace(known, others=known.others + event.others)
     return list(found.values())
-
-
-def _key(a: int, b: int) -> Key:
-    return (a, b) if a < b else (b, a)
 
 
 def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis]) -> Key:
