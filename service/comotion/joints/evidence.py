@@ -27,6 +27,8 @@ _TEMPERATURE = 2.0
 _LAGS = 15
 DEGREES: Mapping[FixedKind, int] = {"fixed": 0, "prismatic": 1, "revolute": 1}
 """Degrees of freedom of each kind."""
+# Probability below which a kind is fitted in few steps.
+_HOPELESS = 1e-9
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-9
 
@@ -48,7 +50,7 @@ class Verdict:
     """
 
     fits: Mapping[FixedKind, Fit]
-    probability: Mapping[JointKind, float]
+    probability: dict[JointKind, float]
     turn: float
     shift: float
     span_ns: int
@@ -59,25 +61,31 @@ class Verdict:
         return max(self.probability, key=lambda kind: self.probability[kind])
 
 
-def judge(states: States, known: Mapping[FixedKind, Model], reach: float) -> Verdict:
+def judge(
+    states: States, known: Mapping[FixedKind, Model], chances: Mapping[JointKind, float], reach: float
+) -> Verdict:
     """Fit every kind to n > 0 states and weigh them.
 
     Parameters
     ----------
-    known
-        Models of the last judgement, from which fits start.
+    known, chances
+        Models of the last judgement, from which fits start, and how probable each kind was.
     reach
         How far from the child a hinge may be, as in :func:`fit`.
     """
-    fits = {kind: _best_fit(states, kind, known.get(kind), reach) for kind in KINDS}
+    fits: dict[FixedKind, Fit] = {}
+    for kind in KINDS:
+        start = known.get(kind) if kind != "fixed" else None
+        hopeless = start is not None and chances.get(kind, 1.0) < _HOPELESS
+        fits[kind] = fit(states, start or first_guess(states, kind), reach, hopeless=hopeless)
     costs: dict[JointKind, float] = {kind: _cost(one) for kind, one in fits.items()}
     costs["free"] = _free_cost(fits["fixed"])
     values = -np.array(list(costs.values()))
-    chances = np.exp(values - values.max())
-    chances /= chances.sum()
+    shares = np.exp(values - values.max())
+    shares /= shares.sum()
     turn, shift = _extent(states, fits["fixed"].model)
     return Verdict(
-        fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
+        fits, dict(zip(costs, shares.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
     )
 
 
@@ -95,11 +103,6 @@ def excess(one: Fit) -> float:
     shares = [float((one.residual[k:] * one.residual[:-k]).sum()) / square for k in lags.tolist()]
     time = 1 + 2 * float(((1 - lags / (lags[-1] + 1)) * shares).sum())
     return max(square / count / (6 - DEGREES[one.model.kind]) * max(time, 1.0), 1.0)
-
-
-def _best_fit(states: States, kind: FixedKind, known: Model | None, reach: float) -> Fit:
-    start = first_guess(states, kind) if known is None or kind == "fixed" else known
-    return fit(states, start, reach)
 
 
 def first_guess(states: States, kind: FixedKind) -> Model:

@@ -21,8 +21,8 @@ from .kernels import FIXED, HEAVY, PRISMATIC, REVOLUTE, UNKNOWNS, fit_joint
 from .states import States, turned, turns_between
 
 FixedKind = Literal["fixed", "prismatic", "revolute"]
-# Gauss-Newton steps at most.
-_STEPS = 8
+# Gauss-Newton steps at most; of a kind that is hopeless, whose model goes on at the next judgement.
+_STEPS, _FEW_STEPS = 8, 2
 _NUMBERS: dict[FixedKind, int] = {"fixed": FIXED, "prismatic": PRISMATIC, "revolute": REVOLUTE}
 FREE_PARAMETERS: dict[FixedKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
 
@@ -99,7 +99,7 @@ def _robust(squared: Floats) -> Floats:
     return np.asarray(0.5 * HEAVY * np.log1p(squared / HEAVY), np.float64)
 
 
-def fit(states: States, start: Model, reach: float) -> Fit:
+def fit(states: States, start: Model, reach: float, *, hopeless: bool = False) -> Fit:
     """Fit a model from a start.
 
     Parameters
@@ -111,9 +111,11 @@ def fit(states: States, start: Model, reach: float) -> Fit:
     reach
         Standard deviation of the distance between the child and the axis of a hinge: a hinge that is far
         away is a slide.
+    hopeless
+        Whether its kind fitted by far too badly.
     """
     prior = np.append(states.p.mean(0), 1 / reach**2)
-    return _stepped(states, start, prior, _STEPS)
+    return _stepped(states, start, prior, _FEW_STEPS if hopeless else _STEPS)
 
 
 def _stepped(states: States, start: Model, prior: Floats, steps: int) -> Fit:
