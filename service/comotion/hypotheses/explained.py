@@ -15,7 +15,7 @@ import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Ints, Labels, find
+from ..arrays import Floats, Ints, Labels, distinct, find
 
 # Residual, as a share of the size of the scene, that halves the confidence.
 _HALF = 0.15
@@ -49,5 +49,5 @@ def explained(labels: Labels, hypotheses: Sequence[Hypothesis], positions: Float
     known = np.array(sorted(noise), np.int64)
     share = np.append([noise[one] for one in known.tolist()], 0.0)[find(labels, known)] / scale
     own = 1 / (1 + (share / _HALF) ** 4)
-    _, numbers = np.unique(sessions, return_inverse=True)
+    _, numbers = distinct(sessions)
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)

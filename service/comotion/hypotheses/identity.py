@@ -8,7 +8,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, distinct, find
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..saving import plain, restored
@@ -197,7 +197,7 @@ class LabelMemory:
 
     def refer(self, window: Window, stamp_ns: int) -> None:
         """Forget the references of hypotheses without a trajectory or an established member in the window."""
-        present = np.unique([self.labels[window.used], self._established_in[window.used]])
+        present, _ = distinct(np.concatenate([self.labels[window.used], self._established_in[window.used]]))
         self.references = {
             h: self.references.get(h) or PoseReference.new(stamp_ns)
             for h in present.tolist()
@@ -267,8 +267,8 @@ class Votes:
         """
         if self.sources is None:
             return np.ones(len(wanted))
-        names, row = np.unique(wanted, return_inverse=True)
-        owners, column = np.unique(self.sources, return_inverse=True)
+        names, row = distinct(wanted)
+        owners, column = distinct(self.sources)
         counts = np.bincount(row * len(owners) + column, minlength=len(names) * len(owners))
         roots = np.sqrt(counts.reshape(len(names), len(owners)))
         mean = (roots**2).sum(1) / np.maximum(roots.sum(1), 1.0)
@@ -289,23 +289,22 @@ def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable
     allocate
         Gives a fresh id, for a group that continues none.
     """
-    before = np.concatenate([np.tile(votes.supported, _ESTABLISHED_VOTES), np.tile(votes.before, _VOTES)])
-    groups = np.tile(votes.groups, _ESTABLISHED_VOTES + _VOTES)
-    supported, present = votes.weights(votes.supported), votes.weights(votes.before)
-    weights = np.concatenate([np.tile(supported, _ESTABLISHED_VOTES), np.tile(present, _VOTES)])
+    before, groups = np.concatenate([votes.supported, votes.before]), np.tile(votes.groups, 2)
+    established, present = votes.weights(votes.supported), votes.weights(votes.before)
+    weights = np.concatenate([_ESTABLISHED_VOTES * established, _VOTES * present])
     matched = continued(before, groups, count, matching, weights)
     ids = np.full(count, NO_HYPOTHESIS)
-    for k in np.unique(votes.groups[votes.groups >= 0]).tolist():
+    for k in distinct(votes.groups[votes.groups >= 0])[0].tolist():
         ids[k] = matched[k] if k in matched else allocate()
     return ids
 
 
 def _left_to_others(sets: Labels, sources: Slots, established: Bools) -> Bools:
     """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
-    names, row = np.unique(sets, return_inverse=True)
-    owners, column = np.unique(sources, return_inverse=True)
-    counts = np.zeros((len(names), len(owners)), np.intp)
-    np.add.at(counts, (row[established], column[established]), 1)
+    names, row = distinct(sets)
+    owners, column = distinct(sources)
+    cells = (row * len(owners) + column)[established]
+    counts = np.bincount(cells, minlength=len(names) * len(owners)).reshape(len(names), len(owners))
     return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, column] == 0))
 
 
