@@ -35,7 +35,7 @@ from .joints.joints import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
-from .saving import plain, restored
+from .saving import plain, refill, restored
 from .shedding import FULL, Effort
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
@@ -318,7 +318,7 @@ class Fusion:
         state = self._state(clean)
         following = state["next_id"]
         if self._published is not None:
-            following = max(following, self._published.following + ID_GAP)
+            following = max(following, self._published.ids.following + ID_GAP)
         return partial(snapshot.pieces, state, following)
 
     def _state(self, clean: bool) -> dict[str, Any]:
@@ -330,9 +330,9 @@ class Fusion:
             "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
             "events": plain(self._events),
-            "links": self._linker.state(),
-            "joints": self._joints.state(),
-            "published": None if self._published is None else self._published.state(),
+            "links": plain(self._linker.links),
+            "joints": plain(self._joints),
+            "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
 
@@ -353,11 +353,12 @@ class Fusion:
         fusion._ids.following = int(state["next_id"])
         fusion.timeline.load(state["timeline"])
         fusion._events = restored(deque[Event], state["events"])
-        fusion._linker.load(state["links"])
+        fusion._linker.links = restored(dict[int, int], state["links"])
         if state["published"] is not None:
-            fusion._published = PublishedIds.load(state["published"])
+            fusion._published = restored(PublishedIds, state["published"])
+            fusion._published.ids.following += ID_GAP
         if state["method"] == config.method:
-            fusion._joints.load(state["joints"])
+            refill(fusion._joints, state["joints"])
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

@@ -281,9 +281,10 @@ class Spaces:
     def _cut(self, instant: Instants) -> Instants:
         """The first rows, where there are many more than trajectories for each of its stamps."""
         most = _ROWS_FOR_A_TRACK * self.config.max_tracks
-        if len(instant.rows) > most:
-            most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
-            self.stats.refused_rows += max(len(instant.rows) - most, 0)
+        if len(instant.rows) <= most:
+            return instant
+        most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
+        self.stats.refused_rows += max(len(instant.rows) - most, 0)
         return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
 
     def _store(self, space: Space, instant: Instants) -> bool:
