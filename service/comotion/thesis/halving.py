@@ -124,7 +124,8 @@ def _searched(
     affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
 ) -> tuple[Bools, Floats]:
     """As :func:`_confirmed`, by 2-means from several starts."""
-    second = halve(affinity.take(members, 0).take(members, 1), sums, guess)
+    part = affinity if len(members) == len(affinity) else affinity.take(members, 0).take(members, 1)
+    second = halve(part, sums, guess)
     return second, _sums_to(affinity, members, sums, second)
 
 

@@ -1,8 +1,8 @@
 """Compiled: what trajectories are at some instants, and one pass of that over the sums of all pairs.
 
 The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
-comes out is the logarithm of (3.4). 64 consecutive rows are a strip, and two strips make a block of 64 x 64
-pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory once,
+comes out is the logarithm of (3.4). 128 consecutive rows are a strip, and two strips make a block of
+128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory once,
 however many instants it brings, and more trajectories append blocks.
 """
 
@@ -14,8 +14,8 @@ from ..arrays import Bools, Floats, Floats32, Slots, Stamps
 from ..compiled import compiled, numba_range
 from ..trajectories.kernels import newest_at, newest_from, segment_at
 
-STRIP = 64
-"""Rows that are worked on together: the sums of 64 x 64 pairs are 131 kB, which the L2 cache holds."""
+STRIP = 128
+"""Rows that are worked on together: the sums of 128 x 128 pairs are 524 kB, which the L2 cache holds."""
 SAMPLE_PLANES = 8
 X, Y, Z, WEIGHT, BOTH, OBSERVED, CHANGING, HELD = range(SAMPLE_PLANES)
 """What a sample holds of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
