@@ -14,6 +14,7 @@ from .halving import DivisiveKMeans
 
 Labels = NDArray[np.intp]
 
+
 @dataclass(frozen=True)
 class Clusters:
     """Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear.

@@ -2,8 +2,8 @@
 
 The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
 comes out is the logarithm of (3.4). 128 consecutive rows are a strip, and two strips make a block of
-128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory once,
-however many instants it brings, and more trajectories append blocks.
+128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory
+once, however many instants it brings, and more trajectories append blocks.
 """
 
 import math
@@ -19,7 +19,7 @@ STRIP = 128
 SAMPLE_PLANES = 8
 X, Y, Z, WEIGHT, BOTH, OBSERVED, CHANGING, HELD = range(SAMPLE_PLANES)
 """What a sample holds of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
-and as 1 or 0 whether it has a state (`HELD`), was observed then, its states come or go, or `BOTH` of these."""
+and as 1 or 0 whether it has a state (`HELD`), was observed then, its states come or go, or `BOTH`."""
 PLANES = 4
 WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
@@ -102,8 +102,8 @@ def update_blocks(
         float64 [blocks or more, PLANES, STRIP, STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows and,
         as columns, strip c <= r.
     samples, signs
-        float32 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1 where
-        samples come and -1 where they go.
+        float32 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1
+        where samples come and -1 where they go.
     present
         bool [strips, T, SAMPLE_PLANES]: whether any of a strip is not 0.
     rate
@@ -181,7 +181,8 @@ def _add_samples(
     for k in range(0, len(chosen), 2):
         t, u = chosen[k], chosen[min(k + 1, len(chosen) - 1)]
         x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
-        later_x, later_y, later_z, later_weight = mine[u, X, i], mine[u, Y, i], mine[u, Z, i], mine[u, WEIGHT, i]
+        later_x, later_y, later_z = mine[u, X, i], mine[u, Y, i], mine[u, Z, i]
+        later_weight = mine[u, WEIGHT, i]
         other, counts, sign = theirs[t], theirs[t, _counting(mine[t], i)], signs[t]
         later, later_counts = theirs[u], theirs[u, _counting(mine[u], i)]
         later_sign = signs[u] if u != t else np.float32(0.0)

@@ -104,7 +104,7 @@ class PairSums:
         self.rows.give_back(slots)
 
     def order(self, window: Window, slots: Slots) -> Slots:
-        """In which order :meth:`affinity` takes least time: which of `slots` comes first and so on, intp [n]."""
+        """In which order :meth:`affinity` takes least time: which slot comes first and so on, intp [n]."""
         self._take_in(window)
         return np.argsort(self.rows.of[slots], kind="stable")
 

@@ -22,8 +22,6 @@ class Rows:
     ----------
     of
         intp [slots], the row of each slot, -1 for none.
-    strips
-        How many strips there are.
     """
 
     def __init__(self, strip: int) -> None:
@@ -35,6 +33,7 @@ class Rows:
 
     @property
     def strips(self) -> int:
+        """How many strips there are."""
         return len(self._source)
 
     def fit(self, capacity: int) -> None:
