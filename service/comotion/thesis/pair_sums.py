@@ -239,7 +239,7 @@ class PairSums:
             samples[:] = 0.0
             fill_samples(*columns, slots, self.rows.of[slots], stamps, *of, self._origin, samples)
             np.clip(samples[:, :, :WEIGHT], -_FARTHEST, _FARTHEST, out=samples[:, :, :WEIGHT])
-            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT], self._v_move)
+            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT].astype(np.float64), self._v_move)
             self._signs[wait] = sign
             self._waiting += len(stamps)
             first += len(stamps)
@@ -247,7 +247,7 @@ class PairSums:
     def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
         """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
-        present = self._samples[:, : self._waiting].any(axis=3)
+        present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
         shared = worth_waking(_blocks(len(self._samples)) * STRIP**2)
         signs = self._signs[: self._waiting]
         update_blocks(self.sums, self._samples, signs, present, rate, place, out, shared)
