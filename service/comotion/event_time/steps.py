@@ -9,6 +9,8 @@ them are wrong at once, and the scene follows them:
    by as much as the clock of the service was set. Any other is judged.
 4. When a source has agreed after the first that waits came, all that wait are judged. When none has for half
    a second, the time scale moves by their median offset, and they are on time.
+5. What the clock of the service has passed is not ahead. Where the scene has followed sources that were late,
+   the time scale goes back with the first one that is less late, as far as its stamp says.
 
 These are the rules for sources that stamp what happens now. Where they play recordings, with the stamps that
 these have, any batch off waits. Where it is behind, a recording is played again: the time scale moves so that
@@ -29,6 +31,8 @@ FUTURE_NS = 1_000_000_000
 # Silence of all that agree after which the scene follows those that do not. Within `max_lag`, so that the
 # watermark has not passed by then what waits.
 _SILENCE_NS = 500_000_000
+# Nothing is acquired in the future: clocks that are synchronised agree better than this.
+AHEAD_NS = 250_000_000
 # A source that agrees so long after the first that waits is not on its way since before the step.
 _MARGIN_NS = 250_000_000
 # What a recording that is played again leaves to the end of the last one.
@@ -97,6 +101,13 @@ class Steps:
     def reference(self, now_ns: int, watermark_ns: int | None) -> int:
         """The time that stamps are compared with; recordings must not go back behind the watermark."""
         return max(now_ns, watermark_ns) if self.recorded and watermark_ns is not None else now_ns
+
+    def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
+        """Let the time scale go back where a batch would be ahead of the scene alone (rule 5)."""
+        # Where the service's clock was set, its sources may have been set with it.
+        follows_late = self.shift_ns < 0 and not self.recorded and abs(self.clock_set_ns) < _SAME_STEP_NS
+        if follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
+            self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
         """Whether a batch is far from a time, and of no use there; takes note of its offset."""

@@ -57,13 +57,11 @@ from .instants import Entry, Instants, SessionEnded, count_instants, in_time_ord
 from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import FUTURE_NS, Steps
+from .steps import AHEAD_NS, FUTURE_NS, Steps
 from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
 
-# Nothing is acquired in the future: clocks that are synchronised agree better than this.
-_AHEAD_NS = 250_000_000
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
 # Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
@@ -225,6 +223,7 @@ class Timeline:
     def _admit(self, entry: Entry, now_ns: int) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.get(entry.batch.source)
+        steps.catch_up(entry.batch, now_ns)
         if steps.is_off(entry, self._reference(now_ns), self._floor()):
             agreed = (
                 source is not None and source.session == entry.batch.session and source.agreed_ns is not None
@@ -353,7 +352,7 @@ class Timeline:
 
     def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
         """Take note of whether the clock of a source is right; `late` says that none of a batch is of use."""
-        if late or offset_ns > _AHEAD_NS or offset_ns < -self._source_timeout_ns:
+        if late or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
             self.steps.note(entry.batch, offset_ns, self.at_ns)
         else:
             self.steps.clear(entry.batch.source)
