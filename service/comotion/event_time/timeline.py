@@ -332,22 +332,21 @@ class Timeline:
     def _wait(self, entry: Entry, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
         source, watermark, floor = self.sources[entry.batch.source], self.watermark_ns, self._floor()
-        if floor is None:
-            floor = now_ns - self._window_ns
-        newest_ns = self.steps.scene_time(entry.batch)
         stamps, rows = in_time_order(entry.batch)
         stamps = stamps - self.steps.shift_ns
-        late = int(np.searchsorted(stamps, floor))
-        entry.late = late > 0
-        in_order_ns = stamps[0] if watermark is None else watermark
-        self._stats.reordered += late < len(stamps) and bool(stamps[late] < in_order_ns)
-        if late < len(stamps):
+        late = int(np.searchsorted(stamps, now_ns - self._window_ns if floor is None else floor))
+        of_use = late < len(stamps)
+        entry.late, entry.generation = late > 0, source.generation
+        if of_use:
+            entry.stamps, entry.rows = stamps[late:], rows[late:]
+            self._stats.reordered += watermark is not None and bool(entry.stamps[0] < watermark)
             source.agreed_ns = self.at_ns
-            self._release.add(entry, (stamps[late:], rows[late:]), source.generation, int(in_order_ns))
         elif watermark is not None and entry.batch.ended is not None:
-            self._release.add_end(entry.batch, watermark, source.generation)
-        self._note_clock(entry, newest_ns - now_ns, late=late == len(stamps))
-        if late == len(stamps):
+            entry.stamps = np.array([watermark])
+        self._note_clock(entry, self.steps.scene_time(entry.batch) - now_ns, late=not of_use)
+        if len(entry.stamps):
+            self._release.add(entry)
+        else:
             self._settle(entry, "late")
 
     def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
