@@ -282,10 +282,10 @@ class Timeline:
         if entry.repeated:
             return "duplicates"
         if entry.offset_ns > FUTURE_NS and not trusted:
-            self.steps.note(batch, entry.offset_ns, at_ns)
+            self._note_wrong_clock(batch, entry.offset_ns)
             return "future"
         if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
-            self.steps.note(batch, stamp_ns - now_ns, at_ns)
+            self._note_wrong_clock(batch, stamp_ns - now_ns)
             return "past"
         if source is None:
             if not self._admit_source():
@@ -352,9 +352,13 @@ class Timeline:
     def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
         """Take note of whether the clock of a source is right; `late` says that none of a batch is of use."""
         if late or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
-            self.steps.note(entry.batch, offset_ns, self.at_ns)
+            self._note_wrong_clock(entry.batch, offset_ns)
         else:
-            self.steps.clear(entry.batch.source)
+            self.troubles.clear_clock(entry.batch.source)
+
+    def _note_wrong_clock(self, batch: ObservationBatch, offset_ns: int) -> None:
+        kind = self.steps.kind_of(batch, offset_ns)
+        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
 
     def _move_watermark(self, now_ns: int) -> None:
         timeout_ns = self._source_timeout_ns
