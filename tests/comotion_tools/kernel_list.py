@@ -15,7 +15,6 @@ from numba.core.dispatcher import Dispatcher
 
 from comotion.config import FusionConfig
 from comotion.precompiling import LIST, Task, callees_of, kinds_of_scene, spelled
-from comotion.runtime.known_kernels import kernels
 from comotion.runtime.warm_up import SCENES, warm_up_scene
 
 _METHODS = ("comotion", "thesis")
@@ -62,6 +61,13 @@ def _needed(method: str, number: int, sources: int) -> list[tuple[str, str]]:
         texts = sorted(filter(None, (spelled(tuple(arguments)) for arguments in on_disk)))
         found += [(kernel, text) for text in texts]
     return found
+
+
+def kernels() -> dict[str, Dispatcher]:
+    """Every kernel of the core that this process has imported, by name."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
+    found = (one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher))
+    return {f"{one.py_func.__module__}.{one.py_func.__qualname__}": one for one in found}
 
 
 def _called() -> list[Dispatcher]:

@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 from comotion import Fusion, FusionConfig
-from comotion.runtime.known_kernels import kernels
 from comotion.runtime.warm_up import warm_up
 from comotion_schemas import encode
 
 sys.path.append(str(Path(__file__).parents[1]))
 from comotion_tools.bench.scene import Scene, SceneSpec
+from comotion_tools.kernel_list import kernels
 
 # Of so many features in metres the default method searches a subset.
 SCENES = {

@@ -7,15 +7,18 @@ is printed too. An argument is the method.
 
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
-from comotion.runtime.known_kernels import kernels
 from comotion.runtime.warm_up import prepare
 from comotion_schemas import ObservationBatch, encode
+
+sys.path.append(str(Path(__file__).parents[1]))
+from comotion_tools.kernel_list import kernels
 
 T0, MS = 1_700_000_000_000_000_000, 1_000_000
 FRAMES, RATE_MS = 75, 40

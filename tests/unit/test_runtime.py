@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth, snapshot
+from comotion import Fusion, FusionConfig, SourceHealth, precompiling, snapshot
 from comotion.event_time.stats import Stats
-from comotion.runtime import known_kernels
+from comotion.runtime import warm_up as warm_up_module
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
 from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
 from comotion.runtime.ticker import Ticker
-from comotion.runtime.warm_up import STEPS, prepare, warm_up
+from comotion.runtime.warm_up import prepare, warm_up
 from comotion.snapshot import FORMAT, Header
 from comotion_schemas import ObservationBatch
 from comotion_schemas.component import StatusFields
@@ -137,27 +137,14 @@ class TestWatchdog:
         assert watchdog.status().message == "no update for 4.0 s"
 
 
-class TestKnownKernels:
-    def test_what_a_warm_up_has_compiled_is_loaded_and_else_it_runs(
-        self, tmp_path: Path, monkeypatch
-    ) -> None:
+class TestWarmUp:
+    def test_what_is_on_the_disk_is_loaded_and_else_all_is_run(self, monkeypatch) -> None:
         for _ in warm_up(FusionConfig()):
             pass
-        monkeypatch.setattr(known_kernels, "_file", lambda method, known: tmp_path / f"{method}.json")
-        assert not known_kernels.load("comotion")
-        known_kernels.note("comotion")
-        assert known_kernels.load("comotion")
-        assert sum(1 for _ in prepare(FusionConfig())) < STEPS
-        noted = (tmp_path / "comotion.json").read_text()
-        for damage in (
-            noted[:-9],
-            noted.replace("(", "(int7, ", 1),
-            "[]",
-            "7",
-            noted.replace("comotion.", "x."),
-        ):
-            (tmp_path / "comotion.json").write_text(damage)
-            assert not known_kernels.load("comotion")
+        assert sum(1 for _ in prepare(FusionConfig())) < 20
+        monkeypatch.setattr(precompiling, "_is_kept", lambda task: False)
+        monkeypatch.setattr(warm_up_module, "can_be_kept", lambda kinds: False)
+        assert sum(1 for _ in prepare(FusionConfig())) > 20
 
 
 class TestPreparing:
@@ -166,8 +153,8 @@ class TestPreparing:
         script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\necho\nexec sleep 600\n")
         script.chmod(0o755)
         monkeypatch.setattr(sys, "executable", str(script))
-        monkeypatch.setattr(known_kernels, "load", lambda method: False)
-        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
+        monkeypatch.setattr(precompiling, "_is_kept", lambda task: False)
+        monkeypatch.setattr(warm_up_module, "can_be_kept", lambda kinds: True)
         steps = prepare(FusionConfig())
         next(steps)
         steps.close()  # type: ignore[attr-defined]
