@@ -104,9 +104,20 @@ def load_kept(kinds: list[str]) -> bool:
     tasks = _listed(kinds)
     if not tasks or not all(map(_is_kept, tasks)):
         return False
+    # What kernels alone call is in their code already.
+    called = _called_from_python()
     for task in tasks:
-        task.dispatcher.compile(read_types(task.arguments))
+        if task.kernel in called:
+            task.dispatcher.compile(read_types(task.arguments))
     return True
+
+
+def _called_from_python() -> set[str]:
+    """Kernels that a module of the core has which is no module of kernels, as far as it is imported."""
+    modules = [vars(one) for name, one in sys.modules.items() if name.startswith("comotion.")]
+    plain = [one for one in modules if ".kernels" not in one["__name__"]]
+    found = (value.py_func for one in plain for value in one.values() if isinstance(value, Dispatcher))
+    return {f"{function.__module__}:{function.__qualname__}" for function in found}
 
 
 def can_be_kept(kinds: list[str]) -> bool:

@@ -71,6 +71,19 @@ class TestEventClock:
         assert 0 <= clock.now_ns() - before < 60 * SECOND
         assert abs(clock.set_by_ns() - 3_600 * SECOND) < 60 * SECOND
 
+    def test_a_pause_of_the_process_between_two_looks_at_clocks_is_no_step(self, monkeypatch) -> None:
+        monotonic, pauses = [0], [5 * SECOND]
+
+        def read() -> int:
+            wall = 1_000 * SECOND + monotonic[0]
+            monotonic[0] += pauses.pop() if pauses else 0
+            return wall
+
+        monkeypatch.setattr(time, "monotonic_ns", lambda: monotonic[0])
+        monkeypatch.setattr(time, "time_ns", read)
+        clock = WallClock()
+        assert (clock.now_ns(), clock.set_by_ns()) == (1_005 * SECOND, 0)
+
 
 def batch(stamp_ns: int) -> ObservationBatch:
     return builders.batch("cam", 0, stamp_ns, np.zeros((2, 2)), session=SESSION, ids=[1, 2])
