@@ -28,6 +28,7 @@ from .event_time.faults import Fault, Faults
 from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
+from .event_time.troubles import CLOCKS
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
@@ -165,7 +166,7 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        wrong = timeline.steps.troubles(at_ns)
+        wrong = timeline.troubles.sources(*CLOCKS)
         self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions_in_use()
@@ -282,22 +283,11 @@ class Fusion:
         Returns
         -------
         dict
-            By kind, and by name of the source, what shows it: for clocks a :class:`.steps.ClockTrouble`, for
-            ids and scale the number of :meth:`.source_checks.SourceChecks.troubles`, for `contradicts-space`
-            what it contradicts, in words; None for the others.
+            By kind, and by name of the source, what shows it: for clocks a :class:`.troubles.ClockTrouble`,
+            for ids and scale the number of :class:`.source_checks.SourceChecks`, for `limit` and
+            `contradicts-space` words; None for the others.
         """
-        timeline, at_ns = self.timeline, self.timeline.at_ns
-        sessions = timeline.sessions
-        found = timeline.troubles.lately()
-        drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
-        found["drifts"] = dict.fromkeys(sorted(drifting))
-        found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})
-        for name, one in timeline.steps.troubles(at_ns).items():
-            found.setdefault(one.kind, {})[name] = one
-        for number, kinds in self._spaces.checks.troubles(at_ns).items():
-            for kind, value in kinds.items() if number in sessions else ():
-                found.setdefault(kind, {})[sessions[number][0]] = value
-        return {kind: sources for kind, sources in found.items() if sources}
+        return self.timeline.troubles.lately()
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.

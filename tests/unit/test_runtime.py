@@ -16,8 +16,8 @@ from comotion.event_time.stats import Stats
 from comotion.runtime import warm_up
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
-from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
-from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
+from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
+from comotion.runtime.state_keeper import StateKeeper
 from comotion.runtime.ticker import Ticker
 from comotion.snapshot import FORMAT, Header
 from comotion_schemas import ObservationBatch
@@ -69,6 +69,19 @@ class TestEventClock:
         monkeypatch.setattr(time, "time_ns", lambda: wall + 3_600 * SECOND)
         assert 0 <= clock.now_ns() - before < 60 * SECOND
         assert abs(clock.set_by_ns() - 3_600 * SECOND) < 60 * SECOND
+
+    def test_a_pause_of_the_process_between_two_looks_at_clocks_is_no_step(self, monkeypatch) -> None:
+        monotonic, pauses = [0], [5 * SECOND]
+
+        def read() -> int:
+            wall = 1_000 * SECOND + monotonic[0]
+            monotonic[0] += pauses.pop() if pauses else 0
+            return wall
+
+        monkeypatch.setattr(time, "monotonic_ns", lambda: monotonic[0])
+        monkeypatch.setattr(time, "time_ns", read)
+        clock = WallClock()
+        assert (clock.now_ns(), clock.set_by_ns()) == (1_005 * SECOND, 0)
 
 
 def batch(stamp_ns: int) -> ObservationBatch:
@@ -151,23 +164,9 @@ class TestPreparing:
             os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
-class TestStateSchedule:
-    def test_at_an_interval_and_when_the_hypotheses_change(self) -> None:
-        schedule = StateSchedule(100)
-        one, two = frozenset({1}), frozenset({1, 2})
-        assert schedule.is_due(0, one)
-        schedule.taken(0, 0, one)
-        assert not schedule.is_due(99, one)
-        assert schedule.is_due(100, one)
-        assert schedule.is_due(1, two)
-
-
 def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
     """Write a state as the service does; returns the bytes."""
-    writer = StateWriter(path)
-    writer.put(fusion.capture(clean=clean))
-    writer.close()
-    assert writer.error == ""
+    write_state(path, fusion.capture(clean=clean)())
     return path.read_bytes()
 
 
@@ -287,6 +286,15 @@ class TestStateFile:
 
 
 class TestStateKeeper:
+    def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path: Path) -> None:
+        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        with StateKeeper(tmp_path / "state", 100 * SECOND, Fusion()) as keeper:
+            assert keeper.is_due(one, now)
+            keeper.after(one, now)
+            assert not keeper.is_due(one, now + 99 * SECOND)
+            assert keeper.is_due(one, now + 100 * SECOND)
+            assert keeper.is_due(two, now + 90 * SECOND)
+
     def test_the_state_is_written_when_hypotheses_change_and_at_the_end(self, tmp_path: Path) -> None:
         path, fusion = tmp_path / "state", Fusion(FusionConfig())
         with StateKeeper(path, 10 * SECOND, fusion) as keeper:
@@ -307,24 +315,21 @@ class TestStateKeeper:
                 captured.append((fusion.capture(), fusion.snapshot()))
         assert all(b"".join(produce()) == data for produce, data in captured)
 
-
-class TestStateWriter:
-    def test_the_last_state_is_written_before_close_returns(self, tmp_path: Path) -> None:
-        writer = StateWriter(tmp_path / "state")
-        fusions = [Fusion(first_id=k) for k in range(1, 51)]
-        for fusion in fusions:
-            writer.put(fusion.capture())
-        writer.close()
-        assert (tmp_path / "state").read_bytes() == fusions[-1].snapshot()
+    def test_the_last_state_is_written_before_the_end(self, tmp_path: Path) -> None:
+        fusion = Fusion()
+        with StateKeeper(tmp_path / "state", 0, fusion) as keeper:
+            for k in range(50):
+                fusion.update(k * SECOND)
+                keeper.after(frozenset({k}), time.monotonic_ns())
+        assert (tmp_path / "state").read_bytes() == fusion.snapshot(clean=True)
         assert not any(thread.name == "state" for thread in threading.enumerate())
 
     def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path: Path, caplog) -> None:
         blocked = tmp_path / "blocked"
         blocked.write_text("a file, not a folder")
-        writer = StateWriter(blocked / "state")
-        writer.put(Fusion().capture())
-        writer.close()
-        assert "state not written" in writer.error
+        with StateKeeper(blocked / "state", 0, Fusion()) as keeper:
+            keeper.after(frozenset(), time.monotonic_ns())
+        assert "state not written" in keeper.error
         assert caplog.text.count("cannot write the state") == 1
 
     def test_a_state_is_replaced_in_one_step(self, tmp_path: Path, monkeypatch) -> None:
