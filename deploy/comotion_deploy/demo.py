@@ -113,7 +113,7 @@ def prepare() -> None:
 
     from .compiling import show_progress
 
-    show_progress("compiling", warm_up.prepare(FusionConfig()))
+    show_progress("preparing", warm_up.prepare(FusionConfig()))
 
 
 def sparkline(values: Sequence[float]) -> str:

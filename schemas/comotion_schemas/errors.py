@@ -12,6 +12,8 @@ class Error(ValueError):
     Commands print it without a trace. Any other :class:`ValueError` is a defect, whose trace is kept.
     """
 
+    __module__ = "comotion"  # the name that a trace shows is the one to catch
+
 
 KnownError = Error
 """Name of the error within the packages."""

@@ -30,6 +30,8 @@ from .types import (
 
 HypothesisState = Literal["static", "moving", "undetermined"]
 EventKind = Literal["born", "split", "merged", "ended", "absent", "returned", "joined", "released"]
+# Hypotheses that a short representation names.
+_SHOWN = 6
 OF_BODIES: frozenset[EventKind] = frozenset({"born", "split", "merged", "ended", "absent", "returned"})
 """Events of bodies; the others are of their joints, which begin and end as they are sure or not."""
 Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
@@ -268,6 +270,12 @@ class HypothesisUpdate:
     events: list[Event]
     joints: list[Joint] = field(default_factory=list)
     frames: dict[SpaceName, Pose] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        found = [f"{one.id} {one.state} ({one.size})" for one in self.hypotheses]
+        listed = [*found[:_SHOWN], *(["..."] if len(found) > _SHOWN else [])]
+        count = f"{len(self.track_id)} tracks, hypotheses"
+        return f"HypothesisUpdate({self.stamp_ns / 1e9:.3f} s, {count}: {', '.join(listed) or 'none'})"
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

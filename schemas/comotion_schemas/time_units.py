@@ -66,7 +66,7 @@ def seconds(times: ArrayLike, *, longest_step_s: float = LONGEST_STEP_S) -> NDAr
         warnings.warn(
             "times go up by exactly one and are taken for seconds; if they are frame numbers, divide them by "
             "the frame rate",
-            stacklevel=3,
+            stacklevel=5,  # the caller of comotion.group
         )
     return values
 

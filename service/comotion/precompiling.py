@@ -5,6 +5,7 @@ signatures that each kind of scene needs, and ``make schemas`` makes it again. W
 names wrongly, is compiled where it is called: the list costs no correctness.
 """
 
+import gc
 import json
 import os
 import selectors
@@ -226,6 +227,9 @@ def _worker() -> "subprocess.Popen[bytes]":
 
 def _work() -> None:
     """Compile what comes on standard input, a line each; a line out when ready for the next."""
+    # The compiler makes many objects that stay: looking through them took a tenth of the time.
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 50)
     while True:
         sys.stdout.write("\n")
         sys.stdout.flush()

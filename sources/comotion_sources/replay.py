@@ -77,6 +77,8 @@ def play(
         player = Player(tape, schedule, sources[-1].stop, read_key=read_key, progress=progress)
         sources[-1].ready()
         player.run()
+        if not sources[-1].stop.is_set():
+            _log.info("played to the end")
 
 
 def play_streams(

@@ -195,3 +195,9 @@ def test_a_hinge_is_drawn_and_told_in_words_with_given_names():
     assert re.fullmatch(r"(door turns on shelf|shelf turns on door), -?\d+ to \d+°", words)
     (legend,) = found.plot(names=names).legends
     assert {"door (12)", "shelf (20)", words} <= {text.get_text() for text in legend.get_texts()}
+
+
+def test_an_update_is_shown_in_one_line_and_an_error_by_the_name_to_catch():
+    update = comotion.group(P, TIMES).updates[-1]
+    assert repr(update).endswith("30 tracks, hypotheses: 1 static (20), 2 moving (10))")
+    assert f"{comotion.Error.__module__}.{comotion.Error.__name__}" == "comotion.Error"

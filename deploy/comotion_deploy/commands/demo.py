@@ -52,7 +52,7 @@ Examples:
             f"{self.simulated} for {self.duration:g} s; Ctrl-C ends it earlier; results go to {out}",
             flush=True,
         )
-        print("preparing; the first time on a machine this compiles for a minute or two", flush=True)
+        print("preparing; the first time on a machine this compiles for half a minute or more", flush=True)
         prepare()
         on_terminal = sys.stdout.isatty()
         processes = demo_processes(

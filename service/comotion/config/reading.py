@@ -51,13 +51,11 @@ def _describe(error: ValidationError) -> str:
 
 def _suggestion(name: str) -> str:
     """The parameter most like a misspelt one, of its group or of any."""
-    known = list(_parameter_names(FusionConfig))
+    group, _, last = name.rpartition(".")
+    known = sorted(_parameter_names(FusionConfig), key=lambda full: full.rpartition(".")[0] == group)
     short = {full.rpartition(".")[2]: full for full in known}
-    last = name.rpartition(".")[2]
-    if last in short:
-        return f"did you mean {short[last]}?"
-    found = get_close_matches(name, known, 1) or get_close_matches(last, short, 1)
-    return f"did you mean {short.get(found[0], found[0])}?" if found else "see 'comotion config'"
+    found = get_close_matches(last, short, 1)
+    return f"did you mean {short[found[0]]}?" if found else "see 'comotion config'"
 
 
 def _parameter_names(model: type[BaseModel]) -> Iterator[str]:

@@ -152,7 +152,7 @@ def _warm_up(component: Component, config: FusionConfig) -> bool:
     notice = threading.Timer(
         _LONG_WARM_UP_S,
         _log.info,
-        ("preparing the methods: a minute or two on the first start, to compile them",),
+        ("preparing the methods: the first start compiles them for half a minute or more",),
     )
     notice.daemon = True
     notice.start()
