@@ -78,8 +78,10 @@ class Belief:
     Parameters
     ----------
     labels
-        int64 [capacity]; hypotheses of slots so far, negative for none. The one with most members becomes the
-        background, the others bodies.
+        int64 [capacity]; hypotheses of slots so far, negative for none. The one with most members at rest
+        becomes the background, the others bodies.
+    resting
+        intp [n]; slots of trajectories at rest.
 
     Attributes
     ----------
@@ -87,8 +89,9 @@ class Belief:
         By column of the evidence; None for a free one. The first is the background.
     """
 
-    def __init__(self, window: Window, labels: Labels) -> None:
-        known, counts = np.unique(labels[labels >= 0], return_counts=True)
+    def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
+        known = np.unique(labels[labels >= 0])
+        counts = (labels[resting] == known[:, None]).sum(axis=1)
         known = known[np.argsort(-counts, kind="stable")]
         self.bodies: list[Body | None] = [
             Body(0, 0, len(known) > 0, len(known) > 0) for _ in range(max(len(known), 1))
@@ -138,6 +141,11 @@ class Belief:
         labels = self.labels(slots)
         told = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
         return np.where(told & shown[labels], labels, NO_HYPOTHESIS)
+
+    def rests(self, window: Window, slots: Slots) -> Bools:
+        """Whether each slot is of the background, and was seen to rest, bool [n]."""
+        self._admit(window, slots)
+        return np.asarray((self.labels(slots) == BACKGROUND) & self._seen[slots])
 
     def publish(self) -> Bools:
         """Whether each body was published before, bool [K]; from now on all that are shown were."""

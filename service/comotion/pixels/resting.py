@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Ints, Labels, Slots
+from ..arrays import Bools, Ints, Labels, Slots
 from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
@@ -67,11 +67,11 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._look(recent)
+            self._look(window, recent)
             if self._evidence < 0:
                 self._belief = None
                 continue
-            self._belief = self._belief or Belief(window, labels)
+            self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
             self._belief.step(window, recent, instant)
             self._steps += 1
             if self._steps % _EVERY == 0:
@@ -98,16 +98,27 @@ class RestingCamera:
             return slots[:0], np.zeros(0, np.intp)
         return slots[ready], group(frames.of(ready), self._config).labels
 
-    def _look(self, recent: Recent) -> None:
+    def _look(self, window: Window, recent: Recent) -> None:
+        """Judge by all trajectories, and once the camera rests by its background alone.
+
+        What moves before the camera may have most of the features, and a camera that moves moves the background.
+        """
         seen = recent.seen[:_SCALES]
+        if self._belief is not None and self._evidence > 0:
+            seen = seen & self._belief.rests(window, recent.slots)
         enough = np.flatnonzero(seen.sum(axis=1) >= _LEAST_TRACKS)
         if not len(enough):
             return
         scale = int(enough[-1])
-        square = (recent.displacement[scale] ** 2).sum(axis=1)
-        still = square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)
-        change = min(max(_WEIGHT * (float(still[seen[scale]].mean()) - _LEAST_SHARE), _FALL), _RISE)
+        share = float(_still(recent, scale)[seen[scale]].mean())
+        change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
         self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
+
+
+def _still(recent: Recent, scale: int) -> Bools:
+    """Whether each trajectory has not moved over one of the time scales, bool [n]."""
+    square = (recent.displacement[scale] ** 2).sum(axis=1)
+    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)))
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
