@@ -247,7 +247,8 @@ class Belief:
         labels = self.labels(recent.slots)
         members = {column: labels == column for column in motion}
         self._together.compare(recent, members, motion)
-        while (pair := self._together.merged()) is not None:
+        shown = {column for column, body in self._living() if body.shown}
+        while (pair := self._together.merged(shown)) is not None:
             kept, gone = sorted(pair, key=lambda one: (self._born(one), one))
             self._evidence[:, kept] = self._evidence[:, [kept, gone]].max(axis=1)
             self._drop(gone)
@@ -263,8 +264,7 @@ class Belief:
             if size:
                 body.seen_ns = stamp_ns
             body.support = body.support + 1 if size >= LEAST_MEMBERS else 0
-            lasted = body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
-            body.shown |= lasted and self._together.alone(column)
+            body.shown |= body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
             fades = not body.shown and (age_ns > _UNSHOWN_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)

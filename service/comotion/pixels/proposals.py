@@ -112,13 +112,12 @@ class Together:
         for (a, first), (b, second) in combinations(sorted(group.items()), 2):
             self._add((a, b), _VOTE if first == second else -_VOTE)
 
-    def merged(self) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough."""
-        return next((pair for pair, total in self._sums.items() if total > _MERGE_AFTER), None)
-
-    def alone(self, body: int) -> bool:
-        """Whether it has moved as one with no other body so far."""
-        return all(total <= 0 for pair, total in self._sums.items() if body in pair)
+    def merged(self, shown: set[int]) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough: at once, if not both of them are shown."""
+        for pair, total in self._sums.items():
+            if total > (_MERGE_AFTER if shown.issuperset(pair) else 0.0):
+                return pair
+        return None
 
     def forget(self, body: int) -> None:
         """A body is no more."""
