@@ -127,6 +127,27 @@ def test_the_background_keeps_its_id_when_something_larger_begins_to_move():
     assert background not in {found[68][one] for one in range(WALL, WALL + 90)}
 
 
+def test_a_body_with_most_of_the_features_enters():
+    scene = Scene()
+    scene.wall = scene.wall[:15]
+    scene.hand = scene.rng.uniform([0, 100], [200, 300], (90, 2))
+    fusion, everything = Fusion(FusionConfig()), np.arange(105)
+    for number in range(105):
+        seen = everything[: 15 if number < 45 else 105]
+        x = scene.at([4.0 * number, 0.0])[: len(seen)]
+        fusion.ingest(batch(number, seen, x))
+        if number % 3 == 2:
+            update = fusion.update(stamp(number))
+            labels = update.track_hypothesis
+            if number == 44:
+                (background,) = set(labels.tolist())
+    # More than eight in ten move: that is no sign of a camera that moves.
+    assert set(labels[:15].tolist()) == {background}
+    (body,) = set(labels[15:].tolist())
+    assert body not in (background, UNDETERMINED)
+    assert background not in {event.id for event in update.events if event.kind == "ended"}
+
+
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
     found = play(Fusion(FusionConfig()), Scene(noise), path(150, 0))

@@ -16,8 +16,9 @@ from .recent import Recent, recent_motion
 
 # ns between two instants at which motion is taken in, however often updates are made.
 _STEP_NS = 100_000_000
-# Share of the trajectories at rest above which the camera rests: something large may move before it.
-_LEAST_SHARE = 0.3
+# Share at rest above which the camera rests: of all trajectories, as something large may move before it, and
+# of its background once it has rested.
+_LEAST_SHARE, _LEAST_OF_BACKGROUND = 0.3, 0.4
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Fewer trajectories do not tell. They are looked at over the longest of the first time
@@ -103,15 +104,15 @@ class RestingCamera:
 
         What moves before the camera may have most of the features, and a camera that moves moves the background.
         """
-        seen = recent.seen[:_SCALES]
+        seen, least = recent.seen[:_SCALES], _LEAST_SHARE
         if self._belief is not None and self._evidence > 0:
-            seen = seen & self._belief.rests(window, recent.slots)
+            seen, least = seen & self._belief.rests(window, recent.slots), _LEAST_OF_BACKGROUND
         enough = np.flatnonzero(seen.sum(axis=1) >= _LEAST_TRACKS)
         if not len(enough):
             return
         scale = int(enough[-1])
         share = float(_still(recent, scale)[seen[scale]].mean())
-        change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
+        change = min(max(_WEIGHT * (share - least), _FALL), _RISE)
         self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
 
 
