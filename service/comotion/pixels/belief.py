@@ -114,8 +114,8 @@ class Belief:
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         votes = nearest_votes(recent.position, labels, len(self.bodies), recent.reach)
         self._place(recent.slots, votes)
-        self._seen[recent.slots] |= recent.seen[0]
         gain, motion = self._gains(recent, rest, labels, votes)
+        self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
         self._evidence[recent.slots] = np.clip(evidence, -_MOST, _MOST)
@@ -220,7 +220,8 @@ class Belief:
         gain[:, BACKGROUND] = rest
         for column, body in self._living():
             members = labels == column
-            found = group_gain(recent, members)
+            # What is a member by its place alone does not say how the body moves: another may pass before it.
+            found = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
             if found is None:
                 continue
             held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)

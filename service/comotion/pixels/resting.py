@@ -102,7 +102,7 @@ class RestingCamera:
     def _look(self, window: Window, recent: Recent) -> None:
         """Judge by all trajectories, and once the camera rests by its background alone.
 
-        What moves before the camera may have most of the features, and a camera that moves moves the background.
+        What moves may have most of the features, and a camera that moves moves the background.
         """
         seen, least = recent.seen[:_SCALES], _LEAST_SHARE
         if self._belief is not None and self._evidence > 0:
