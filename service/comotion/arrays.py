@@ -66,6 +66,11 @@ def thinned(indices: Ints, count: int) -> Ints:
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
+def last_true(found: Bools) -> Ints:
+    """Column of the last true entry of each row of bool [n, m], intp [n]; the last one if there is none."""
+    return np.asarray(found.shape[1] - 1 - np.argmax(found[:, ::-1], axis=1), np.intp)
+
+
 def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:
     """Where each wanted key [m] is among ascending keys [n], integers: intp [m], -1 where it is not."""
     if not len(keys):

@@ -14,11 +14,11 @@ def best_rotation(H):
     return u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
 
 
-def weighted_pose(y, b, weights, pull=0.0, near=None):
+def weighted_pose(y, b, weights, near):
     """(R, t) of the least-squares pose y = R b + t of points [m, 3], with a pull towards a rotation."""
     p, q = np.average(y, axis=0, weights=weights), np.average(b, axis=0, weights=weights)
     H = (weights[:, None] * (y - p)).T @ (b - q)
-    H += pull * np.linalg.norm(H) * (np.eye(3) if near is None else near)
+    H += PULL * np.linalg.norm(H) * near
     R = best_rotation(H)
     return R, p - R @ q
 
@@ -41,7 +41,7 @@ def fit_poses(y, w, tolerance, iterations):
             posed[f] = (weight > 0).sum() >= (2 if m <= 2 else 3)
             if not posed[f]:
                 continue
-            R[f], t[f] = weighted_pose(y[:, f], b, weight, PULL, near)
+            R[f], t[f] = weighted_pose(y[:, f], b, weight, near)
             near = R[f]
             x = (y[:, f] - t[f]) @ R[f]
             a = a / (1 + a * known * ((x - b) ** 2).sum(1) / (SOFT * 3))
@@ -75,7 +75,7 @@ def settled(w, noise, b, dof, poses):
             places = np.einsum("mf,fij,mj->mi", w[:, run] / noise[:, None], R[run], b)
             places += (w[:, run] / noise[:, None]) @ t[run]
             seen = a > 0
-            R[run], t[run] = weighted_pose(places[seen] / a[seen, None], b[seen], a[seen])
+            R[run], t[run] = weighted_pose(places[seen] / a[seen, None], b[seen], a[seen], R[run[0]])
             rests[run] = True
         stop = min(run[0] if run else stop, stop - 1)
     return R, t, rests
@@ -198,9 +198,3 @@ def farthest_points(x, count):
         squared = ((x[:, None] - x[found]) ** 2).sum(2).min(1)
         found.append(int(squared.argmax()))
     return found
-
-
-def gaussian_sums(x, b, points, members, weight):
-    """Weighted sum of unit Gaussians about b at each x; none at its own place."""
-    squared = ((x[:, None] - b[None]) ** 2).sum(2)
-    return (np.exp(-0.5 * squared) * weight * (points[:, None] != members[None])).sum(1)

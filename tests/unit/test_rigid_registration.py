@@ -5,9 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.explanations import Offset, View, explained
-from comotion.rigid.kernels.records import ROUND, RowArrays
-from comotion.rigid.kernels.registration import pose_information
-from comotion.rigid.procrustes import align, fit_body
+from comotion.rigid.kernels.records import ROUND
+from comotion.rigid.procrustes import align, fit_body, pose_information
 from comotion.rigid.resampling import Frames
 
 RATE = 15
@@ -76,10 +75,8 @@ def test_the_information_of_poses_is_that_of_fitted_ones():
     rng = np.random.default_rng(2)
     template = rng.uniform(-0.1, 0.1, (9, 3))
     template -= template.mean(0)
-    metric, spectrum = np.tile(ROUND, (9, 1)), np.tile([1.0, 0.0, 0.0], (9, 1))
-    arrays = RowArrays(np.zeros((9, 1, 3)), np.ones((9, 1)), np.full(9, SIGMA**2), spectrum, metric)
-    information = np.zeros((1, 6, 6))
-    pose_information(arrays, np.arange(9), template, 3, information)
+    frames = view_of(1.0).frames
+    information = pose_information(frames, np.arange(9), template, np.full(9, SIGMA**2))
     fitted = [align(template, template + rng.normal(0, SIGMA, template.shape), 3) for _ in range(400)]
     errors = np.array([[*Rotation.from_matrix(R).as_rotvec(), *t] for R, t in fitted])
     expected = np.diag(np.linalg.inv(information[0]))

@@ -11,8 +11,7 @@ import numpy as np
 from ..arrays import Floats, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
-from .kernels.registration import pose_information
-from .procrustes import Body, align
+from .procrustes import Body, align, pose_information
 from .resampling import Frames
 from .tracks import Tracks
 
@@ -68,9 +67,9 @@ def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion 
         return None
     # From the axes of the body to those of the hypothesis.
     R, t = align(body.template[mine], reference.points[theirs], frames.dim)
-    arrays = frames.arrays._replace(tolerance=frames.tolerance / frames.independent)
-    information = np.zeros((len(frames.stamps), 6, 6))
-    pose_information(arrays, body.rows, body.template - body.template.mean(0), frames.dim, information)
+    rows, template = body.rows, body.template - body.template.mean(0)
+    tolerance = (frames.tolerance / frames.independent)[rows]
+    information = pose_information(frames, rows, template, tolerance)
     turn = inverses(information[:, :3, :3] + _FREE_TURN * np.eye(3))
     turned = body.R @ R.T
     centre, radius = _shape(body.template @ R.T + t)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Ints
+from ..arrays import Ints, last_true
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER
 from .subset import Scene
@@ -47,7 +47,7 @@ def _any_lost(scene: Scene) -> bool:
         if one == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
             continue
         w = frames.w[first[np.searchsorted(rows, members)]]
-        last = frames.stamps[w.shape[1] - 1 - np.argmax(w[:, ::-1] > 0, axis=1)]
+        last = frames.stamps[last_true(w > 0)]
         earlier = (last.max() - last) * 1e-9
         at_once = np.count_nonzero(earlier <= _AT_ONCE)
         if at_once >= max(_LEAST_LOST, _MOST_OF * np.count_nonzero(earlier <= _BEFORE)):

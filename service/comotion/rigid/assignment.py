@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
-from ..arrays import Floats, Ints, thinned
+from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
 from .costs import Costs, with_new
-from .kernels.assignment import carry
-from .kernels.distances import gaussian_sums
 from .procrustes import Body
 from .resampling import Frames
 
@@ -148,8 +147,18 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
     for k, body in enumerate(bodies):
         mine = labels[tracks] == k
         if mine.any() and body.posed.any():
-            carry(frames.arrays, rows[first[mine]], tracks[mine], body.poses, found)
+            _carry(frames, rows[first[mine]], tracks[mine], body, found)
     return found
+
+
+def _carry(frames: Frames, rows: Ints, tracks: Ints, body: Body, position: Floats) -> None:
+    """Move `tracks`, with a row each, by their body from where they were last seen to now, in `position`."""
+    both = (frames.w[rows] > 0) & body.posed
+    held = both.any(1)
+    rows, tracks, last = rows[held], tracks[held], last_true(both[held])
+    inside = np.einsum("nji,nj->ni", body.R[last], frames.y[rows, last] - body.t[last])
+    now = np.flatnonzero(body.posed)[-1]
+    position[tracks] = inside @ body.R[now].T + body.t[now]
 
 
 def posterior(assignment: Assignment) -> Floats:
@@ -206,7 +215,9 @@ def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
     some = thinned(np.arange(len(members)), _DENSITY_MEMBERS)
     members, weight = members[some], weight[some] * (total / weight[some].sum())
-    sums = gaussian_sums(x[points] @ whiten.T, x[members] @ whiten.T, points, members, weight)
+    near = np.exp(-0.5 * cdist(x[points] @ whiten.T, x[members] @ whiten.T, "sqeuclidean"))
+    near[points[:, None] == members] = 0.0
+    sums = near @ weight
     return np.asarray(np.log(sums + 1e-300) + np.log(np.diag(whiten)).sum())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
-from .kernels.residuals import body_costs, own_residuals
+from .kernels.residuals import body_costs
 from .procrustes import Body, static_body
 from .resampling import Frames
 from .sliding import with_sliders
@@ -197,12 +197,11 @@ def _looseness(frames: Frames, bodies: list[Body], poses: Floats, config: RigidC
     Soft things are bodies too. A body that fits its own rows worse than the noise says has a wider
     tolerance, for all trajectories alike, at the price of a log per coordinate.
     """
-    first = np.cumsum([0, *(len(body.rows) for body in bodies)])
-    rows = np.concatenate([body.rows for body in bodies])
-    excess = np.zeros(len(bodies))
-    own_residuals(frames.arrays, rows, first, poses, frames.dim, _MOST_EXCESS, excess)
-    static = np.array([body.static for body in bodies])
-    owners = np.repeat(np.arange(len(bodies)), np.diff(first))
-    mean = np.bincount(owners, frames.tolerance[rows], len(bodies)) / np.maximum(np.diff(first), 1)
-    wider = np.maximum(config.looseness * (np.minimum(excess, _MOST_EXCESS) - 1), 0.0) * mean
-    return np.where(static, 0.0, wider)
+    wider = np.zeros(len(bodies))
+    for k, body in enumerate(bodies):
+        if not body.static:
+            tolerance = frames.tolerance[body.rows]
+            _, squared = _residuals(frames, poses[k : k + 1], body.rows, np.zeros(1), config)
+            excess = np.minimum(squared[:, 0] / (frames.dim * tolerance), _MOST_EXCESS).mean()
+            wider[k] = max(config.looseness * (excess - 1), 0.0) * tolerance.mean()
+    return wider

@@ -9,15 +9,14 @@ contradicts it.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
 from .kernels.records import RowArrays
-from .kernels.registration import REGISTRATION_UNKNOWNS, move_rows, normal_equations, pose_information
-from .procrustes import Body
+from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
+from .procrustes import Body, pose_information
 from .resampling import Frames
 
 # Prior standard deviations, what a careful calibration leaves: rad, share of the scene's extent, s.
@@ -100,7 +99,7 @@ class View:
     @cached_property
     def unknowns(self) -> Ints:
         """Indices of the unknowns that exist."""
-        return np.arange(REGISTRATION_UNKNOWNS) if self.frames.dim == 3 else _PLANAR
+        return np.arange(UNKNOWNS) if self.frames.dim == 3 else _PLANAR
 
     @cached_property
     def prior(self) -> Floats:
@@ -111,27 +110,11 @@ class View:
     @cached_property
     def information(self) -> dict[int, Floats]:
         """Inverse covariance of the poses of each body, float64 [F, 6, 6]."""
-        found = {k: np.zeros((len(self.frames.stamps), 6, 6)) for k in self.bodies}
-        for k, body in self.bodies.items():
-            pose_information(self.frames.arrays, body.rows, body.template, self.frames.dim, found[k])
-        return found
-
-
-class _Equations(NamedTuple):
-    """Normal equations left x = right of a step x, the squared residual before it, and the coordinates.
-
-    All are in numbers of independent residuals.
-    """
-
-    left: Floats
-    right: Floats
-    squared: float
-    coordinates: float
-
-    def gain(self, step: Floats) -> float:
-        """Nats that a step gains over a group that moves like no body."""
-        after = float(self.squared - 2 * step @ self.right + step @ self.left @ step)
-        return max(_MOST_RESIDUAL * self.coordinates - after, 0.0) / 2
+        tolerance = self.frames.tolerance
+        return {
+            k: pose_information(self.frames, body.rows, body.template, tolerance[body.rows])
+            for k, body in self.bodies.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -140,7 +123,7 @@ class _Start:
 
     offset: Offset
     at: Floats
-    matched: list[_Equations]
+    matched: list[Equations]
 
 
 def explained(view: View, before: Offset) -> Offset:
@@ -157,7 +140,7 @@ def explained(view: View, before: Offset) -> Offset:
         starts, margin = [*starts, _start(view, none, before)], -_REPLACEMENT_MARGIN
     offset, cost = min((_fit(view, start) for start in starts), key=lambda fit: fit[1])
     still = np.zeros(len(view.prior))
-    without = -sum(one.gain(still) for one in starts[-1].matched)
+    without = -sum(_gain(one, still) for one in starts[-1].matched)
     return offset if cost + margin < without else none
 
 
@@ -175,10 +158,10 @@ def _moved(view: View, offset: Offset, before: Offset) -> RowArrays:
     frames = view.frames
     (R, t), (R_before, t_before) = offset.transform(), before.transform()
     turn = R @ R_before.T
-    y = frames.y.copy()
     rows = np.concatenate(list(view.groups.values()))
-    ahead = before.delay - offset.delay
-    move_rows(frames.arrays, _seconds(frames), rows, turn, t - turn @ t_before, ahead, y)
+    y, seen = frames.y.copy(), frames.w[rows] > 0
+    ahead = (before.delay - offset.delay) * velocities(y[rows], seen, _seconds(frames))
+    y[rows] = (y[rows] + ahead) @ turn.T + t - turn @ t_before
     return frames.arrays._replace(y=y)
 
 
@@ -193,16 +176,16 @@ def _fit(view: View, start: _Start) -> tuple[Offset, float]:
         left = sum((one.left for one in used), np.zeros(P.shape))
         right = sum((one.right for one in used), np.zeros(len(P)))
         step = np.asarray(np.linalg.solve(left + P, right - P @ start.at), np.float64)
-        used = [one for one in used if one.gain(step) > 0]
+        used = [one for one in used if _gain(one, step) > 0]
     total = start.at + step
-    cost = 0.5 * (total @ P @ total) - sum(one.gain(step) for one in start.matched)
+    cost = 0.5 * (total @ P @ total) - sum(_gain(one, step) for one in start.matched)
     cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
-    full = np.zeros(REGISTRATION_UNKNOWNS)
+    full = np.zeros(UNKNOWNS)
     full[view.unknowns] = np.linalg.solve(left + P, left @ step)
     return start.offset.after(full), float(cost)
 
 
-def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -> _Equations | None:
+def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -> Equations | None:
     """Equations of a group and the body that it moves with: that of its own label, else the best other."""
     rows, bodies = view.groups[own], view.bodies
     if own in bodies:
@@ -213,29 +196,33 @@ def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -
     return _best([_equations(view, arrays, rows, k, pivot) for k in others], at, view.prior)
 
 
-def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> _Equations:
-    """Equations of rows and one body."""
-    left, right = np.zeros((REGISTRATION_UNKNOWNS, REGISTRATION_UNKNOWNS)), np.zeros(REGISTRATION_UNKNOWNS)
-    frames = view.frames
-    poses = view.bodies[k].poses, view.information[k]
-    terms = arrays, _seconds(frames), rows, *poses, pivot, frames.dim, _LEAST_FRAMES
-    squared, coordinates = normal_equations(*terms, left, right)
-    some, share = view.unknowns, float(frames.independent[rows].mean()) / _TEMPERATURE
-    left, right = left[np.ix_(some, some)], right[some]
-    return _Equations(share * left, share * right, share * squared, share * coordinates)
+def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> Equations:
+    """Equations of rows and one body, in numbers of independent residuals."""
+    frames, some = view.frames, view.unknowns
+    terms = arrays, _seconds(frames), rows, view.bodies[k], view.information[k], pivot
+    found = normal_equations(*terms, frames.dim, _LEAST_FRAMES)
+    share = float(frames.independent[rows].mean()) / _TEMPERATURE
+    left, right = share * found.left[np.ix_(some, some)], share * found.right[some]
+    return Equations(left, right, share * found.squared, share * found.coordinates)
+
+
+def _gain(one: Equations, step: Floats) -> float:
+    """Nats that a step gains over a group that moves like no body."""
+    after = float(one.squared - 2 * step @ one.right + step @ one.left @ step)
+    return max(_MOST_RESIDUAL * one.coordinates - after, 0.0) / 2
 
 
 def _seconds(frames: Frames) -> Floats:
     return np.asarray((frames.stamps - frames.stamps[0]) * 1e-9, np.float64)
 
 
-def _best(candidates: list[_Equations], at: Floats, prior: Floats) -> _Equations | None:
+def _best(candidates: list[Equations], at: Floats, prior: Floats) -> Equations | None:
     """The equations that gain most after their own step; None where none fits well enough."""
     chosen, most = None, 0.0
     for one in candidates:
         step = np.asarray(np.linalg.solve(one.left + prior, one.right - prior @ at), np.float64)
         penalty = float((at + step) @ prior @ (at + step))
-        gain = one.gain(step) - penalty / 2
+        gain = _gain(one, step) - penalty / 2
         if gain > most and penalty < _MOST_OFFSET:
             chosen, most = one, gain
     return chosen

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
-from .kernels.procrustes import fit_poses, weighted_pose
+from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
+from .kernels.rotation import rotation_matrix
 from .resampling import Frames
 
 # Chosen on the scenes of docs/research/accuracy.md.
 _ITERATIONS = 4
+# Pull towards the rotation that is near, as a share of the moments: far above rounding, far below noise.
+_SLIGHT_PULL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,40 @@ def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) 
     R, t
         float64 [3, 3] and [3]; in 2-D a rotation about z.
     """
-    R, t = np.zeros((3, 3)), np.zeros(3)
-    y, b = np.ascontiguousarray(target.T), np.ascontiguousarray(source.T)
-    weighted_pose(y, b, np.ones(len(source)), dim, np.eye(3) if near is None else near, R, t)
-    return R, t
+    y, b = target - target.mean(0), source - source.mean(0)
+    H = y.T @ b
+    if dim == 2:
+        angle = np.arctan2(H[1, 0] - H[0, 1], H[0, 0] + H[1, 1])
+        R = rotation_matrix(np.array([0.0, 0.0, angle]))
+    else:
+        pull = _SLIGHT_PULL * np.linalg.norm(H) or 1.0
+        H += pull * (np.eye(3) if near is None else near)
+        U, _, Vt = np.linalg.svd(H)
+        U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
+        R = U @ Vt
+    return R, target.mean(0) - R @ source.mean(0)
+
+
+def pose_columns(b: Floats, dim: int) -> Floats:
+    """Derivatives of points [m, 3] by a small rotation and shift, [m, 3, 6]; zero in a third of 2-D."""
+    J = np.zeros((len(b), 3, 6))
+    J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = b[:, 2], -b[:, 1], b[:, 0]
+    J[:, :, :3] -= J[:, :, :3].transpose(0, 2, 1).copy()
+    J[:, :, 3:] = np.eye(3)
+    J[:, dim:] = 0.0
+    return J
+
+
+def pose_information(frames: Frames, rows: Ints, template: Floats, tolerance: Floats) -> Floats:
+    """Inverse covariance of the errors of a body's poses, in its frame: rotation vector and shift, [F, 6, 6].
+
+    Parameters
+    ----------
+    rows, template, tolerance
+        intp [m], float64 [m, 3] and [m], the rows that the body was fitted to, where they are in it, and
+        their variances.
+    """
+    J = pose_columns(template, frames.dim)
+    once = np.einsum("mcp,mcq->mpq", J, J).reshape(len(rows), -1)
+    seen = (frames.w[rows] > 0) / tolerance[:, None]
+    return np.asarray((seen.T @ once).reshape(-1, 6, 6))

@@ -11,7 +11,7 @@ from ..arrays import Bools, Floats, Ints, Stamps, find
 from ..config import RigidConfig
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations, RowArrays
-from .kernels.resampling import all_finite, correct, resample, spread
+from .kernels.resampling import mean_square, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import slow_noise
 from .tracks import Tracks, ranges
@@ -329,7 +329,10 @@ def _interpolated(
         resample(c.observations, stamps, own_limits, y[rows], w[rows])
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
-            correct(y[rows], w[rows], tracks.turn[own], tracks.shift[own], corrected[own])
+            some = np.flatnonzero(corrected[own])
+            turned = np.einsum("nfi,nji->nfj", y[rows][some], tracks.turn[own[some]])
+            seen = w[rows][some, :, None] > 0
+            y[rows][some] = turned + tracks.shift[own[some], None] * seen
     return y, w
 
 
@@ -351,7 +354,8 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
     """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
     six = np.zeros(len(tracks.key), np.bool_)
     if tracks.quaternions is not None and tracks.dim == 3:
-        six = all_finite(tracks.quaternions, tracks.start, tracks.stop)
+        first = np.ascontiguousarray(tracks.quaternions[:, 0])
+        six = np.isfinite(mean_square(first, tracks.start, tracks.stop))
     own = np.flatnonzero(~six)
     observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
     points = _Curves(False, own, observations)

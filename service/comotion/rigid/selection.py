@@ -6,7 +6,6 @@ from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
 from .belief import past_evidence
 from .costs import Costs
-from .kernels.assignment import closing_losses
 from .subset import Scene
 
 STATIC = 0
@@ -64,7 +63,11 @@ def _superfluous(costs: Costs, chosen: list[int]) -> int | None:
     """Column of the open body whose closing saves most, if closing any of them saves something."""
     if len(chosen) == 1:
         return None
-    loss = closing_losses(costs.outlier, costs.body, np.array(chosen)) - costs.opening[chosen]
+    paid = np.column_stack([costs.outlier, costs.body[:, chosen]])
+    least = np.partition(paid, 1, axis=1)
+    # Without its body a trajectory takes the next best.
+    more = np.bincount(paid.argmin(1), least[:, 1] - least[:, 0], len(chosen) + 1)[1:]
+    loss = more - costs.opening[chosen]
     loss[0] = np.inf
     worst = int(np.argmin(loss))
     return chosen[worst] if loss[worst] < 0 else None

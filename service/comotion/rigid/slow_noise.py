@@ -12,13 +12,12 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from scipy.special import gammaincinv
 
-from ..arrays import Floats, Ints, thinned
-from .kernels.correlation import newest_frames, variograms
+from ..arrays import Floats, Ints, last_true, thinned
 
 # Rows of a source that are looked at, evenly drawn, and nearest rows to compare each with: a median needs no
 # more, and beyond three pairs more and more span two bodies.
 _ROWS, _NEAREST = 64, 3
-# Fewest common frames of a pair, and fewest pairs of a source.
+# Fewest differences of a pair at a lag, and fewest pairs of a source.
 _LEAST_FRAMES, _LEAST_PAIRS = 8, 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
@@ -73,7 +72,7 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     first = np.repeat(some, _NEAREST)
     second = _nearest(y, w, rows, some).ravel()
     lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
-    found = variograms(y, w, first, second, lags, _LEAST_FRAMES)
+    found = variograms(y, w, first, second, lags)
     known = np.isfinite(found).sum(0) >= _LEAST_PAIRS
     if known.sum() < _LEAST_LAGS:
         return SlowNoise()
@@ -83,6 +82,36 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
         return SlowNoise()
     noise = _fitted(lags[known], _TIMES * frame_rate, usual, w.shape[1])
     return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
+
+
+def variograms(y: Floats, w: Floats, first: Ints, second: Ints, lags: Ints) -> Floats:
+    """Half the mean squared difference of the distance of pairs of rows at each lag.
+
+    White noise of the distance adds its variance at every lag; what changes slowly adds little at short lags.
+
+    Parameters
+    ----------
+    y, w
+        float64 [P, F, 3] and [P, F] (0: unobserved).
+    first, second
+        intp [n], the rows of each pair.
+    lags
+        intp [L], in common frames.
+
+    Returns
+    -------
+    float64 [n, L]; NaN where there are too few differences.
+    """
+    both = (w[first] > 0) & (w[second] > 0)
+    apart = np.sqrt(((y[first] - y[second]) ** 2).sum(2))
+    found = np.full((len(first), len(lags)), np.nan)
+    for k, lag in enumerate(lags.tolist()):
+        seen = both[:, lag:] & both[:, :-lag]
+        change = (apart[:, lag:] - apart[:, :-lag]) * seen
+        count = seen.sum(1)
+        enough = count >= _LEAST_FRAMES
+        found[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
+    return found
 
 
 def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
@@ -131,6 +160,6 @@ def _typical(freedom: Floats) -> Floats:
 
 def _nearest(y: Floats, w: Floats, rows: Ints, some: Ints) -> Ints:
     """The rows whose newest positions are nearest to those of each of `some`, intp [n, 3]."""
-    at = y[rows, newest_frames(w, rows)]
+    at = y[rows, last_true(w[rows] > 0)]
     found = cKDTree(at).query(at[np.searchsorted(rows, some)], _NEAREST + 1)[1]
     return np.asarray(rows[found[:, 1:]], np.intp)

@@ -1,12 +1,9 @@
-"""Compiled: in points or rows of points, out distances: their deviation, their least, their kernels."""
+"""Compiled: in points or rows of points, out distances: their deviation, and their least."""
 
 import numpy as np
 
 from ...arrays import Floats, Ints
 from ...compiled import compiled
-
-# Beyond this squared distance, in bandwidths, a Gaussian is below 1e-300, which is added to the sum.
-_LARGEST_EXPONENT = 1400.0
 
 
 @compiled()
@@ -61,32 +58,4 @@ def farthest_points(x: Floats, count: int) -> Ints:
             if nearest[i] > nearest[best]:
                 best = i
         found[k] = best
-    return found
-
-
-@compiled()
-def gaussian_sums(x: Floats, b: Floats, points: Ints, members: Ints, weight: Floats) -> Floats:
-    """Weighted sum of unit Gaussians about b, at each x; none adds to its own place.
-
-    Parameters
-    ----------
-    x, b
-        float64 [n, dim] and [m, dim], in units of the bandwidth.
-    points, members
-        intp [n] and [m], the trajectories that x and b belong to.
-    weight
-        float64 [m].
-
-    Returns
-    -------
-    float64 [n]; the factor that makes a Gaussian a density is left out.
-    """
-    found = np.zeros(len(x))
-    for i in range(len(x)):
-        for j in range(len(b)):
-            squared = 0.0
-            for c in range(x.shape[1]):
-                squared += (x[i, c] - b[j, c]) ** 2
-            if points[i] != members[j] and squared < _LARGEST_EXPONENT:
-                found[i] += weight[j] * np.exp(-0.5 * squared)
     return found

@@ -6,7 +6,7 @@ from ...arrays import Floats
 from ...compiled import compiled
 from .metric import is_round_metric, squared_length
 from .records import PoseArrays
-from .rotation import newton_rotation, planar_rotation, rotation_matrix, spatial_rotation
+from .rotation import planar_rotation, rotation_matrix, spatial_rotation
 
 SOFT = 9.0
 """A squared residual of so many tolerances per dimension halves the weight of an observation."""
@@ -14,7 +14,7 @@ SOFT = 9.0
 # leave open, such as the turn of a pair about its own axis. Chosen on the scenes of
 # docs/research/accuracy.md.
 _PULL = 1e-3
-# The same where a pose is only to be determined, not smoothed: far above rounding, far below noise.
+# What keeps the equations of a pose regular: far above rounding, far below noise.
 _SLIGHT_PULL = 1e-6
 
 
@@ -63,7 +63,7 @@ def fit_poses(
                 near = R[neighbour] if neighbour >= 0 else identity
                 # The frame's own rotation of the last iteration is nearer still than its neighbour's.
                 start = R[f].copy() if iteration > 0 and started[f] else near
-                _frame_pose(y[f], b, weights, dim, near, start, neighbour >= 0, R[f], t[f])
+                frame_pose(y[f], b, weights, dim, near, start, neighbour >= 0, R[f], t[f])
                 started[f] = True
                 neighbour = f
                 if weighed:
@@ -75,7 +75,7 @@ def fit_poses(
 
 
 @compiled()
-def _frame_pose(
+def frame_pose(
     y: Floats,
     b: Floats,
     weights: Floats,
@@ -95,7 +95,7 @@ def _frame_pose(
     if dim == 2:
         planar_rotation(H, R)
     else:
-        _pull(H, near, _PULL)
+        _pull(H, near)
         spatial_rotation(H, start, started, R)
     _translation(R, centres, t)
 
@@ -137,7 +137,7 @@ def _bridge(
             R[f] = R[beside]
             _translation(R[f], centres, t[f])
         else:
-            _frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
+            frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
         for i in range(m):
             if w[f, i] > 0 and known[i] == 0:
                 known[i] = 1.0
@@ -183,38 +183,9 @@ def continue_poses(
         for robust in (0.0, soft, soft):
             posed[now] = _weigh(y[f], w[f], inverse, b, known, R[now], t[now], robust, weights) >= need
             if posed[now]:
-                _frame_pose(y[f], b, weights, dim, R[before], R[before], True, R[now], t[now])
+                frame_pose(y[f], b, weights, dim, R[before], R[before], True, R[now], t[now])
         if posed[now] and not all_round:
             _step(y[f], weights, metric, b, dim, R[now], t[now])
-
-
-@compiled()
-def weighted_pose(
-    y: Floats, b: Floats, weights: Floats, dim: int, near: Floats, R: Floats, t: Floats
-) -> None:
-    """Weighted least-squares pose y = R b + t, in place.
-
-    Parameters
-    ----------
-    y, b, weights
-        float64 [3, m], [3, m] and [m].
-    near
-        float64 [3, 3]; a rotation that the points leave open, as those of a pair do, is the nearest to this.
-    R, t
-        Out: float64 [3, 3] and [3].
-    """
-    H, centres = np.zeros((3, 3)), np.zeros((2, 3))
-    _moments(y, b, weights, centres, H)
-    if dim == 2:
-        planar_rotation(H, R)
-    else:
-        pulled, start = H.copy(), np.zeros((3, 3))
-        _pull(pulled, near, _SLIGHT_PULL)
-        spatial_rotation(pulled, near, False, start)
-        # Without the pull, unless the points leave the rotation open.
-        if not newton_rotation(H, start, R):
-            R[:] = start
-    _translation(R, centres, t)
 
 
 @compiled()
@@ -302,13 +273,13 @@ def _translation(R: Floats, centres: Floats, t: Floats) -> None:
 
 
 @compiled()
-def _pull(H: Floats, near: Floats, share: float) -> None:
-    """Add a share of the rotation `near` to the moments, in place."""
+def _pull(H: Floats, near: Floats) -> None:
+    """Pull the moments towards the rotation `near`, in place."""
     squared = 0.0
     for p in range(3):
         for q in range(3):
             squared += H[p, q] * H[p, q]
-    pull = share * np.sqrt(squared)
+    pull = _PULL * np.sqrt(squared)
     for p in range(3):
         for q in range(3):
             H[p, q] += pull * near[p, q]

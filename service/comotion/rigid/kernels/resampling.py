@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats, Ints, Slots, Stamps
+from ...arrays import Floats, Ints, Slots, Stamps
 from ...compiled import compiled
 from ...trajectories.kernels import newest_from, segment_at
 from .records import Limits, Observations
@@ -34,29 +34,6 @@ def resample(observations: Observations, stamps: Stamps, limits: Limits, y: Floa
             for c in range(positions.shape[1]):
                 y[i, f, c] = (1 - a) * positions[left, c] + a * positions[right, c]
             w[i, f] = 1.0 / ((1 - a) ** 2 + a * a)
-
-
-@compiled()
-def correct(y: Floats, w: Floats, turn: Floats, shift: Floats, moved: Bools) -> None:
-    """Replace y by turn y + shift where it is observed, in place.
-
-    Parameters
-    ----------
-    y, w
-        float64 [N, F, 3] and [N, F] (0: unobserved).
-    turn, shift
-        float64 [N, 3, 3] and [N, 3].
-    moved
-        bool [N], rows to correct.
-    """
-    for i in range(len(w)):
-        if not moved[i]:
-            continue
-        for f in range(w.shape[1]):
-            if w[i, f] > 0:
-                a, b, c = y[i, f, 0], y[i, f, 1], y[i, f, 2]
-                for d in range(3):
-                    y[i, f, d] = turn[i, d, 0] * a + turn[i, d, 1] * b + turn[i, d, 2] * c + shift[i, d]
 
 
 @compiled()
@@ -99,18 +76,6 @@ def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
             if np.isnan(found[i]):
                 break
         found[i] /= stop[i] - start[i]
-    return found
-
-
-@compiled()
-def all_finite(values: Floats, start: Ints, stop: Ints) -> Bools:
-    """Whether all of values[start[i]:stop[i]], float64 [M, 4], are finite, bool [N]."""
-    found = np.ones(len(start), np.bool_)
-    for i in range(len(start)):
-        for m in range(start[i], stop[i]):
-            if not np.isfinite(values[m]).all():
-                found[i] = False
-                break
     return found
 
 

@@ -74,40 +74,6 @@ def _wider_gain(x: Floats, count: int, tolerance: float, wider: float, most: flo
 
 
 @compiled()
-def own_residuals(
-    arrays: RowArrays,
-    rows: Slots,
-    first: Slots,
-    poses: Floats,
-    dim: int,
-    most: float,
-    excess: Floats,
-) -> None:
-    """How well each body fits the rows that it was fitted to, in place.
-
-    Parameters
-    ----------
-    rows, first
-        intp [n] and [K + 1]; rows[first[k]:first[k + 1]] are those of body k.
-    poses
-        As of :func:`body_costs`.
-    excess
-        Out: float64 [K], mean squared residual in tolerances and dimensions, that of each row at most `most`.
-    """
-    y, w, tolerance, spectrum, metric = arrays
-    count = w.shape[1]
-    x, gains = np.empty((count, 5)), np.empty((count, 2))
-    for k in range(len(poses)):
-        for n in range(first[k], first[k + 1]):
-            i = rows[n]
-            inverse = 1.0 / tolerance[i]
-            _filter_gains(w[i], spectrum[i], gains)
-            noise = inverse, metric[i], spectrum[i, 2]
-            _, squared = _body_cost(y[i], w[i], poses[k], (0, count), noise, (dim, 1.0, 0.0), x, gains)
-            excess[k] += min(squared * inverse / dim, most) / (first[k + 1] - first[k])
-
-
-@compiled()
 def recent_residuals(
     arrays: RowArrays,
     body: Slots,

@@ -5,7 +5,7 @@ import numpy as np
 from ...arrays import Bools, Floats
 from ...compiled import compiled
 from .metric import quadratic
-from .procrustes import weighted_pose
+from .procrustes import frame_pose
 from .records import PoseArrays
 
 # What one pose may cost beyond what poses of their own gain by fitting noise: so many standard deviations of
@@ -59,7 +59,7 @@ def settle(
             _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
             runs += 1
-            weighted_pose(mean, b, total, dim, R[begin], pose, shift)
+            frame_pose(mean, b, total, dim, R[begin], R[begin], True, pose, shift)
             for f in range(begin, stop):
                 if posed[f]:
                     R[f], t[f], rests[f] = pose, shift, True
