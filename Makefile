@@ -57,7 +57,7 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 pictures: setup  ## make the pictures, the samples and the notebook's outputs again; COMOTION_CHROMIUM=chromium for those of screens
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel playwright
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 	$(BIN)/python -m comotion_experiments.samples docs/samples
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,13 +12,14 @@ import zenoh
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import viewer
 from comotion_schemas.errors import KnownError
+from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.transport import SessionSettings
 
 from .feed import BATCHES_KEPT, SceneFeed
-from .joint_rows import plain
+from .joint_rows import known_values
 from .metrics import Score, Truth
-from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally, finite_or_none
+from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -192,10 +193,10 @@ def summary_lines(run: LiveRun) -> list[str]:
 
 def as_json(run: LiveRun) -> dict[str, Any]:
     """Convert the result to plain values for JSON, with NMI over time; unknown values are None."""
-    return {
-        **finite_or_none(asdict(run.summary)),
+    values: dict[str, Any] = plain(run.summary) | {
         "lost": run.lost,
         "invalid": run.invalid,
-        "joints": [plain(joint) for joint in run.joints],
-        "over_time": [finite_or_none(asdict(score)) for score in run.scores],
+        "joints": [known_values(joint) for joint in run.joints],
+        "over_time": plain(run.scores),
     }
+    return values

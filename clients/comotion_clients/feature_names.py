@@ -65,8 +65,8 @@ class HypothesisNames(Names):
                 kept[hypothesis] = free[-1]
         self._of_hypotheses = kept
         known = {**kept, **self._given}
-        links = [(h.id, one) for h in update.hypotheses for one in h.linked or () if one in known]
-        self._linked = {hypothesis: known[one] for hypothesis, one in links}
+        links = [(h.id, link) for h in update.hypotheses for link in h.linked or () if link in known]
+        self._linked = {hypothesis: known[link] for hypothesis, link in links}
 
     @property
     def _all(self) -> Mapping[int, str]:

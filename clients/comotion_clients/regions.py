@@ -61,8 +61,8 @@ def regions(
     grown = cv2.watershed(small, seeds)
     # Where regions meet there is a line of -1, and one around the image: it goes to a neighbour.
     beside = cv2.dilate(grown.astype(np.float32), np.ones((3, 3), np.uint8)).astype(np.int32)
-    found = names[np.where(grown > 0, grown, beside) - 1].astype(np.int32)
-    full = cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST)
+    coarse = names[np.where(grown > 0, grown, beside) - 1].astype(np.int32)
+    full = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
     return np.asarray(full, np.int64)
 
 
@@ -80,7 +80,7 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
             open_ |= _near(shape, bodies[k])
     seeds[~open_] = background + 1
     # Bodies last: they have fewer features than the background.
-    for k in sorted(range(len(bodies)), key=lambda one: one != background):
+    for k in sorted(range(len(bodies)), key=lambda body: body != background):
         for x, y in bodies[k].astype(int).tolist():
             rows, columns = (slice(max(v - _SEED_PX, 0), v + _SEED_PX + 1) for v in (y, x))
             seeds[rows, columns] = k + 1

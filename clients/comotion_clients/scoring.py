@@ -198,8 +198,3 @@ def _mean(scores: list[Score], value: Callable[[Score], float]) -> float:
 
 def _average(values: list[Any]) -> float:
     return math.fsum(values) / len(values) if values else math.nan
-
-
-def finite_or_none(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace NaN and infinity by None, for JSON."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}

@@ -6,9 +6,8 @@ A line is ``time x y z qx qy qz qw``, time in s. ``evo_ape tum truth.tum camera-
 from collections.abc import Iterable
 from pathlib import Path
 
-from scipy.spatial.transform import Rotation
-
 from comotion_schemas import HypothesisUpdate, Pose
+from comotion_schemas.rigid import rotation, three
 
 
 def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
@@ -46,8 +45,6 @@ def save_paths(folder: Path, updates: Iterable[HypothesisUpdate]) -> list[Path]:
 
 def _line(stamp_ns: int, pose: Pose) -> str:
     """A pose in the plane is one in z = 0."""
-    turn = pose.rotation
-    quaternion = turn if isinstance(turn, list) else Rotation.from_rotvec([0.0, 0.0, turn]).as_quat()
-    position = [*pose.translation, 0.0][:3]
+    values = (*three(pose.translation), *rotation(pose.rotation).as_quat())
     seconds, rest = divmod(stamp_ns, 1_000_000_000)
-    return f"{seconds}.{rest:09d} " + " ".join(f"{value:.9g}" for value in (*position, *quaternion))
+    return f"{seconds}.{rest:09d} " + " ".join(f"{value:.9g}" for value in values)

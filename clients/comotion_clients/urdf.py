@@ -92,7 +92,7 @@ def _tree(
 
 
 def _is_above(hypothesis: int, other: int, above: dict[int, Joint]) -> bool:
-    """Whether the chain of parents of `other` leads to `one`: a joint would close a circle."""
+    """Whether the chain of parents of `other` leads to `hypothesis`: a joint would close a circle."""
     while other in above:
         other = above[other].parent
         if other == hypothesis:

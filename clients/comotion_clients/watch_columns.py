@@ -40,17 +40,17 @@ class Column(Generic[Row]):
 
 def table(rows: Iterable[Row], columns: Sequence[Column[Row]], width: int | None = None) -> Table:
     """A table of the columns that a terminal of a width in characters shows; None: of all."""
-    made = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
+    drawn = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=True, header_style="bold dim")
     shown = [column for column in columns if width is None or width >= column.from_width]
-    for one in shown:
-        justify: Literal["left", "right"] = "left" if one.left else "right"
-        kept = one.width is not None
-        made.add_column(one.title, justify=justify, width=one.width, no_wrap=kept, overflow="ellipsis")
+    for column in shown:
+        justify: Literal["left", "right"] = "left" if column.left else "right"
+        kept = column.width is not None
+        drawn.add_column(column.title, justify=justify, width=column.width, no_wrap=kept, overflow="ellipsis")
     for row in rows:
         cells = [column.cell(row) for column in shown]
         # A table takes a plain string for markup.
-        made.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
-    return made
+        drawn.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
+    return drawn
 
 
 def lost(count: int, *, losing: bool) -> Text:

@@ -1,8 +1,6 @@
 """Scene snapshot -> screen that fits the terminal, plain line, or JSON."""
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import Any, Literal, get_args
 
 from rich.console import Group
@@ -11,6 +9,7 @@ from rich.text import Text
 
 from comotion_schemas.colours import GREY, as_hex
 from comotion_schemas.naming import named
+from comotion_schemas.plain import plain
 
 from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
@@ -206,16 +205,7 @@ def _plain_source(row: SourceRow) -> str:
 
 def as_json(snapshot: Snapshot) -> dict[str, Any]:
     """Convert a snapshot to plain values for JSON; unknown values are None."""
-    values = _plain(asdict(snapshot))
+    values: dict[str, Any] = plain(snapshot)
     for row in values["hypotheses"]:
         row["colour"] = as_hex(row["colour"])
-    assert isinstance(values, dict)  # noqa: S101 - for the type checker
     return values
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -17,7 +17,7 @@ def show_progress(name: str, steps: Iterable[None]) -> None:
     def line() -> str:
         return f"{name}: step {number} of at most {STEPS}, {time.monotonic() - begun:.0f} s"
 
-    with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
+    with reporting() as report:
 
         def tick() -> None:
             while not over.wait(_TICK_S):

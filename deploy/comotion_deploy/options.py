@@ -11,7 +11,7 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -196,7 +196,7 @@ class Json(Command):
         Parameters
         ----------
         values
-            Plain values or a dataclass of them, for JSON.
+            What :func:`comotion_schemas.plain.plain` takes, for JSON.
         shown
             Otherwise: lines, and what rich renders.
         width
@@ -206,8 +206,10 @@ class Json(Command):
 
         from rich.console import Console
 
+        from comotion_schemas.plain import plain
+
         if self.json_:
-            print(json.dumps(values, indent=2, default=asdict))
+            print(json.dumps(plain(values), indent=2))
             return
         console = Console(width=None if sys.stdout.isatty() else width)
         for part in shown:

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.joint_rows import plain
+from comotion_clients.joint_rows import known_values
 from comotion_clients.metrics import Score
-from comotion_clients.scoring import Summary, finite_or_none
+from comotion_clients.scoring import Summary
 from comotion_clients.tum import save_paths
 from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
+from comotion_schemas.plain import plain
 from comotion_schemas.terminal import Report, reporting
 
 from .brox_malik import compare
@@ -69,7 +70,6 @@ def evaluate_inputs(
     duration: float | None = None,
     plot: Path | None = None,
     paths: Path | None = None,
-    progress: bool = True,
     comparator: bool = False,
 ) -> list[Evaluated]:
     """Run every input through the core.
@@ -86,8 +86,6 @@ def evaluate_inputs(
         Path of the plot; with several inputs the name of the input is added.
     paths
         Folder for paths in the TUM format; with several inputs one folder in it for each.
-    progress
-        Show progress on standard error.
     comparator
         Score the affinity of Brox and Malik as well.
 
@@ -97,22 +95,22 @@ def evaluate_inputs(
         If an input has no observation, or is shorter than a period.
     """
     results: list[Evaluated] = []
-    for count, one in enumerate(inputs, 1):
+    for count, given in enumerate(inputs, 1):
         trace, digest = Trace(), hashlib.sha256()
-        name = f"{count}/{len(inputs)} {_label(one.name, 30)}"
+        name = f"{count}/{len(inputs)} {_label(given.name, 30)}"
         try:
-            with reporting(quiet=not progress, terminal_s=0.25, plain_s=3.0) as report:
+            with reporting() as report:
                 on_update = _tee(trace, digest, report, name)
-                run = run_offline(one.open(), config, period=period, duration=duration, on_update=on_update)
+                run = run_offline(given.open(), config, period=period, duration=duration, on_update=on_update)
         except ValueError as error:
-            raise KnownError(f"{one.name}: {error}") from None
-        compared = compare(one.open(), duration).means() if comparator else {}
-        results.append(_evaluated(one, run, digest.hexdigest(), compared))
+            raise KnownError(f"{given.name}: {error}") from None
+        compared = compare(given.open(), duration).means() if comparator else {}
+        results.append(_evaluated(given, run, digest.hexdigest(), compared))
         if paths is not None:
             several = len(inputs) > 1
-            save_paths(plot_path(paths / "paths", one, several=True) if several else paths, trace.updates)
+            save_paths(plot_path(paths / "paths", given, several=True) if several else paths, trace.updates)
         if plot is not None:
-            _plot(plot_path(plot, one, several=len(inputs) > 1), one, config, run, trace)
+            _plot(plot_path(plot, given, several=len(inputs) > 1), given, config, run, trace)
     return results
 
 
@@ -125,32 +123,32 @@ def _tee(trace: Trace, digest: "hashlib._Hash", report: Report, name: str) -> On
     return on_update
 
 
-def _evaluated(one: Input, run: Run, digest: str, compared: dict[str, float]) -> Evaluated:
+def _evaluated(given: Input, run: Run, digest: str, compared: dict[str, float]) -> Evaluated:
     return Evaluated(
-        name=one.name,
-        seed=one.seed,
+        name=given.name,
+        seed=given.seed,
         summary=run.summary,
         ms_per_update=float(run.update_ms.mean()),
         ms_p99=float(np.percentile(run.update_ms, 99)),
         seconds=float(run.seconds[-1]),
         digest=digest,
-        joints=run.joints,
+        joints=run.last.joints,
         compared=compared,
     )
 
 
-def _plot(path: Path, one: Input, config: FusionConfig, run: Run, trace: Trace) -> None:
-    seed = "" if one.seed is None else f", seed {one.seed}"
-    title = f"{Path(one.name).stem if one.seed is None else one.name}{seed}, method {config.method}"
+def _plot(path: Path, given: Input, config: FusionConfig, run: Run, trace: Trace) -> None:
+    seed = "" if given.seed is None else f", seed {given.seed}"
+    title = f"{Path(given.name).stem if given.seed is None else given.name}{seed}, method {config.method}"
     save_plot(path, title=title, updates=trace.updates, scores=run.scores, truth=run.truth, spaces=run.spaces)
 
 
-def plot_path(path: Path, one: Input, *, several: bool) -> Path:
+def plot_path(path: Path, given: Input, *, several: bool) -> Path:
     """Return the path of the plot of an input: `path`, with the name of the input if there are several."""
     if not several:
         return path
-    seed = "" if one.seed is None else f"-{one.seed}"
-    name = Path(one.name.replace(":", "-")).stem
+    seed = "" if given.seed is None else f"-{given.seed}"
+    name = Path(given.name.replace(":", "-")).stem
     return path.with_name(f"{path.stem}-{name}{seed}{path.suffix}")
 
 
@@ -175,24 +173,27 @@ def overall(results: Sequence[Evaluated]) -> dict[str, float]:
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
-    """Convert to plain values: parameters, one entry per run, and the mean over files."""
-    return {
-        "config": config.model_dump(mode="json"),
-        "period": config.period if period is None else period,
-        "runs": [
-            {
-                "file": r.name,
-                "seed": r.seed,
-                "seconds": r.seconds,
-                **finite_or_none(r.values()),
-                "updates_sha256": r.digest,
-                "joints": [plain(joint) for joint in r.joints],
-                **({"brox_malik": finite_or_none(r.compared)} if r.compared else {}),
-            }
-            for r in results
-        ],
-        "overall": finite_or_none(overall(results)),
-    }
+    """Values for JSON: parameters, one entry per run, and the mean over files."""
+    values: dict[str, Any] = plain(
+        {
+            "config": config.model_dump(mode="json"),
+            "period": config.period if period is None else period,
+            "runs": [
+                {
+                    "file": r.name,
+                    "seed": r.seed,
+                    "seconds": r.seconds,
+                    **r.values(),
+                    "updates_sha256": r.digest,
+                    "joints": [known_values(joint) for joint in r.joints],
+                    **({"brox_malik": r.compared} if r.compared else {}),
+                }
+                for r in results
+            ],
+            "overall": overall(results),
+        }
+    )
+    return values
 
 
 def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
@@ -202,16 +203,18 @@ def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
     """
     groups = group(results)
     spreads = {name: [m.summary.mean_nmi for m in members] for name, members in groups.items()}
-    seeded = any(len(one) > 1 for one in spreads.values())
-    shown = [one for one in _COLUMNS if (everything or one.main) and (seeded or one.title != _SPREAD)]
-    found = Table(["file", *(one.title for one in shown), *_compared_titles(results)])
+    seeded = any(len(values) > 1 for values in spreads.values())
+    shown = [
+        column for column in _COLUMNS if (everything or column.main) and (seeded or column.title != _SPREAD)
+    ]
+    drawn = Table(["file", *(column.title for column in shown), *_compared_titles(results)])
     for name, members in groups.items():
         row = averages(members) | {_SPREAD: _deviation(spreads[name])}
-        found.add(_label(name, 28 if everything else 16), *_cells(row, shown), *_compared(members))
+        drawn.add(_label(name, 28 if everything else 16), *_cells(row, shown), *_compared(members))
     if len(groups) > 1:
-        found.end_section()
-        found.add("overall", *_cells(overall(results) | {_SPREAD: math.nan}, shown), strong=True)
-    return found
+        drawn.end_section()
+        drawn.add("overall", *_cells(overall(results) | {_SPREAD: math.nan}, shown), strong=True)
+    return drawn
 
 
 class _Column(NamedTuple):
@@ -241,7 +244,7 @@ _COLUMNS = (
 
 
 def _cells(row: Mapping[str, float], columns: Sequence[_Column]) -> list[str]:
-    return [number(one.times * row[one.value], one.digits) for one in columns]
+    return [number(column.times * row[column.value], column.digits) for column in columns]
 
 
 def _deviation(values: Sequence[float]) -> float:
@@ -254,7 +257,7 @@ def _compared_titles(results: Sequence[Evaluated]) -> list[str]:
 
 def _compared(members: Sequence[Evaluated]) -> list[str]:
     """Mean NMI of the comparator over seeds, by clustering."""
-    return [number(mean([one.compared[name] for one in members]), 3) for name in members[0].compared]
+    return [number(mean([member.compared[name] for member in members]), 3) for name in members[0].compared]
 
 
 def _label(name: str, width: int) -> str:

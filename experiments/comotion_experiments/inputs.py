@@ -82,13 +82,13 @@ def find_inputs(
     ImportError
         If an input is an .mcap file and the extra `record` is not installed.
     """
-    found: list[Input] = []
+    inputs: list[Input] = []
     for name in names:
         if name.startswith(SIMULATED):
-            found += _simulated(name, seeds, rates)
+            inputs += _simulated(name, seeds, rates)
         else:
-            found.append(_recorded(name, split, rates, as_received=as_received))
-    return found
+            inputs.append(_recorded(name, split, rates, as_received=as_received))
+    return inputs
 
 
 def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -> list[Input]:
@@ -109,7 +109,7 @@ def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_receiv
 
 
 def _recorded_scene(name: str, *, as_received: bool) -> Input:
-    from comotion_sources.recordings.messages import MessageLog
+    from comotion_schemas.message_log import MessageLog
 
     MessageLog(Path(name)).close()
     return Input(name, None, lambda: _arrivals(name, as_received=as_received))
@@ -117,7 +117,7 @@ def _recorded_scene(name: str, *, as_received: bool) -> Input:
 
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
     """Yield a recorded scene as a service with an event clock receives it."""
-    from comotion_sources.recordings.messages import logged_batches
+    from comotion_schemas.message_log import logged_batches
 
     clock, logged = EventClock(), logged_batches(name)
     for log_ns, message in logged if as_received else in_order_of_acquisition(logged):

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ from comotion.config import ThesisConfig
 from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
-from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
+from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 
 Message: TypeAlias = TruthBatch | ObservationBatch
@@ -54,8 +55,8 @@ class Run:
         Coordinate space of every source.
     stats
         The core's counters at the end.
-    joints
-        Those of the last update.
+    last
+        The last update.
     """
 
     summary: Summary
@@ -65,7 +66,7 @@ class Run:
     truth: Truth
     spaces: dict[str, SpaceRef]
     stats: Stats
-    joints: list[Joint]
+    last: HypothesisUpdate
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -88,10 +89,10 @@ class _Offline:
     fusion: Fusion
     tally: Tally
     on_update: OnUpdate
-    observed: Observed
+    observed: Observed = field(default_factory=Observed)
     times: list[float] = field(default_factory=list)
     busy: float = 0.0
-    last: HypothesisUpdate | None = None
+    last: HypothesisUpdate = field(init=False)
 
     def ingest(self, batch: ObservationBatch) -> None:
         begun = time.perf_counter()
@@ -106,16 +107,47 @@ class _Offline:
         self.busy = 0.0
         self.on_update(update, self.tally.add(update, self.observed))
 
+    def run(self, start_ns: int, truth: Truth) -> Run:
+        return Run(
+            summary=self.tally.summary(),
+            scores=self.tally.scores,
+            update_ms=np.array(self.times),
+            start_ns=start_ns,
+            truth=truth,
+            spaces=dict(self.observed.spaces),
+            stats=self.fusion.stats,
+            last=self.last,
+        )
+
+
+@dataclass
+class _Due:
+    """Instants of updates, every period after the start."""
+
+    start_ns: int
+    period: float
+    count: int = 1
+
+    @property
+    def ns(self) -> int:
+        return self.start_ns + round(self.count * self.period * 1e9)
+
+    def next(self) -> int:
+        now_ns = self.ns
+        self.count += 1
+        return now_ns
+
+    def skip_to(self, ns: int) -> None:
+        self.count = max(self.count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
+
 
 def run_offline(
     messages: Iterable[Incoming],
     config: FusionConfig,
     *,
     truth: Truth | None = None,
-    observed: Observed | None = None,
     period: float | None = None,
     duration: float | None = None,
-    scene: str = "default",
     fusion: Fusion | None = None,
     on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
 ) -> Run:
@@ -132,14 +164,10 @@ def run_offline(
         Parameters of the core.
     truth
         True objects known beforehand; what `messages` say is added.
-    observed
-        What the sources see is added, for callers that ask at an update what was observed.
     period
         Seconds between updates; that of `config` by default.
     duration
         Seconds of event time to run; all by default.
-    scene
-        Name of the scene in the updates.
     fusion
         The core, for callers that look into it at every update; a new one of `config` by default.
     on_update
@@ -158,54 +186,25 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise KnownError("there is no observation")
-    core, seen = fusion or Fusion(config, scene=scene), Observed() if observed is None else observed
-    offline = _Offline(core, Tally(truth), on_update, seen)
-    start_ns = _start(first)
-    end_ns = None if duration is None else start_ns + round(duration * 1e9)
-    due = 1
-    for arrived in _chain(first, batches):
-        due = max(due, math.ceil((arrived.now_ns - _LONGEST_GAP_NS - start_ns) / (period * 1e9)))
-        while arrived.now_ns > (now_ns := start_ns + round(due * period * 1e9)) and not _over(now_ns, end_ns):
-            offline.update(now_ns)
-            due += 1
-        if _over(arrived.now_ns, end_ns):
+    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update)
+    start_ns = _start(first.batch)
+    end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
+    due = _Due(start_ns, period)
+    for arrived in chain([first], batches):
+        due.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
+        while due.ns < arrived.now_ns and due.ns <= end_ns:
+            offline.update(due.next())
+        if arrived.now_ns > end_ns:
             break
         offline.ingest(arrived.batch)
-    if not _over(now_ns := start_ns + round(due * period * 1e9), end_ns):
-        offline.update(now_ns)
+    if due.ns <= end_ns:
+        offline.update(due.ns)
     if not offline.times:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
-    return Run(
-        summary=offline.tally.summary(),
-        scores=offline.tally.scores,
-        update_ms=np.array(offline.times),
-        start_ns=start_ns,
-        truth=truth,
-        spaces=dict(offline.observed.spaces),
-        stats=offline.fusion.stats,
-        joints=[] if offline.last is None else offline.last.joints,
-    )
+    return offline.run(start_ns, truth)
 
 
-def last_update(
-    messages: Iterable[Incoming], config: FusionConfig, duration: float | None = None
-) -> HypothesisUpdate:
-    """Run messages through the core and return the last update; as :func:`run_offline`."""
-    found: list[HypothesisUpdate] = []
-
-    def on_update(update: HypothesisUpdate, _: Score) -> None:
-        found[:] = [update]
-
-    run_offline(messages, config, duration=duration, on_update=on_update)
-    return found[0]
-
-
-def _over(time_ns: int, end_ns: int | None) -> bool:
-    return end_ns is not None and time_ns > end_ns
-
-
-def _start(arrived: Arrived) -> int:
-    batch = arrived.batch
+def _start(batch: ObservationBatch) -> int:
     stamps = batch.stamps_ns
     return batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
 
@@ -219,8 +218,3 @@ def _batches(messages: Iterable[Incoming], truth: Truth) -> Iterator[Arrived]:
             yield message
         else:
             yield Arrived(message, message.stamp_ns)
-
-
-def _chain(first: Arrived, rest: Iterator[Arrived]) -> Iterator[Arrived]:
-    yield first
-    yield from rest

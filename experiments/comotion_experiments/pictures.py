@@ -56,7 +56,7 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         made += _workcell(folder)
     for name, scene in PLOTS.items():
         if only in {None, name}:
-            evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name, progress=False)
+            evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name)
             made.append(folder / name)
     if only in {None, "workcell.jpg"}:
         made.append(_scenes(folder / "workcell.jpg"))
@@ -117,7 +117,7 @@ def _workcell(folder: Path) -> list[Path]:
     images = [np.asarray(image, np.uint8) for image in read if image is not None]
     with closing(open_frames(WORKCELL, None)) as camera:
         raw = [frame.image for frame in camera]
-    pairs = [np.hstack((seen, found)) for seen, found in zip(raw, images, strict=True)]
+    pairs = [np.hstack((seen, coloured)) for seen, coloured in zip(raw, images, strict=True)]
     return from_frames(folder, [np.asarray(pair, np.uint8) for pair in pairs])
 
 

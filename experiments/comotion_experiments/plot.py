@@ -97,11 +97,11 @@ def save_plot(
 
 def _colours(updates: Sequence[HypothesisUpdate]) -> list[dict[int, RGB]]:
     """Colours of the hypotheses of every update."""
-    palette, found = Palette(), []
+    palette, colours = Palette(), []
     for update in updates:
         palette.see(update.hypotheses)
-        found.append({h.id: palette.colour(h.id) for h in update.hypotheses} | {UNDETERMINED: GREY})
-    return found
+        colours.append({h.id: palette.colour(h.id) for h in update.hypotheses} | {UNDETERMINED: GREY})
+    return colours
 
 
 def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, Rgb]:
@@ -112,12 +112,12 @@ def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, Rgb]
     labels, objects = moment.hypotheses, moment.objects
     scored = (objects >= 0) & (labels != UNDETERMINED)
     votes = Counter(zip(labels[scored].tolist(), objects[scored].tolist(), strict=True))
-    found = {number: colours[one] for one, number in matched(votes).items()}
+    chosen = {number: colours[hypothesis] for hypothesis, number in matched(votes).items()}
     free = [hue for hue in COLOURS if hue not in set(colours.values())]
     for number in np.unique(objects[objects >= 0]).tolist():
-        if number not in found:
-            found[number] = free.pop(0) if free else colour(number)
-    return {number: unit(rgb) for number, rgb in found.items()}
+        if number not in chosen:
+            chosen[number] = free.pop(0) if free else colour(number)
+    return {number: unit(rgb) for number, rgb in chosen.items()}
 
 
 def unit(rgb: RGB) -> Rgb:

@@ -42,10 +42,10 @@ def run_all(
 
 def _results(function: Callable[..., Result], work: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Result]:
     if jobs <= 1:
-        yield from (function(*one) for one in work)
+        yield from (function(*arguments) for arguments in work)
         return
     with _pool(jobs) as pool:
-        for future in as_completed([pool.submit(function, *one) for one in work]):
+        for future in as_completed([pool.submit(function, *arguments) for arguments in work]):
             yield future.result()
 
 

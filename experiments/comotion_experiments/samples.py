@@ -47,8 +47,8 @@ def make(folder: Path) -> list[Path]:
 
 def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
     """What a recorder would have received of a scene: (time in ns, message) in order."""
-    (one,) = find_inputs([scene])
-    return received(one.open(), seconds)
+    (scene_input,) = find_inputs([scene])
+    return received(scene_input.open(), seconds)
 
 
 def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Message]]:
@@ -65,13 +65,13 @@ def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Messa
 
 def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
     newest_ns = 0
-    for one in given:
-        if isinstance(one, Arrived):
-            newest_ns = max(newest_ns, one.now_ns)
-        elif isinstance(one, ObservationBatch):
-            newest_ns = max(newest_ns, one.stamp_ns)
-        messages.append((newest_ns, one.batch if isinstance(one, Arrived) else one))
-        yield one
+    for message in given:
+        if isinstance(message, Arrived):
+            newest_ns = max(newest_ns, message.now_ns)
+        elif isinstance(message, ObservationBatch):
+            newest_ns = max(newest_ns, message.stamp_ns)
+        messages.append((newest_ns, message.batch if isinstance(message, Arrived) else message))
+        yield message
 
 
 def layout() -> layouts.Layout:

@@ -20,13 +20,13 @@ from rich.text import Text
 
 from comotion_schemas import Message
 
-from .browser import Browser
-
 CHROMIUM = "COMOTION_CHROMIUM"
 """Names the browser; without one there are no such pictures."""
 SCREENS = ("view.jpg", "view-web.jpg", "watch.png", "reproduce.jpg")
 _READY_S, _END_S = 120.0, 60.0
 _LONGEST_S, _STILL_S, _SMALL = 300.0, 4.0, 1e-3
+_ANSWER_MS = 120_000.0  # of a browser that draws in software
+_IN_SOFTWARE = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader")
 _BAR = 34  # px; Rerun's says how late its data are
 _SETTLED_S = 60.0  # a page drawn in software takes some seconds, and loads its data after that
 _BLACK, _WHITE = (30, 30, 30), (212, 212, 212)
@@ -46,24 +46,23 @@ _THEME = TerminalTheme(_BLACK, _WHITE, _DIM)
 def take(folder: Path, name: str) -> Path:
     """Take one of :data:`SCREENS` with the browser that the environment names; returns its path.
 
-    Needs the extras `foxglove`, `sim3d` and `view`.
+    Needs playwright, and the extras `foxglove`, `sim3d` and `view`.
     """
     from . import samples, takes
 
-    program = os.environ[CHROMIUM]
     path = folder / name
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
         work = Path(temporary)
         match name:
             case "view.jpg":
-                image = _viewed(program, work, takes.workcell("truck", 7.0))
+                image = _viewed(takes.workcell("truck", 7.0))
             case "view-web.jpg":
-                image = _viewed(program, work, samples.played("sim:3d_4", 5.0))
+                image = _viewed(samples.played("sim:3d_4", 5.0))
             case "watch.png":
-                image = _watched(program, work)
+                image = _watched(work)
             case _:
                 _run(work, "dev", "reproduce", "--quick", "--out", work / "figures")
-                image = _page(program, work, (work / "figures" / "index.html").as_uri(), (1000, 1400))
+                image = _page((work / "figures" / "index.html").as_uri(), (1000, 1400))
     cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else [])
     return path
 
@@ -129,30 +128,47 @@ def _until(done: Callable[[], bool], what: str) -> None:
         time.sleep(0.05)
 
 
-def _viewed(program: str, folder: Path, messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
+def _viewed(messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
     """What ``comotion view RECORDING --web`` shows of these messages."""
     from comotion_clients.viewing.process import view_messages
     from comotion_clients.viewing.sink import Destination, RerunSink, free_port
 
     with RerunSink(Destination(web_port=free_port(), data_port=free_port())) as sink:
         view_messages(messages, "default", sink)
-        return _page(program, folder, f"{sink.url}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
+        return _page(f"{sink.url}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
 
 
-def _page(
-    program: str, folder: Path, url: str, size: tuple[int, int], wait: float = 2.0
-) -> NDArray[np.uint8]:
+@contextmanager
+def opened(url: str, size: tuple[int, int] = (640, 480)) -> Iterator[Callable[[], NDArray[np.uint8]]]:
+    """Open a page of a size in px; yields what takes a picture of it, uint8 [H, W, 3] BGR."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=os.environ[CHROMIUM], args=_IN_SOFTWARE)
+        try:
+            page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+            page.set_default_timeout(_ANSWER_MS)
+            page.goto(url)
+            yield lambda: _decoded(page.screenshot())
+        finally:
+            browser.close()
+
+
+def _decoded(png: bytes) -> NDArray[np.uint8]:
+    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def _page(url: str, size: tuple[int, int], wait: float = 2.0) -> NDArray[np.uint8]:
     """Take a picture after `wait` seconds, once the page below its bar has stopped to change."""
-    with Browser(program, folder / "profile", size) as browser:
-        browser.go(url)
+    with opened(url, size) as picture:
         time.sleep(wait)
-        image, before, end = browser.image(), None, time.monotonic() + _LONGEST_S
-        while image.shape[0] < 2 or before is None or _changed(before, image[_BAR:]) > _SMALL:
+        image, last, end = picture(), None, time.monotonic() + _LONGEST_S
+        while last is None or _changed(last, image[_BAR:]) > _SMALL:
             if time.monotonic() > end:
                 raise TimeoutError(f"{url} still changes after {_LONGEST_S:g} s")
-            before = image[_BAR:]
+            last = image[_BAR:]
             time.sleep(_STILL_S)
-            image = browser.image()
+            image = picture()
         return image
 
 
@@ -161,7 +177,7 @@ def _changed(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
     return float((before != after).any(axis=2).mean()) if before.shape == after.shape else 1.0
 
 
-def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
+def _watched(folder: Path) -> NDArray[np.uint8]:
     """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
     with _scene(folder) as scene:
         scene.start("serve", "--no-state")
@@ -183,7 +199,7 @@ def _watched(program: str, folder: Path) -> NDArray[np.uint8]:
     body = console.export_html(theme=_THEME, inline_styles=True, code_format="<pre>{code}</pre>")
     page.write_text(f"<meta charset=utf-8><style>{style}</style>{body}", encoding="utf-8")
     lines = shown.rstrip().count("\n") + 1
-    return _page(program, folder, page.as_uri(), (740, 20 * lines + 24))
+    return _page(page.as_uri(), (740, 20 * lines + 24))
 
 
 def _terminal(folder: Path, *words: object) -> str:

@@ -1,8 +1,8 @@
-"""Results as tables, built once for a terminal and for Markdown, and as plain values."""
+"""Results as tables, built once for a terminal and for Markdown."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -80,20 +80,4 @@ def mean(values: Iterable[float]) -> float:
 
 def means(rows: Sequence[Any]) -> dict[str, float]:
     """Mean of every field over dataclasses of one type, by :func:`mean`."""
-    return {one.name: mean([getattr(row, one.name) for row in rows]) for one in fields(rows[0])}
-
-
-def plain(value: Any) -> Any:
-    """Values as JSON has them.
-
-    Dataclasses and mappings become objects, arrays and sequences lists, and numbers that are not finite null.
-    """
-    if is_dataclass(value):
-        value = {one.name: getattr(value, one.name) for one in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(name): plain(one) for name, one in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | range):
-        return [plain(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return {member.name: mean([getattr(row, member.name) for row in rows]) for member in fields(rows[0])}

@@ -40,12 +40,12 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
     for camera, (rate, features) in _CAMERAS.items():
         source = f"klt-{camera}"
         spec = CameraSpec(scene=name, camera=camera, size=_SIZE, rate=rate, duration=seconds)
-        for one in filmed(spec, source, TrackerConfig(max_features=features)):
-            messages.append((one.frame.stamp_ns, _preview(source, one)))
-            given += [(one.frame.stamp_ns, message) for message in one.messages]
-    in_time_order = (message for _, message in sorted(given, key=lambda one: one[0]))
+        for shot in filmed(spec, source, TrackerConfig(max_features=features)):
+            messages.append((shot.frame.stamp_ns, _preview(source, shot)))
+            given += [(shot.frame.stamp_ns, message) for message in shot.messages]
+    in_time_order = (message for _, message in sorted(given, key=lambda stamped: stamped[0]))
     messages += received(in_time_order, seconds)
-    return sorted(messages, key=lambda one: one[0])
+    return sorted(messages, key=lambda stamped: stamped[0])
 
 
 def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:

@@ -79,18 +79,18 @@ def moment_of(
 
 def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
     """Return the true object of each track of an update, int32 [N]; -1 where unknown."""
-    found = np.full(len(update.track_id), -1, np.int32)
+    objects = np.full(len(update.track_id), -1, np.int32)
     for k, source in enumerate(update.sources):
         mine = update.track_source == k
-        found[mine] = truth.objects((source.name, source.session), update.track_id[mine])
-    return found
+        objects[mine] = truth.objects((source.name, source.session), update.track_id[mine])
+    return objects
 
 
 def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
     """Whether the hypothesis of each track is the one assigned to its object, bool [N]."""
     pairs = list(zip(labels.tolist(), objects.tolist(), strict=True))
     object_of = matched(Counter(pairs))
-    return np.array([object_of.get(one) == number for one, number in pairs])
+    return np.array([object_of.get(hypothesis) == number for hypothesis, number in pairs])
 
 
 def matched(votes: Mapping[tuple[int, int], int]) -> dict[int, int]:

@@ -82,10 +82,6 @@ class Palette:
         """Colour of a hypothesis id as (red, green, blue) in 0..255; grey for undetermined."""
         return self._given.get(hypothesis) or colour(hypothesis)
 
-    def hex(self, hypothesis: int) -> str:
-        """Colour of a hypothesis id as ``#rrggbb``."""
-        return as_hex(self.colour(hypothesis))
-
     def legible(self, hypothesis: int) -> RGB:
         """Colour of a hypothesis id for text on any background."""
         return legible(self.colour(hypothesis))

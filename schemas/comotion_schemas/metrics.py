@@ -18,7 +18,7 @@ of the components of this process, with the labels `scene`, `component` and `rol
 import re
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Literal, Protocol
 
 from .errors import KnownError
@@ -162,29 +162,24 @@ class _Families:
         self.all: dict[str, Any] = {}
 
     def add(self, labels: tuple[str, str, str], status: Status) -> None:
+        gauge, counter = self._core.GaugeMetricFamily, self._core.CounterMetricFamily
         for state in _STATES:
-            self._gauge("state", "Whether this is the state", "state", labels, state, status.state == state)
+            made = self._family(gauge, "state", "Whether this is the state", "state")
+            made.add_metric((*labels, state), float(status.state == state))
         for stream, rate in status.rates.items():
-            self._gauge("rate_hertz", "Messages per second", "stream", labels, stream, rate)
+            made = self._family(gauge, "rate_hertz", "Messages per second", "stream")
+            made.add_metric((*labels, stream), rate)
         for stream, age in status.ages.items():
-            self._gauge("age_seconds", "Time since the newest data", "stream", labels, stream, age)
-        for counter, count in status.counters.items():
-            self._counter(re.sub(r"[^a-z0-9_]", "_", counter.lower()), labels, count)
+            made = self._family(gauge, "age_seconds", "Time since the newest data", "stream")
+            made.add_metric((*labels, stream), age)
+        for what, count in status.counters.items():
+            name = re.sub(r"[^a-z0-9_]", "_", what.lower())
+            self._family(counter, name, f"Counter {name!r} of Status").add_metric(labels, count)
         for reason, count in status.rejected.items():
-            self._counter("rejected", labels, count, reason=reason)
+            made = self._family(counter, "rejected", "Counter 'rejected' of Status", "reason")
+            made.add_metric((*labels, reason), count)
 
-    def _gauge(
-        self, name: str, text: str, label: str, labels: tuple[str, ...], value: str, number: float
-    ) -> None:
+    def _family(self, kind: Callable[..., Any], name: str, text: str, *more: str) -> Any:
         if name not in self.all:
-            self.all[name] = self._core.GaugeMetricFamily(f"comotion_{name}", text, labels=(*_LABELS, label))
-        self.all[name].add_metric((*labels, value), float(number))
-
-    def _counter(self, name: str, labels: tuple[str, ...], count: int, reason: str | None = None) -> None:
-        extra = () if reason is None else ("reason",)
-        if name not in self.all:
-            text = f"Counter {name!r} of Status"
-            self.all[name] = self._core.CounterMetricFamily(
-                f"comotion_{name}", text, labels=(*_LABELS, *extra)
-            )
-        self.all[name].add_metric(labels if reason is None else (*labels, reason), float(count))
+            self.all[name] = kind(f"comotion_{name}", text, labels=(*_LABELS, *more))
+        return self.all[name]

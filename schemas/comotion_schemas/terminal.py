@@ -16,7 +16,7 @@ Report: TypeAlias = Callable[[Callable[[], str]], None]
 
 
 @contextlib.contextmanager
-def reporting(*, quiet: bool, terminal_s: float, plain_s: float) -> Iterator[Report]:
+def reporting(*, quiet: bool = False, terminal_s: float = 0.25, plain_s: float = 3.0) -> Iterator[Report]:
     """Yield a function to call often: on a terminal one line changes, elsewhere a line is printed at times.
 
     Parameters

@@ -133,22 +133,24 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
         },
     }
     if settings.mode == "router":
-        # `comotion status` asks routers to describe themselves; nobody may change them.
-        config["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
-        config["metadata"] = {
-            "name": _router_name(settings),
-            "host": socket.gethostname(),
-            "dials": len(settings.connect),
-        }
+        config |= _described(settings)
     if settings.tls is not None:
         config["transport"]["link"]["tls"] = _tls(settings)
         config["transport"]["link"]["protocols"] = list(ENCRYPTED)
     return config
 
 
-def _router_name(settings: SessionSettings) -> str:
+def _described(settings: SessionSettings) -> dict[str, Any]:
+    """`comotion status` asks routers to describe themselves; nobody may change them."""
     identity = None if settings.tls is None else settings.tls.identity
-    return "" if identity is None else identity.name
+    return {
+        "adminspace": {"enabled": True, "permissions": {"read": True, "write": False}},
+        "metadata": {
+            "name": "" if identity is None else identity.name,
+            "host": socket.gethostname(),
+            "dials": len(settings.connect),
+        },
+    }
 
 
 def _tls(settings: SessionSettings) -> dict[str, Any]:

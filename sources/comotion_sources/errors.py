@@ -2,7 +2,4 @@
 
 from comotion_schemas.errors import InputError, RecordingError
 
-__all__ = ["InputError", "RecordingError", "SceneError"]
-
-SceneError = InputError
-"""The error of a scene that does not exist or is malformed."""
+__all__ = ["InputError", "RecordingError"]

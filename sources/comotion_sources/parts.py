@@ -13,6 +13,14 @@ class Part:
     index: int
     count: int
 
+    def __post_init__(self) -> None:
+        if not 0 <= self.index < self.count:
+            raise KnownError(f"part {self.index + 1} of {self.count} does not exist")
+
+
+WHOLE = Part(0, 1)
+"""The only source."""
+
 
 def parse_part(text: str) -> Part:
     """Parse ``k/n``: the k-th of n sources, counted from 1.

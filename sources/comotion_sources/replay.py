@@ -219,7 +219,7 @@ def shown_progress(what: str, length: float) -> Iterator[Progress]:
     length
         Seconds of one pass.
     """
-    with reporting(quiet=False, terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S) as report:
+    with reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S) as report:
 
         def advance(number: int, t: float) -> None:
             count = f", pass {number + 1}" if number else ""

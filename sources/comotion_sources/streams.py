@@ -118,7 +118,6 @@ def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
 def merged(
     streams: Sequence[Stream],
     *,
-    session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
     publish_sigma: bool = False,
 ) -> Iterator[Published]:
@@ -128,14 +127,13 @@ def merged(
     ----------
     streams
         One per source, with different names.
-    session
-        Session of every source, 16 hexadecimal digits.
     epoch_ns
         Stamp of t = 0, nanoseconds since the Unix epoch.
     publish_sigma
         Publish the noise if a frame has it.
     """
-    for logged in StreamLog(streams, session, publish_sigma=publish_sigma, epoch_ns=epoch_ns).messages():
+    log = StreamLog(streams, OFFLINE_SESSION, publish_sigma=publish_sigma, epoch_ns=epoch_ns)
+    for logged in log.messages():
         yield logged.message
 
 

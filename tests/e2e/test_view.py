@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from comotion_experiments.browser import Browser
+from comotion_experiments.screens import CHROMIUM, opened
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.colours import COLOURS
 from comotion_schemas.transport import declare_publisher
@@ -25,7 +25,6 @@ from .conftest import every
 pytest.importorskip("rerun", reason="needs the extra view")
 pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
-CHROMIUM = os.environ.get("COMOTION_CHROMIUM", "")
 
 
 def update(seq: int) -> HypothesisUpdate:
@@ -70,21 +69,21 @@ def test_a_live_scene_into_a_file(
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.skipif(not CHROMIUM, reason="needs the browser named by COMOTION_CHROMIUM")
+@pytest.mark.skipif(CHROMIUM not in os.environ, reason="needs the browser named by COMOTION_CHROMIUM")
 def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
-    start: Callable, endpoint: str, scene: None, tmp_path: Path
+    start: Callable, endpoint: str, scene: None
 ) -> None:
+    pytest.importorskip("playwright")
     from comotion_clients.viewing.sink import free_port
 
     ports = ("--port", free_port(), "--data-port", free_port())
     process = start("view", "--web", "--no-browser", "--connect", endpoint, *ports)
     url = process.wait_line(lambda line: line.startswith("look at ")).removeprefix("look at ")
     assert urllib.request.urlopen(url).status == 200
-    with Browser(CHROMIUM, tmp_path) as browser:
-        browser.go(f"{url}&renderer=webgl")
+    with opened(f"{url}&renderer=webgl") as picture:
         end, found = time.monotonic() + 200, 0
         while time.monotonic() < end and found < 100:
-            image = browser.image()[:, :, ::-1].astype(int)
+            image = picture()[:, :, ::-1].astype(int)
             found = max(int((np.abs(image - rgb).max(axis=2) < 16).sum()) for rgb in COLOURS)
         assert found >= 100
     process.interrupt()

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
-from comotion_sources.errors import SceneError
+from comotion_sources.errors import InputError
 from comotion_sources.proprioception.joint_logs import read_csv
 from comotion_sources.proprioception.samples import JointSample, joint_sample
 
@@ -125,7 +125,7 @@ def test_a_wrong_model_or_link_is_one_clear_line(tmp_path: Path, urdf: Path) -> 
         (lambda: Kinematics(load_model(floating)), "neither a hinge nor a slide"),
     ]
     for attempt, complaint in cases:
-        with pytest.raises(SceneError) as error:
+        with pytest.raises(InputError) as error:
             attempt()
         assert complaint in str(error.value)
         assert "\n" not in str(error.value)

@@ -20,7 +20,7 @@ from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.export import json_schema
-from comotion_sources.recordings.messages import MessageLog
+from comotion_schemas.message_log import MessageLog
 from comotion_sources.simulator import batches, load_scene, simulate
 
 KEYS = Keys("lab")
@@ -291,9 +291,9 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_
     from mcap.writer import Writer
 
     from comotion_schemas import Keys
+    from comotion_schemas.message_log import MessageLog
     from comotion_schemas.recording import MESSAGE_ENCODING
     from comotion_sources.errors import RecordingError
-    from comotion_sources.recordings.messages import MessageLog
 
     path = tmp_path / "bomb.mcap"
     with path.open("wb") as file:

@@ -137,22 +137,9 @@ def test_a_c3d_with_another_unit_or_no_rate_is_refused(tmp_path):
     positions = some_positions()
     with pytest.raises(RecordingError, match="its unit is 'furlong'"):
         read_recording(C3DFile("intel", True, 40, 3, "furlong").write(tmp_path / "a.c3d", positions))
-    with pytest.raises(RecordingError, match="frame rate is 0 Hz"):
-        read_recording(C3DFile("intel", True, 40, 3, rate=0.0).write(tmp_path / "b.c3d", positions))
-    with pytest.raises(RecordingError, match="damaged"):
-        read_recording(C3DFile("sgi", True, 40, 3, rate=0.0).write(tmp_path / "b.c3d", positions))
-
-
-def test_a_crash_of_the_c3d_library_is_one_clear_line(tmp_path, monkeypatch):
-    from comotion_sources.recordings import c3d
-
-    path = C3DFile("intel", True, 40, 3).write(tmp_path / "take.c3d", some_positions())
-    crash = tmp_path / "python"
-    crash.write_text("#!/bin/sh\nkill -SEGV $$\n")
-    crash.chmod(0o755)
-    monkeypatch.setattr(c3d.sys, "executable", str(crash))
-    with pytest.raises(RecordingError, match="crashed"):
-        read_recording(path)
+    for processor in ("intel", "sgi"):
+        with pytest.raises(RecordingError, match="frame rate is 0 Hz"):
+            read_recording(C3DFile(processor, True, 40, 3, rate=0.0).write(tmp_path / "b.c3d", positions))
 
 
 def write_npz(path, **changes):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 rosbags = pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
 
 from comotion_schemas.ros_types import store  # noqa: E402
+from comotion_sources.errors import InputError  # noqa: E402
 from comotion_sources.proprioception.cdr import (  # noqa: E402
     JOINT_STATE,
     decode_message,
@@ -17,7 +18,7 @@ from comotion_sources.proprioception.cdr import (  # noqa: E402
     ros_key,
 )
 from comotion_sources.proprioception.joint_logs import read_bag  # noqa: E402
-from comotion_sources.proprioception.samples import JointSample, SampleError  # noqa: E402
+from comotion_sources.proprioception.samples import JointSample  # noqa: E402
 
 from ..reference.joint_states import encode_sample  # noqa: E402
 
@@ -55,7 +56,7 @@ def test_any_other_bytes_are_refused_or_read_whole(raw: bytes) -> None:
     for payload in (raw, encode_sample(sample())[: len(raw)], b"\0\1\0\0" + raw):
         try:
             read = from_message(decode_message(payload), 0)
-        except SampleError:
+        except InputError:
             continue
         else:
             assert np.isfinite(read.positions).all()
@@ -87,10 +88,10 @@ def test_bags_are_read_in_order(tmp_path: Path, kind: str, folder: bool) -> None
 
 def test_a_bag_with_two_robots_wants_a_topic(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", {"/left": [sample()], "/right": [sample(names=("c",))]}, "mcap")
-    with pytest.raises(SampleError, match="several: /left, /right; name one"):
+    with pytest.raises(InputError, match="several: /left, /right; name one"):
         list(read_bag(path))
     assert list(next(read_bag(path, "/right")).names) == ["c"]
-    with pytest.raises(SampleError, match="named /up: none"):
+    with pytest.raises(InputError, match="named /up: none"):
         list(read_bag(path, "/up"))
 
 
@@ -98,7 +99,7 @@ def test_what_is_no_bag_is_one_clear_line(tmp_path: Path) -> None:
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(40))
     for path in (tmp_path / "none.mcap", tmp_path, broken):
-        with pytest.raises(SampleError) as error:
+        with pytest.raises(InputError) as error:
             list(read_bag(path))
         assert "\n" not in str(error.value)
 
@@ -107,5 +108,5 @@ def test_the_key_is_that_of_rmw_zenoh() -> None:
     assert ros_key("/joint_states") == "0/joint_states/sensor_msgs::msg::dds_::JointState_/*"
     assert ros_key("ur5/joint_states/", 7) == "7/ur5/joint_states/sensor_msgs::msg::dds_::JointState_/*"
     for topic in ("", "/", "a//b", "a/**", "a b", "7up", "a/$*", "é"):
-        with pytest.raises(SampleError, match="is not a ROS topic"):
+        with pytest.raises(InputError, match="is not a ROS topic"):
             ros_key(topic)

@@ -8,9 +8,9 @@ import pytest
 
 from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, TruthBatch, decode, encode
+from comotion_schemas.message_log import Logged, MessageLog, logged_batches
 from comotion_sources.errors import RecordingError
 from comotion_sources.player import Player
-from comotion_sources.recordings.messages import Logged, MessageLog, logged_batches
 from comotion_sources.tape import Restamp, Schedule, Tape
 
 from .. import builders

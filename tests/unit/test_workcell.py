@@ -11,7 +11,7 @@ from comotion_experiments.segment import SegmentOptions, segment
 from comotion_schemas import JointStates
 from comotion_sources.cameras.tum import TumFolder
 from comotion_sources.cameras.types import CameraError
-from comotion_sources.errors import SceneError
+from comotion_sources.errors import InputError
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
@@ -140,7 +140,7 @@ def test_tum_folder_reads_back(tmp_path: Path) -> None:
     assert np.array_equal(cv2.imread(str(folder / "rgb" / "0.200000.png")), frames[1].image)
     objects = cv2.imread(str(folder / "objects" / "0.200000.png"), cv2.IMREAD_UNCHANGED).astype(int) - 1
     assert np.array_equal(objects, frames[1].objects)
-    with pytest.raises(SceneError, match="exists already"):
+    with pytest.raises(InputError, match="exists already"):
         write_tum(camera, folder)
 
 
@@ -174,9 +174,9 @@ def test_a_scene_that_breaks_the_conventions_is_refused(tmp_path: Path) -> None:
         ('<numeric name="period" data="2"/><numeric name="motion:j" data="0 0 1 0"/>', "end at the period"),
     ):
         path.write_text(f"<mujoco>{body}<custom>{custom}</custom></mujoco>")
-        with pytest.raises(SceneError, match=complaint):
+        with pytest.raises(InputError, match=complaint):
             Scene(str(path))
     path.write_text("<mujoco><worldbody><nonsense/></worldbody></mujoco>")
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(InputError) as error:
         Scene(str(path))
     assert "\n" not in str(error.value)

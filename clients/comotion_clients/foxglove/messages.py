@@ -29,10 +29,12 @@ from foxglove.messages import (
     Vector3,
 )
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
 from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, joint_words, named
+from comotion_schemas.rigid import rotation, three
 
 from ..joint_lines import joint_lines
 
@@ -249,13 +251,11 @@ def _position(hypothesis: Hypothesis, scale: float) -> list[float]:
 
 def _orientation(hypothesis: Hypothesis) -> Quaternion:
     """Rotation since birth; the identity if it is unknown."""
-    return _IDENTITY if hypothesis.pose is None else _turned(hypothesis.pose.rotation)
+    return _IDENTITY if hypothesis.pose is None else _quaternion(rotation(hypothesis.pose.rotation))
 
 
-def _turned(rotation: list[float] | float) -> Quaternion:
-    if isinstance(rotation, list):
-        return Quaternion(**dict(zip("xyzw", rotation, strict=True)))
-    return Quaternion(x=0.0, y=0.0, z=float(np.sin(rotation / 2)), w=float(np.cos(rotation / 2)))
+def _quaternion(turn: Rotation) -> Quaternion:
+    return Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
 
 
 def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> Color:
@@ -299,7 +299,7 @@ def _cubes(hypothesis: Hypothesis, scale: float, colour: Color) -> list[CubePrim
         return []
     return [
         CubePrimitive(
-            pose=_pose([value * scale for value in box.center], _turned(box.rotation)),
+            pose=_pose([value * scale for value in box.center], _quaternion(rotation(box.rotation))),
             size=_vector([2 * scale * value for value in box.half]),
             color=colour,
         )
@@ -310,13 +310,14 @@ def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPr
     """Arrow along the velocity; its length is the distance moved in 0.5 s."""
     if hypothesis.twist is None or hypothesis.absent:
         return []
-    velocity = np.array([*(value * scale for value in hypothesis.twist.linear), 0.0][:3])
+    velocity = scale * three(hypothesis.twist.linear)
     length = float(np.linalg.norm(velocity)) / 2
     if length < 1e-3:
         return []
+    along, _ = Rotation.align_vectors(velocity, (1.0, 0.0, 0.0))  # arrows point along x
     return [
         ArrowPrimitive(
-            pose=_pose(_position(hypothesis, scale), _along(velocity)),
+            pose=_pose(_position(hypothesis, scale), _quaternion(along)),
             shaft_length=0.8 * length,
             shaft_diameter=0.05 * length,
             head_length=0.2 * length,
@@ -324,14 +325,3 @@ def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPr
             color=colour,
         )
     ]
-
-
-def _along(direction: NDArray[np.float64]) -> Quaternion:
-    """Quaternion that rotates the x axis, along which arrows point, to a direction [3]."""
-    x, y, z = direction / np.linalg.norm(direction)
-    if x < -0.999999:
-        return Quaternion(x=0.0, y=0.0, z=1.0, w=0.0)
-    # For unit vectors u = (1, 0, 0) and v it is (u x v, 1 + u.v), normalised.
-    w = 1.0 + x
-    norm = float(np.sqrt(w * w + y * y + z * z))
-    return Quaternion(x=0.0, y=float(-z / norm), z=float(y / norm), w=float(w / norm))

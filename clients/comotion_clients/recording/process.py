@@ -28,13 +28,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class RecordOptions:
-    """Options of the recorder: files, name, duration in s (None: until stopped); `quiet`: no progress."""
+    """Options of the recorder: files, name, duration in s (None: until stopped)."""
 
     series: SeriesOptions
     name: str = "recorder"
     duration: float | None = None
     ready_file: Path | None = None
-    quiet: bool = False
 
 
 @dataclass
@@ -211,7 +210,7 @@ def _without_files_of_nothing(series: Series) -> bool:
 
 def _run(recorder: _Recorder, component: Component, options: RecordOptions) -> None:
     end = float("inf") if options.duration is None else recorder.begun + options.duration
-    progress = reporting(quiet=options.quiet, terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S)
+    progress = reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S)
     with progress as report:
         while not component.stop.is_set() and (left := end - time.monotonic()) > 0:
             recorder.step(min(_STEP_S, left))

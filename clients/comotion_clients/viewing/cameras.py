@@ -103,10 +103,10 @@ class Cameras:
         if image is None:
             return []
         known = np.where(hypotheses == UNDETERMINED, -1, hypotheses.astype(np.int64))
-        found = regions(np.asarray(image, np.uint8), preview.pixels, known)
+        seen = regions(np.asarray(image, np.uint8), preview.pixels, known)
         # Ids beyond 16 bits share a class; 0 is none.
-        classes = np.where(found >= 0, found % _CLASSES + 1, 0).astype(np.uint16)
-        shown = np.unique(found[found >= 0]).tolist()
+        classes = np.where(seen >= 0, seen % _CLASSES + 1, 0).astype(np.uint16)
+        shown = np.unique(seen[seen >= 0]).tolist()
         colours = self._palette.colours(np.array(shown, np.uint32)).tolist()
         named = {h % _CLASSES + 1: (r, g, b) for h, (r, g, b) in zip(shown, colours, strict=True)}
         return [Regions(path, classes, named)]
@@ -125,9 +125,9 @@ class Cameras:
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
     """Look up the hypotheses uint32 [N] of the features of an image."""
-    found = np.full(len(preview.ids), UNDETERMINED, np.uint32)
+    numbers = np.full(len(preview.ids), UNDETERMINED, np.uint32)
     if update is None:
-        return found
+        return numbers
     mine = [
         k for k, s in enumerate(update.sources) if (s.name, s.session) == (preview.source, preview.session)
     ]
@@ -137,5 +137,5 @@ def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np
     if len(ids):
         at = np.minimum(np.searchsorted(ids, preview.ids), len(ids) - 1)
         same = ids[at] == preview.ids
-        found[same] = update.track_hypothesis[rows[at[same]]]
-    return found
+        numbers[same] = update.track_hypothesis[rows[at[same]]]
+    return numbers

@@ -98,7 +98,7 @@ class Health:
 
 def event_entry(event: Event, palette: Palette, names: Names) -> Entry:
     """Build the log entry of an event, in the colour of its hypothesis."""
-    others = ", ".join(named(one, names) for one in event.others)
+    others = ", ".join(named(other, names) for other in event.others)
     words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
     text = f"{_called(event.hypothesis, names)} {event.kind}{words}"
     return Entry(_LOG, text, colour=palette.legible(event.hypothesis))

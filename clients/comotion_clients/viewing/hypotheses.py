@@ -94,7 +94,7 @@ def draw_joints(
         return []
     lines = [joint_lines(joint, by_id[joint.child], 2 * axis) for joint in drawn]
     children = palette.colours(np.array([joint.child for joint in drawn], np.uint32))
-    shades = np.repeat(children, [len(one) for one in lines], axis=0)
+    shades = np.repeat(children, [len(line) for line in lines], axis=0)
     inks = [palette.legible(joint.child) for joint in drawn]
     points = np.array([joint.point for joint in drawn], np.float32)
     words = tuple(joint_words(joint, names) for joint in drawn)

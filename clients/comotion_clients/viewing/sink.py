@@ -196,31 +196,31 @@ class RerunSink:
 
 def components(shape: Shape) -> list[Any]:
     """Convert a shape to the Rerun components to log under its path."""
-    found: list[Any]
+    drawn: list[Any]
     match shape:
         case Points():
-            found = _points(shape)
+            drawn = _points(shape)
         case Segments():
             strips = rr.LineStrips3D if shape.ends.shape[2] == 3 else rr.LineStrips2D
-            found = [strips(shape.ends, colors=shape.colours, radii=rr.Radius.ui_points(_TRAIL_RADIUS))]
+            drawn = [strips(shape.ends, colors=shape.colours, radii=rr.Radius.ui_points(_TRAIL_RADIUS))]
         case Arrows():
             kind = rr.Arrows3D if shape.vectors.shape[1] == 3 else rr.Arrows2D
             radius = rr.Radius.ui_points(shape.radius)
-            found = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
+            drawn = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
         case Boxes():
-            found = [_boxes(shape)]
+            drawn = [_boxes(shape)]
         case Image() | Regions():
-            found = _image(shape)
+            drawn = _image(shape)
         case Number():
-            found = [rr.Scalars(shape.value)]
+            drawn = [rr.Scalars(shape.value)]
         case Entry():
-            found = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
+            drawn = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
         case Document():
             text = "\n".join(map(plain, shape.text.split("\n")))
-            found = [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)]
+            drawn = [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)]
         case Cleared():
-            found = [rr.Clear(recursive=True)]
-    return found
+            drawn = [rr.Clear(recursive=True)]
+    return drawn
 
 
 def _points(shape: Points) -> list[Any]:
@@ -233,7 +233,7 @@ def _points(shape: Points) -> list[Any]:
 def _image(shape: Image | Regions) -> list[Any]:
     if isinstance(shape, Image):
         return [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
-    known = [rr.AnnotationInfo(id=one, color=colour) for one, colour in shape.colours.items()]
+    known = [rr.AnnotationInfo(id=number, color=colour) for number, colour in shape.colours.items()]
     overlay = rr.SegmentationImage(shape.classes, opacity=_OPACITY, draw_order=-5.0)
     return [overlay, rr.AnnotationContext(known)]
 

@@ -42,11 +42,18 @@ class Experiment(Json, Tool):
         for path in (page, *images):
             path.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
-        numbers.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+        write_values(numbers, values)
         for path, draw in zip(images, drawn.values(), strict=True):
             draw(path)
         written = ", ".join(map(str, (page, numbers, *images)))
         self.show(values, *(shown or (text,)), f"written: {written}", width=170)
+
+
+def write_values(path: Path, values: object) -> None:
+    """Write results to a JSON file."""
+    from comotion_schemas.plain import plain
+
+    path.write_text(json.dumps(plain(values), indent=2) + "\n", encoding="utf-8")
 
 
 def check(out: Path) -> None:

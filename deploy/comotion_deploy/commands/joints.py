@@ -64,11 +64,11 @@ Examples:
 
     def _offline(self, file: str) -> "HypothesisUpdate":
         from comotion_experiments.inputs import find_inputs
-        from comotion_experiments.offline import last_update
+        from comotion_experiments.offline import run_offline
 
         config = self.fusion_config()
         (recording,) = find_inputs([file])
-        return last_update(recording.open(), config, self.duration)
+        return run_offline(recording.open(), config, duration=self.duration).last
 
     def _live(self) -> "HypothesisUpdate":
         from comotion_clients.subscribe import subscribe

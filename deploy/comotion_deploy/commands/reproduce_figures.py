@@ -1,6 +1,5 @@
 """``comotion dev reproduce figures``, also ``comotion dev reproduce``: the figures of the thesis."""
 
-import json
 import os
 import shlex
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import UserError
 from ..fusion_options import Assignments
 from ..options import option, setting
-from .experiments import Experiment, check, progress
+from .experiments import Experiment, check, progress, write_values
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Results
@@ -67,7 +66,7 @@ Examples:
         with progress() as note:
             results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
         data, html = self.out / "figures.json", self.out / "index.html"
-        data.write_text(json.dumps(results.as_json(), indent=2) + "\n", encoding="utf-8")
+        write_values(data, results.as_json())
         html.write_text(page(results, self._command()), encoding="utf-8")
         missing = [left_out(results)] if left_out(results) else []
         self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
@@ -96,7 +95,7 @@ def _table(results: "Results") -> Any:
     for title in ("figure", "", "the thesis says", "thesis method here", "default method here"):
         table.add_column(title)
     for made in results.made:
-        for k, row in enumerate(made.rows):
+        for k, row in enumerate(made.drawn.rows):
             name = made.figure.name if k == 0 else ""
             table.add_row(name, row.quantity, row.printed, row.thesis, row.default)
         table.add_section()

@@ -177,7 +177,7 @@ def _progress(what: str, method: str) -> "Iterator[Progress]":
 
     compile_ahead(method, "px", 2)
     name = Path(what).name
-    with reporting(quiet=False, terminal_s=0.25, plain_s=3.0) as report:
+    with reporting() as report:
         yield lambda done, total: report(
             lambda: f"{name}: frame {done}" + ("" if total is None else f" of {total}")
         )

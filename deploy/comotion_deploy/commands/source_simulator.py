@@ -32,7 +32,7 @@ Examples:
     def run(self) -> None:
         """Publish until stopped, or to the end of the scene."""
         from comotion_sources import simulator
-        from comotion_sources.simulator import process
+        from comotion_sources.replay import play_streams
         from comotion_sources.tape import Schedule, parse_start
 
         if self.list_:
@@ -49,10 +49,10 @@ Examples:
             time_scale=self.time_scale,
             split=self.split,
         )
-        process.run(
-            simulations,
+        play_streams(
+            simulator.streams(simulations, self.name),
             Schedule(start_at=parse_start(self.start_at), loop=self.loop, duration=self.duration),
-            name=self.name,
+            message=f"simulates {simulations[0].spec.title}",
             publish_sigma=self.publish_sigma,
             **self.where(),
         )

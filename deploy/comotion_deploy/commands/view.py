@@ -114,11 +114,8 @@ Examples:
                 print(f"{self.recording}: {display.play(log.decoded())} updates", file=sys.stderr)
 
     def _print_viewed(self, result: "Viewed") -> None:
-        import json
-        from dataclasses import asdict
-
         if self.json_:
-            print(json.dumps(asdict(result), indent=2))
+            self.show(result)
         else:
             print(result.line(), file=sys.stderr)
 

@@ -41,11 +41,11 @@ class Results:
 
     def means(self, rule: str, *, recorded: bool) -> dict[str, float]:
         """Mean NMI of each scene, or of each recording, without a rule."""
-        found: dict[str, list[float]] = {}
+        scores: dict[str, list[float]] = {}
         for run in self.runs:
             if (run.rule, run.recorded) == (rule, recorded):
-                found.setdefault(run.scene, []).append(run.nmi)
-        return {scene: float(np.mean(values)) for scene, values in sorted(found.items())}
+                scores.setdefault(run.scene, []).append(run.nmi)
+        return {scene: float(np.mean(values)) for scene, values in sorted(scores.items())}
 
 
 def run_experiment(
@@ -92,6 +92,6 @@ def _run(name: str, folder: Path | None, scene: str, seed: int) -> Run:
 def _scored(config: FusionConfig, folder: Path | None, scene: str, seed: int) -> float:
     if folder is None:
         return run_family(scene, seed, config)["nmi_apart"]
-    case = next(one for one in recorded_cases(folder) if one.name == scene)
+    case = next(recorded for recorded in recorded_cases(folder) if recorded.name == scene)
     run = run_offline(case.open(0), config, period=PERIOD, duration=case.duration)
     return float(np.nanmean(run.nmi))

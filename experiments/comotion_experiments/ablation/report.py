@@ -1,8 +1,6 @@
-"""The results of an ablation as Markdown and as plain values."""
+"""The results of an ablation as Markdown."""
 
-from typing import Any
-
-from ..tables import Table, mean, number, plain
+from ..tables import Table, mean, number
 from .experiment import SCATTER, WHOLE, Results
 from .rules import RULES
 
@@ -18,15 +16,10 @@ def markdown(results: Results) -> str:
     """A table with a line for each rule."""
     drawn = Table(("left out", "families", "recordings", "changes"))
     drawn.add(*_cells(results, WHOLE, "nothing"))
-    for name in dict.fromkeys(one.rule for one in results.runs if one.rule != WHOLE):
+    for name in dict.fromkeys(run.rule for run in results.runs if run.rule != WHOLE):
         drawn.add(*_cells(results, name, f"`{name}`: {RULES[name].what}"))
     seeds = ", ".join(map(str, results.seeds))
     return f"{_HEAD.format(seeds=seeds, scatter=SCATTER)}\n\n{drawn.markdown()}\n"
-
-
-def as_json(results: Results) -> Any:
-    """Plain values."""
-    return plain(results)
 
 
 def _cells(results: Results, rule: str, title: str) -> tuple[str, ...]:

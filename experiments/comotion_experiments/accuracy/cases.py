@@ -84,7 +84,7 @@ def _scene(name: str, group: str) -> Case:
 
 def displaced_cases() -> list[Case]:
     """List cases of a scene with two sources, the second with wrong extrinsics, a wrong clock, or both."""
-    return [_displaced(*one) for one in DISPLACEMENTS]
+    return [_displaced(*displacement) for displacement in DISPLACEMENTS]
 
 
 def _displaced(millimetres: float, degrees: float, milliseconds: float) -> Case:

@@ -12,13 +12,11 @@ from comotion.config import RigidConfig
 from ..brox_malik import CLUSTERINGS, compare
 from ..offline import thesis
 from ..processes import Progress, quiet
-from .baselines import ReferenceFusion, linkage_nmi
 from .cases import Case
 from .motion import MotionErrors, motion_errors
-from .study import Array, Outcome, run_case
+from .study import Outcome, run_case
 
 DEFAULT, THESIS = "comotion", "thesis"
-REFERENCE = "thesis, scikit-learn"
 # Scenes of the robustness table: they cover all parameters and are short enough to run for each.
 ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
@@ -58,10 +56,9 @@ class Results:
 
     experiment: Experiment
     outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
-    linkage: dict[str, Array] = field(default_factory=dict)
     compared: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     motion: MotionErrors = field(default_factory=MotionErrors)
-    variations: list["Variation"] = field(default_factory=list)
+    variations: list[Variation] = field(default_factory=list)
 
 
 def run_experiment(experiment: Experiment, progress: Progress = quiet) -> Results:
@@ -90,15 +87,8 @@ def _run_case(results: Results, case: Case, seeds: Sequence[int]) -> None:
         config = _config(method, case)
         results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in seeds]
     if _is_compared(results.experiment, case):
-        found = [compare(case.open(seed), case.duration).means() for seed in seeds]
-        results.compared[case.name] = {name: [one[name] for one in found] for name in CLUSTERINGS}
-    if "scores" not in results.experiment.parts:
-        return
-    results.outcomes[case.name, REFERENCE] = [
-        run_case(case, _config(THESIS, case), seed, fusion=ReferenceFusion) for seed in seeds
-    ]
-    if case.group == "recordings":
-        results.linkage[case.name] = linkage_nmi(case.open(0), case.duration)
+        compared = [compare(case.open(seed), case.duration).means() for seed in seeds]
+        results.compared[case.name] = {name: [scores[name] for scores in compared] for name in CLUSTERINGS}
 
 
 def _config(method: str, case: Case) -> FusionConfig:
@@ -111,13 +101,13 @@ def _variations(experiment: Experiment, progress: Progress) -> list[Variation]:
     """Compute scores with the defaults, and with each parameter halved and doubled."""
     cases = [c for c in experiment.cases if c.name in ROBUST_SCENES or c.group == "recordings"]
     progress("robustness")
-    found = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
+    variations = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
     for name, value in RigidConfig().model_dump().items():
         progress(f"robustness: {name}")
         for factor in (0.5, 2.0):
             scaled = RigidConfig(**_scaled(name, value, factor))
-            found.append(Variation(name, factor, _scores_of(cases, scaled)))
-    return found
+            variations.append(Variation(name, factor, _scores_of(cases, scaled)))
+    return variations
 
 
 def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:

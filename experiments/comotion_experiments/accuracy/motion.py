@@ -66,13 +66,13 @@ class MotionErrors:
 
 def motion_errors(seeds: list[int]) -> MotionErrors:
     """Run the scene for each seed with the default method."""
-    found = MotionErrors()
+    errors = MotionErrors()
     for seed in seeds:
-        _run(seed, found)
-    return found
+        _run(seed, errors)
+    return errors
 
 
-def _run(seed: int, found: MotionErrors) -> None:
+def _run(seed: int, errors: MotionErrors) -> None:
     spec = simulator.SceneSpec.model_validate(_SCENE)
     (simulation,) = simulator.simulate(spec, seed=seed)
     truth = Truth()
@@ -83,7 +83,7 @@ def _run(seed: int, found: MotionErrors) -> None:
             members = objects[update.track_hypothesis == hypothesis.id]
             body = Counter(members[members >= 0].tolist()).most_common(1)
             if body and body[0][0] > 0:
-                _compare(simulation, body[0][0], hypothesis, update.stamp_ns, found)
+                _compare(simulation, body[0][0], hypothesis, update.stamp_ns, errors)
 
     run_offline(
         simulator.batches(simulation), FusionConfig(), truth=truth, period=PERIOD, on_update=on_update
@@ -91,7 +91,7 @@ def _run(seed: int, found: MotionErrors) -> None:
 
 
 def _compare(
-    simulation: simulator.Simulation, body: int, hypothesis: Hypothesis, stamp_ns: int, found: MotionErrors
+    simulation: simulator.Simulation, body: int, hypothesis: Hypothesis, stamp_ns: int, errors: MotionErrors
 ) -> None:
     if hypothesis.pose is None or hypothesis.twist is None:
         return
@@ -100,14 +100,14 @@ def _compare(
     R, t = poses.rotations, poses.translations
     turned = Rotation.from_quat(np.asarray(hypothesis.pose.rotation)).as_matrix()
     moved = turned @ t[0] + np.asarray(hypothesis.pose.translation)
-    found.rotation.append(_angle(turned.T @ R[2] @ R[0].T))
-    found.translation.append(float(np.linalg.norm(moved - t[2])))
+    errors.rotation.append(_angle(turned.T @ R[2] @ R[0].T))
+    errors.translation.append(float(np.linalg.norm(moved - t[2])))
     centroid = R[2].T @ (np.asarray(hypothesis.centroid) - t[2])
     velocity = ((R[3] - R[1]) @ centroid + t[3] - t[1]) / (2 * _STEP)
     spin = Rotation.from_matrix(R[3] @ R[1].T).as_rotvec() / (2 * _STEP)
-    found.linear.append(float(np.linalg.norm(np.asarray(hypothesis.twist.linear) - velocity)))
-    found.angular.append(float(np.linalg.norm(np.asarray(hypothesis.twist.angular) - spin)))
-    found.speed.append(float(np.linalg.norm(velocity)))
+    errors.linear.append(float(np.linalg.norm(np.asarray(hypothesis.twist.linear) - velocity)))
+    errors.angular.append(float(np.linalg.norm(np.asarray(hypothesis.twist.angular) - spin)))
+    errors.speed.append(float(np.linalg.norm(velocity)))
 
 
 def _angle(R: Array) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion import Fusion, FusionConfig
+from comotion import FusionConfig
 from comotion_clients.metrics import Score, Truth
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
@@ -30,7 +30,6 @@ class Outcome:
     switches: float
     confidence: Array
     right: NDArray[np.bool_]
-    milliseconds: float
 
     @property
     def mean(self) -> float:
@@ -53,14 +52,8 @@ class _Collector:
             self.right.append(rightly_assigned(labels[known], objects[known]))
 
 
-def run_case(
-    case: Case,
-    config: FusionConfig,
-    seed: int,
-    duration: float | None = None,
-    fusion: type[Fusion] = Fusion,
-) -> Outcome:
-    """Run a case through the core, or through another class `fusion`."""
+def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
+    """Run a case through the core."""
     truth = Truth()
     collector = _Collector(truth)
     run = run_offline(
@@ -69,7 +62,6 @@ def run_case(
         truth=truth,
         period=PERIOD,
         duration=case.duration if duration is None else duration,
-        fusion=fusion(config),
         on_update=collector.add,
     )
     return Outcome(
@@ -78,5 +70,4 @@ def run_case(
         switches=run.summary.switches_per_100,
         confidence=np.concatenate([*collector.confidence, np.zeros(0)]),
         right=np.concatenate([*collector.right, np.zeros(0, np.bool_)]),
-        milliseconds=float(np.median(run.update_ms)),
     )

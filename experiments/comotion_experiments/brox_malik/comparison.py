@@ -64,7 +64,7 @@ class Comparison:
 
     def means(self) -> dict[str, float]:
         """Mean NMI over time, NaN where nothing could be scored."""
-        return {name: float(np.mean(found)) if found else math.nan for name, found in self.scores.items()}
+        return {name: float(np.mean(values)) if values else math.nan for name, values in self.scores.items()}
 
 
 @dataclass
@@ -87,39 +87,39 @@ class _Scene:
         self.units[batch.space] = batch.unit
         space = self._tracks.setdefault(batch.space, {})
         stamps = np.full(len(batch.ids), batch.stamp_ns) if batch.stamps_ns is None else batch.stamps_ns
-        for one, stamp, x in zip(batch.ids.tolist(), stamps.tolist(), batch.positions, strict=True):
-            history = space.setdefault((batch.source, batch.session, one), _History())
+        for identity, stamp, x in zip(batch.ids.tolist(), stamps.tolist(), batch.positions, strict=True):
+            history = space.setdefault((batch.source, batch.session, identity), _History())
             history.t.append((stamp - start_ns) * 1e-9)
             history.x.append(x.astype(np.float64))
 
     def window(self, space: str, now: float) -> tuple[Floats, Objects, Objects]:
         """Current trajectories: positions [F, N, dim] and objects [N] of long ones, objects [M] of others."""
         tracks = self._tracks[space]
-        for key in [key for key, one in tracks.items() if one.t[-1] < now - _GAP_S]:
+        for key in [key for key, history in tracks.items() if history.t[-1] < now - _GAP_S]:
             del tracks[key]
         frames = np.arange(max(0.0, now - WINDOW_S), now + 1e-9, 1 / RATE_HZ)
         columns = [_resampled(history, frames) for history in tracks.values()]
         objects = np.array([self._object(key) for key in tracks], np.int32)
-        enough = np.array([np.isfinite(one[:, 0]).sum() >= _LEAST_FRAMES for one in columns], np.bool_)
+        enough = np.array([np.isfinite(column[:, 0]).sum() >= _LEAST_FRAMES for column in columns], np.bool_)
         if not enough.any():
             return np.zeros((len(frames), 0, 2)), np.zeros(0, np.int32), objects
         x = np.stack([column for column, good in zip(columns, enough, strict=True) if good], axis=1)
         return x, objects[enough], objects[~enough]
 
     def _object(self, track: Track) -> int:
-        source, session, one = track
-        return int(self.truth.objects((source, session), np.array([one], np.uint64))[0])
+        source, session, identity = track
+        return int(self.truth.objects((source, session), np.array([identity], np.uint64))[0])
 
 
 def _resampled(history: _History, frames: Floats) -> Floats:
     t, x = np.array(history.t), np.array(history.x)
     order = np.argsort(t, kind="stable")
     t, x = t[order], x[order]
-    found = np.column_stack([np.interp(frames, t, column) for column in x.T])
+    places = np.column_stack([np.interp(frames, t, column) for column in x.T])
     after = np.searchsorted(t, frames).clip(1, max(len(t) - 1, 1))
     gap = t[np.minimum(after, len(t) - 1)] - t[after - 1]
-    found[(frames < t[0]) | (frames > t[-1] + 1 / RATE_HZ) | (gap > _GAP_S)] = np.nan
-    return found
+    places[(frames < t[0]) | (frames > t[-1] + 1 / RATE_HZ) | (gap > _GAP_S)] = np.nan
+    return places
 
 
 def compare(messages: Iterable[Incoming], duration: float | None = None) -> Comparison:
@@ -132,26 +132,26 @@ def compare(messages: Iterable[Incoming], duration: float | None = None) -> Comp
     duration
         Seconds; all by default.
     """
-    scene, found = _Scene(), Comparison()
+    scene, comparison = _Scene(), Comparison()
     start_ns: int | None = None
     due = 1
-    for one in messages:
-        message = one.batch if isinstance(one, Arrived) else one
+    for arrived in messages:
+        message = arrived.batch if isinstance(arrived, Arrived) else arrived
         if isinstance(message, TruthBatch):
             scene.truth.add(message)
             continue
         start_ns = message.stamp_ns if start_ns is None else start_ns
         seconds = (message.stamp_ns - start_ns) * 1e-9
         while seconds > due * EVERY_S and (duration is None or due * EVERY_S <= duration):
-            _score(scene, due * EVERY_S, found)
+            _score(scene, due * EVERY_S, comparison)
             due += 1
         if duration is not None and seconds > duration:
             break
         scene.add(message, start_ns)
-    return found
+    return comparison
 
 
-def _score(scene: _Scene, now: float, found: Comparison) -> None:
+def _score(scene: _Scene, now: float, comparison: Comparison) -> None:
     """Score all spaces together; a cluster is of one space."""
     labels: dict[str, list[Labels]] = {name: [] for name in CLUSTERINGS}
     truths: list[Objects] = []
@@ -169,6 +169,6 @@ def _score(scene: _Scene, now: float, found: Comparison) -> None:
     scored = objects >= 0
     if scored.sum() < 2:
         return
-    found.seconds.append(now)
+    comparison.seconds.append(now)
     for name, parts in labels.items():
-        found.scores[name].append(nmi(np.concatenate(parts)[scored], objects[scored]))
+        comparison.scores[name].append(nmi(np.concatenate(parts)[scored], objects[scored]))

@@ -58,9 +58,9 @@ def affinity(positions: Floats, *, pixels: bool) -> Floats:
         distance[cell] += np.linalg.norm(at[:, None] - at[None], axis=2)
         common[cell] += 1
     squared = distance / np.maximum(common, 1) * largest
-    found = np.where(common > 0, np.exp(-LAMBDA * squared), 0.0)
-    np.fill_diagonal(found, 1.0)
-    return found
+    affinity = np.where(common > 0, np.exp(-LAMBDA * squared), 0.0)
+    np.fill_diagonal(affinity, 1.0)
+    return affinity
 
 
 def _variation(motion: Floats, at: Floats) -> Floats:

@@ -87,15 +87,15 @@ def _scenes_over_affinities(
     panels.affinity_bar(part, image, list(below))
 
 
-def _between(take: SceneRuns, one: str, other: str) -> float:
+def _between(take: SceneRuns, first: str, other: str) -> float:
     """Mean affinity of the features of two objects in the last view, over seeds."""
-    found = []
+    values = []
     for seed in take.seeds:
         view, numbers = seed.views[-1], {name: number for number, name in seed.names.items()}
-        rows = view.affinity_objects == numbers[one]
+        rows = view.affinity_objects == numbers[first]
         columns = view.affinity_objects == numbers[other]
-        found.append(view.affinity[np.ix_(rows, columns)].mean())
-    return float(np.mean(found))
+        values.append(view.affinity[np.ix_(rows, columns)].mean())
+    return float(np.mean(values))
 
 
 def _count_at(take: SceneRuns, t: float) -> str:

@@ -41,7 +41,10 @@ def draw_bic(study: Study) -> Drawn:
     for axes, t in zip(left.subplots(2, 1, sharex=True), BIC_TIMES, strict=True):
         _bars(axes, t, fits[t][0])
     axes.set_xlabel("number of components")
-    best = {t: np.array([min(found, key=lambda m: m.bic).components for found in fits[t]]) for t in BIC_TIMES}
+    best = {
+        t: np.array([min(mixtures, key=lambda m: m.bic).components for mixtures in fits[t]])
+        for t in BIC_TIMES
+    }
     counts = _counts(takes, START_TIMES)
     bic = np.full((len(takes[0].seeds), len(START_TIMES)), np.nan)
     for t in BIC_TIMES:
@@ -84,13 +87,13 @@ def draw_eigenvalues(study: Study) -> Drawn:
 
 
 def _gap_rows(counts: Counts) -> list[Row]:
-    found = []
+    rows = []
     for t in GAP_TIMES:
         k = START_TIMES.index(t)
         plain, normalized, divisive, default = (count(values[:, k]) for values in counts.values())
         said = f"L {plain}; L_norm {normalized}; divisive k-means {divisive}"
-        found.append(Row(f"clusters at t = {t:g} s", f"expected {EXPECTED[k]}", said, default))
-    return found
+        rows.append(Row(f"clusters at t = {t:g} s", f"expected {EXPECTED[k]}", said, default))
+    return rows
 
 
 def _fits(study: Study, take: SceneRuns, t: float, seed: int) -> list[Mixture]:
@@ -102,11 +105,11 @@ def _affinity(take: SceneRuns, t: float, seed: int) -> NDArray[np.float64]:
     return view_at(take, t, seed).affinity.astype(np.float64)
 
 
-def _bars(axes: Any, t: float, found: list[Mixture]) -> None:
+def _bars(axes: Any, t: float, mixtures: list[Mixture]) -> None:
     """Bars of one seed, a star over the smallest."""
-    best = min(found, key=lambda mixture: mixture.bic)
+    best = min(mixtures, key=lambda mixture: mixture.bic)
     for offset, kind in enumerate(COVARIANCES):
-        some = [m for m in found if m.covariance == kind]
+        some = [m for m in mixtures if m.covariance == kind]
         places = [m.components + 0.27 * (offset - 1) for m in some]
         axes.bar(
             places,
@@ -122,7 +125,7 @@ def _bars(axes: Any, t: float, found: list[Mixture]) -> None:
     low = best.bic / 1e3
     top = -1.2 * low
     axes.set_ylim(1.35 * low, 1.45 * top)
-    for mixture in found:
+    for mixture in mixtures:
         if mixture.bic / 1e3 > top:
             place = mixture.components + 0.27 * (COVARIANCES.index(mixture.covariance) - 1)
             axes.text(place, top, f"{mixture.bic / 1e3:.0f}", fontsize=7, ha="center", va="bottom")
@@ -153,7 +156,7 @@ def _eigen_panel(axes: Any, take: SceneRuns, t: float, *, normalized: bool) -> l
     axes.set_xticks([1, 4, 7, 10])
     axes.tick_params(labelsize=8)
     axes.grid(visible=True, alpha=0.3)
-    return [count_clusters(one) for one in values]
+    return [count_clusters(value) for value in values]
 
 
 def _counts(takes: tuple[SceneRuns, SceneRuns], times: tuple[float, ...]) -> Counts:

@@ -1,14 +1,14 @@
 """Runs and draws figures one by one and collects their numbers."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..processes import Progress, quiet
-from .figure import Figure, Row
+from .figure import Drawn, Figure
 from .panels import mean_and_spread
 from .runs import SceneRuns
 from .study import Options, Study
@@ -16,17 +16,11 @@ from .study import Options, Study
 
 @dataclass(frozen=True)
 class Made:
-    """A figure that was drawn: picture, numbers, and parameters.
-
-    `curves` has, by label, seconds `t`, and `mean` and `std` of NMI over the seeds.
-    """
+    """A figure, its picture, and what else came of drawing it."""
 
     figure: Figure
     picture: Path
-    rows: Sequence[Row]
-    parameters: Mapping[str, str]
-    curves: Mapping[str, Mapping[str, list[float | None]]]
-    summary: tuple[str, str] | None
+    drawn: Drawn
 
 
 @dataclass
@@ -38,22 +32,22 @@ class Results:
     left_out: list[Figure] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything as plain values."""
+        """Everything, for JSON; a curve has seconds `t`, and `mean` and `std` of NMI over the seeds."""
         return {
-            "seeds": list(self.options.seeds),
-            "workcell_seeds": list(self.options.workcell_seeds),
+            "seeds": self.options.seeds,
+            "workcell_seeds": self.options.workcell_seeds,
             "quick": self.options.quick,
             "default_method": self.options.default.model_dump(mode="json"),
             "left_out": [figure.name for figure in self.left_out],
             "figures": {
-                one.figure.name: {
-                    "title": one.figure.title,
-                    "picture": one.picture.name,
-                    "numbers": [asdict(row) for row in one.rows],
-                    "parameters": dict(one.parameters),
-                    "curves": {label: dict(curve) for label, curve in one.curves.items()},
+                made.figure.name: {
+                    "title": made.figure.title,
+                    "picture": made.picture.name,
+                    "numbers": made.drawn.rows,
+                    "parameters": made.drawn.parameters,
+                    "curves": {label: _curve(take) for label, take in made.drawn.curves.items()},
                 }
-                for one in self.made
+                for made in self.made
             },
         }
 
@@ -92,16 +86,16 @@ def reproduce(
         drawn = figure.draw(study)
         picture = out / figure.file
         drawn.figure.savefig(picture)
-        curves = {label: _curve(take) for label, take in drawn.curves.items()}
-        results.made.append(Made(figure, picture, drawn.rows, drawn.parameters, curves, drawn.summary))
+        results.made.append(Made(figure, picture, drawn))
     return results
 
 
-def _curve(take: SceneRuns) -> dict[str, list[float | None]]:
+def _curve(take: SceneRuns) -> dict[str, list[float]]:
     mean, spread = mean_and_spread(take.nmi)
-    return {"t": _plain(take.t, 4), "mean": _plain(mean, 4), "std": _plain(spread, 4)}
+    return {"t": _rounded(take.t), "mean": _rounded(mean), "std": _rounded(spread)}
 
 
-def _plain(values: Any, digits: int) -> list[float | None]:
-    filled = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return [round(value, digits) if np.isfinite(value) else None for value in filled.tolist()]
+def _rounded(values: Any) -> list[float]:
+    """To four digits; NaN where a value is masked."""
+    rounded: list[float] = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan).round(4).tolist()
+    return rounded

@@ -78,16 +78,16 @@ def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Me
     path = None if cache is None else cache / f"film-{name}-{seed}-{_fingerprint(how)}.msgpack"
     if path is not None and path.is_file():
         kept = (decode(raw) for raw in msgpack.unpackb(path.read_bytes()))
-        return [one for one in kept if isinstance(one, TruthBatch | ObservationBatch)]
+        return [message for message in kept if isinstance(message, TruthBatch | ObservationBatch)]
     study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
     spec = CameraSpec(
         scene=name, camera=CAMERA, size=how.size, rate=how.rate, seed=seed, duration=how.seconds
     )
-    messages = [message for one in filmed(spec, _SOURCE, how.tracker) for message in one.messages]
+    messages = [message for image in filmed(spec, _SOURCE, how.tracker) for message in image.messages]
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial")
-        partial.write_bytes(msgpack.packb([encode(one) for one in messages]))
+        partial.write_bytes(msgpack.packb([encode(message) for message in messages]))
         partial.replace(path)
     return messages
 

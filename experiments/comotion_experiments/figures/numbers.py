@@ -41,12 +41,12 @@ def right_at(take: SceneRuns, view: int) -> str:
 
 def perfect_from(take: SceneRuns) -> Any:
     """Time from which on NMI is 1, seconds, per seed; NaN where it never is."""
-    found = []
+    times = []
     for seed in take.seeds:
         wrong = np.flatnonzero(~(seed.nmi > 1 - 1e-9))
         first = wrong[-1] + 1 if len(wrong) else 0
-        found.append(seed.t[first] if first < len(seed.t) else np.nan)
-    return np.array(found)
+        times.append(seed.t[first] if first < len(seed.t) else np.nan)
+    return np.array(times)
 
 
 def format_times(seconds: Any) -> str:

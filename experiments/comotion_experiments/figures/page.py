@@ -103,9 +103,9 @@ def _notice(results: Results) -> str:
 
 def _summary(results: Results) -> str:
     rows = [
-        (_link(made), *(escape(text) for text in (made.figure.title, *made.summary)))
+        (_link(made), *(escape(text) for text in (made.figure.title, *made.drawn.summary)))
         for made in results.made
-        if made.summary is not None
+        if made.drawn.summary is not None
     ]
     if not rows:
         return ""
@@ -129,12 +129,12 @@ def _reading(results: Results) -> str:
 def _section(made: Made) -> str:
     image = base64.b64encode(made.picture.read_bytes()).decode("ascii")
     figure = made.figure
-    parameters = [f"<b>{escape(name)}</b> {escape(text)}" for name, text in made.parameters.items()]
+    parameters = [f"<b>{escape(name)}</b> {escape(text)}" for name, text in made.drawn.parameters.items()]
     return (
         f'<h2 id="{_anchor(made)}"><span class="no">{escape(figure.name)}</span>{escape(figure.title)}</h2>\n'
         f"<p>{escape(figure.shows)}</p>\n"
         f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{image}">\n'
-        + numbers(made.rows)
+        + numbers(made.drawn.rows)
         + f'<p class="with">{" · ".join(parameters)}</p>'
     )
 
@@ -164,10 +164,10 @@ def _appendix(results: Results) -> str:
 
 def versions_in_use() -> list[tuple[str, str]]:
     """Name and version of what has a part in the figures."""
-    found = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
+    versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
     for name in _PACKAGES:
         try:
-            found.append((name, metadata.version(name)))
+            versions.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:
-            found.append((name, "not installed"))
-    return found
+            versions.append((name, "not installed"))
+    return versions

@@ -85,13 +85,13 @@ def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float 
 def outlines(spec: SceneSpec, seed: int, t: float) -> list[tuple[str, NDArray[np.float64]]]:
     """Name and corners [4, 2] of every rectangle of a 2-D scene at a time."""
     (simulation,) = simulate(spec, seed=seed)
-    found = []
+    squares = []
     for index, body in enumerate(spec.bodies):
         pose = simulation.poses(index, np.array([min(t, spec.duration)]))
         half = np.asarray(body.size, np.float64) / 2
         square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-        found.append((body.name, square @ pose.rotations[0].T + pose.translations[0]))
-    return found
+        squares.append((body.name, square @ pose.rotations[0].T + pose.translations[0]))
+    return squares
 
 
 def affinity_panel(axes: Any, view: View, names: Mapping[int, str]) -> Any:

@@ -46,9 +46,9 @@ def draw_nmi(study: Study) -> Drawn:
     panels.nmi_axes(axes, duration=8)
     axes.set_title(f"{panels.spread_note(study.options.seeds)}; dotted: features are replaced", fontsize=10)
     curves = {describe(_CONFIG): takes[0], DEFAULT: takes[1]}
-    found = parameters(_SCENE, _CONFIG, study, _PERIOD)
-    found.pop("drawn")
-    return Drawn(figure, _rows(takes), found, curves, summary(curves))
+    made_with = parameters(_SCENE, _CONFIG, study, _PERIOD)
+    made_with.pop("drawn")
+    return Drawn(figure, _rows(takes), made_with, curves, summary(curves))
 
 
 def _moment_rows(takes: tuple[SceneRuns, SceneRuns]) -> list[Row]:
@@ -73,9 +73,9 @@ def _rows(takes: tuple[SceneRuns, SceneRuns]) -> list[Row]:
 
 def _recovery(take: SceneRuns, seed: int) -> float:
     """Mean time after a replacement until NMI is .95, seconds; the 2 s between two where it never is."""
-    run, found = take.seeds[seed], []
+    run, delays = take.seeds[seed], []
     for t in _RESPAWNS:
         after = (run.t >= t - 1e-6) & (run.t < t + 2 - 1e-6)
         good = np.flatnonzero(run.nmi[after] >= 0.95)
-        found.append(run.t[after][good[0]] - t if len(good) else 2.0)
-    return float(np.mean(found))
+        delays.append(run.t[after][good[0]] - t if len(good) else 2.0)
+    return float(np.mean(delays))

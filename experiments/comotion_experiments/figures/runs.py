@@ -183,12 +183,12 @@ class _Watch:
     def _affinity(self, space: str) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         if not self.close.affinity:
             return np.zeros((0, 0), np.float32), np.zeros(0, np.int64)
-        found = self.fusion.affinity(space)
+        affinity = self.fusion.affinity(space)
         objects = np.array(
-            [self.truth.objects((s, n), np.array([i], np.uint64))[0] for s, n, i in found.tracks], np.int64
+            [self.truth.objects((s, n), np.array([i], np.uint64))[0] for s, n, i in affinity.tracks], np.int64
         )
         order = np.argsort(objects, kind="stable")
-        return found.matrix[np.ix_(order, order)], objects[order]
+        return affinity.matrix[np.ix_(order, order)], objects[order]
 
 
 class Trails:

@@ -76,7 +76,8 @@ class Study:
     ) -> tuple[SceneRuns, SceneRuns]:
         """Run all seeds with parameters of the thesis method, and with the default method."""
         first, second = (
-            self.simulated(scene, one, period=period, close=close) for one in (config, self.options.default)
+            self.simulated(scene, method, period=period, close=close)
+            for method in (config, self.options.default)
         )
         return first, second
 

@@ -78,5 +78,5 @@ def _mean_rows(takes: dict[str, SceneRuns]) -> list[Row]:
 
 
 def _parameters(study: Study) -> dict[str, str]:
-    found = parameters(_SCENE, thesis(0.02), study, _PERIOD)
-    return found | {"thesis method": f"σ = {', '.join(f'{s:g}' for s in SWITCHES)}, equal weights"}
+    made_with = parameters(_SCENE, thesis(0.02), study, _PERIOD)
+    return made_with | {"thesis method": f"σ = {', '.join(f'{s:g}' for s in SWITCHES)}, equal weights"}

@@ -41,10 +41,10 @@ def draw_weights(study: Study) -> Drawn:
     whole.set_title(panels.spread_note(study.options.seeds), fontsize=10)
     for axes in (whole, close):
         axes.axvline(_START, color="0.5", linewidth=1, linestyle=":")
-    found = parameters(_SCENE, _CONFIGS["equal weights"], study, _PERIOD)
-    found["thesis method"] = f"σ = {_SWITCH:g}; equal weights, v = 0.001, v = 0.1"
-    found.pop("drawn")
-    return Drawn(figure, _rows(takes), found, takes, summary(takes))
+    made_with = parameters(_SCENE, _CONFIGS["equal weights"], study, _PERIOD)
+    made_with["thesis method"] = f"σ = {_SWITCH:g}; equal weights, v = 0.001, v = 0.1"
+    made_with.pop("drawn")
+    return Drawn(figure, _rows(takes), made_with, takes, summary(takes))
 
 
 def _rows(takes: dict[str, SceneRuns]) -> list[Row]:

@@ -99,8 +99,8 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
         panels.switch_curves(axes, takes, DEFAULT)
         panels.nmi_axes(axes, duration=film_setup(study, shot.respawn_every).seconds, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
-        found = _parameters(study, shot, drawn=False)
-        return Drawn(figure, _mean_rows(takes), found, takes, summary(takes))
+        made_with = _parameters(study, shot, drawn=False)
+        return Drawn(figure, _mean_rows(takes), made_with, takes, summary(takes))
 
     return draw
 
@@ -154,10 +154,10 @@ def _moment_rows(takes: dict[str, SceneRuns], shot: Shot) -> list[Row]:
         )
         for k, t in enumerate(shot.times)
     ]
-    one, other = shot.apart
-    apart = (f"{spread(_apart(take, one, other), 0)} % of updates" for take in takes.values())
+    name, other = shot.apart
+    apart = (f"{spread(_apart(take, name, other), 0)} % of updates" for take in takes.values())
     rows.append(
-        Row(f"{one} and {other} in different hypotheses, from t = {_START_S:g} s on", shot.said, *apart)
+        Row(f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on", shot.said, *apart)
     )
     if shot is SHELF:
         rows.append(
@@ -166,14 +166,14 @@ def _moment_rows(takes: dict[str, SceneRuns], shot: Shot) -> list[Row]:
     return rows
 
 
-def _apart(take: SceneRuns, one: str, other: str) -> Any:
+def _apart(take: SceneRuns, name: str, other: str) -> Any:
     """Share of updates in which most of two objects' features are in different hypotheses, %, per seed."""
-    found = []
+    shares = []
     for seed in take.seeds:
-        first, second = seed.main_of(one), seed.main_of(other)
+        first, second = seed.main_of(name), seed.main_of(other)
         known = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
-        found.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
-    return np.array(found)
+        shares.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
+    return np.array(shares)
 
 
 def _door(take: SceneRuns) -> str:
@@ -199,7 +199,7 @@ def _mean_rows(takes: dict[str, SceneRuns]) -> list[Row]:
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
     how = film_setup(study, shot.respawn_every)
     seeds = study.options.workcell_seeds
-    found = {
+    made_with = {
         "scene": f"workcell:{shot.scene}, camera a, {how.size[0]}x{how.size[1]} at {how.rate:g} Hz",
         "tracker": f"new features every {how.tracker.respawn_every} frames at the {how.tracker.spawn_limit} "
         f"best corners, at most {how.tracker.max_features} at once",
@@ -207,4 +207,4 @@ def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
         "update every": f"{PERIOD:.3g} s",
         "seeds": ", ".join(map(str, seeds)),
     }
-    return found | ({"drawn": f"seed {seeds[0]}"} if drawn else {})
+    return made_with | ({"drawn": f"seed {seeds[0]}"} if drawn else {})

@@ -24,8 +24,8 @@ class Apart:
 
     def components(self, t: float) -> NDArray[np.intp]:
         """Number the sets of bodies that nothing has separated until t, intp [B]."""
-        found: NDArray[np.intp] = connected_components(self.since > t, directed=False)[1].astype(np.intp)
-        return found
+        groups: NDArray[np.intp] = connected_components(self.since > t, directed=False)[1].astype(np.intp)
+        return groups
 
     @property
     def complete(self) -> float:

@@ -149,10 +149,10 @@ def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Any
     """
     if not names:
         return [family for family in ALL.values() if not (quick and family.slow)]
-    found: dict[str, AnyFamily] = {}
+    chosen: dict[str, AnyFamily] = {}
     for name in names:
         fitting = {k: f for k, f in ALL.items() if k == name or k.startswith(f"{name}_")}
         if not fitting:
             raise KnownError(f"no family {name!r}; there are {', '.join(ALL)}")
-        found.update(fitting)
-    return list(found.values())
+        chosen.update(fitting)
+    return list(chosen.values())

@@ -206,7 +206,7 @@ def _run(
     **overrides: Any,
 ) -> Outcome:
     runs = [run_scene(scene, config(scene)) for scene in family.scenes(seed, **overrides)]
-    figures = Figures(**means([one for one, _ in runs]))
+    figures = Figures(**means([figures_of_one for figures_of_one, _ in runs]))
     return Outcome(family.name, method, seed, figures, [trace for _, trace in runs])
 
 
@@ -228,7 +228,7 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:
     true = metrics.true_events(since, last, scene.happenings)
     events = sum(len(m.events) for m in moments)
     healings = [metrics.healing(moments, h, until) for h, until in _until(scene.happenings, last)]
-    found = [float(len(m.confirmed)) for m in moments]
+    counts = [float(len(m.confirmed)) for m in moments]
     apart_now = [float(len(set(since.components(m.t)[m.bodies].tolist()))) for m in moments]
     figures = Figures(
         nmi=metrics.mean_nmi(moments),
@@ -243,18 +243,18 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[Figures, Trace]:
         spurious=max(events - true, 0) / minutes,
         true=true / minutes,
         switches=run.summary.switches_per_100,
-        hypotheses=mean(found),
+        hypotheses=mean(counts),
         bodies=mean(apart_now),
-        over=mean([float(k > true_k) for k, true_k in zip(found, apart_now, strict=True)]),
+        over=mean([float(k > true_k) for k, true_k in zip(counts, apart_now, strict=True)]),
         ms=float(np.median(run.update_ms)),
     )
     return figures, _trace(moments)
 
 
 def _until(happenings: Sequence[Happening], last: float) -> Iterator[tuple[Happening, float]]:
-    for k, one in enumerate(happenings):
+    for k, happening in enumerate(happenings):
         following = happenings[k + 1].begin if k + 1 < len(happenings) else last
-        yield one, min(following, one.end + 10.0)
+        yield happening, min(following, happening.end + 10.0)
 
 
 def _trace(moments: Sequence[Moment]) -> Trace:

@@ -1,9 +1,8 @@
-"""The results of image families as a table, in Markdown and as plain values."""
+"""The results of image families as a table, for a terminal and in Markdown."""
 
 from collections.abc import Sequence
-from typing import Any
 
-from ..tables import Table, means, number, plain
+from ..tables import Table, means, number
 from .image_experiment import IMAGE_FAMILIES, ImageOutcome
 
 # Field of the figures, title, digits, factor.
@@ -42,10 +41,3 @@ def table(outcomes: Sequence[ImageOutcome]) -> Table:
 def markdown(outcomes: Sequence[ImageOutcome]) -> str:
     """For a document."""
     return f"{_TEXT}\n\n{table(outcomes).markdown()}"
-
-
-def as_json(outcomes: Sequence[ImageOutcome]) -> Any:
-    """Plain values, an entry for each family and seed."""
-    return plain(
-        [{"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in outcomes]
-    )

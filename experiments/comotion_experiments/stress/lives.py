@@ -80,11 +80,11 @@ def renewed(
 
 def cut(spans: Sequence[Sequence[Span]], cuts: Sequence[Cut]) -> Spans:
     """Lose features at given times; new ones come later or at once."""
-    found = [list(lives) for lives in spans]
+    left = [list(lives) for lives in spans]
     for lost, back, slots in cuts:
         for slot in np.flatnonzero(slots).tolist():
-            found[slot] = [part for span in found[slot] for part in _without(span, lost, back)]
-    return found
+            left[slot] = [part for span in left[slot] for part in _without(span, lost, back)]
+    return left
 
 
 def _without(span: Span, lost: float, back: float) -> list[Span]:
@@ -109,14 +109,14 @@ def dropouts(
     shortest, longest
         s; length of a gap.
     """
-    found = []
+    gaps = []
     for slot in range(slots):
         time = float(rng.exponential(every))
         while time < duration:
             end = time + float(rng.uniform(shortest, longest))
-            found.append((slot, time, end))
+            gaps.append((slot, time, end))
             time = end + float(rng.exponential(every))
-    return found
+    return gaps
 
 
 def places_of(lives: Lives, body: int) -> Array:

@@ -54,14 +54,14 @@ def delays(moments: Sequence[Moment], apart: Apart, last: float) -> list[float]:
     hypothesis. A body that never gets one counts with the time that was left; one that never moves
     apart is left out.
     """
-    found = []
+    delays = []
     for body in range(len(apart.since)):
         onset = apart.onset(body)
         if not np.isfinite(onset):
             continue
         own = (m.t for m in moments if m.t >= onset and has_own(m, body))
-        found.append(max(next(own, last) - onset, 0.0))
-    return found
+        delays.append(max(next(own, last) - onset, 0.0))
+    return delays
 
 
 def has_own(m: Moment, body: int) -> bool:
@@ -78,7 +78,7 @@ def has_own(m: Moment, body: int) -> bool:
 def majority(m: Moment, body: int) -> int | None:
     """Hypothesis of most tracks of a body; None without any that has one."""
     counts = Counter(m.labels[(m.bodies == body) & (m.labels != UNDETERMINED)].tolist())
-    return max(counts, key=lambda one: (counts[one], -one)) if counts else None
+    return max(counts, key=lambda number: (counts[number], -number)) if counts else None
 
 
 def ids_per_object(moments: Sequence[Moment], apart: Apart) -> float:

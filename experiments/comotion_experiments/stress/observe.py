@@ -164,8 +164,8 @@ class _View:
         ray = positions - noise.camera
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         across = np.array([b.sigma for b in self._scene.bodies])[body, None, None] ** 2
-        found = across * (np.eye(3) + (noise.ray**2 - 1.0) * ray[:, :, None] * ray[:, None])
-        return np.asarray(found[:, *np.triu_indices(3)], np.float32)
+        covariance = across * (np.eye(3) + (noise.ray**2 - 1.0) * ray[:, :, None] * ray[:, None])
+        return np.asarray(covariance[:, *np.triu_indices(3)], np.float32)
 
     def _batch(
         self,
@@ -197,7 +197,7 @@ def _session_name(number: int) -> str:
 
 def _hidden(scene: Scene, times: Array) -> NDArray[np.bool_]:
     """Which slots are hidden when, bool [T, slots]."""
-    found = np.zeros((len(times), scene.slots), np.bool_)
+    alive = np.zeros((len(times), scene.slots), np.bool_)
     for slot, begin, end in scene.hidden:
-        found[(begin <= times) & (times < end), slot] = True
-    return found
+        alive[(begin <= times) & (times < end), slot] = True
+    return alive

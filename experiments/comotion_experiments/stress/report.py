@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, means, number, plain
+from ..tables import Table, means, number
 from . import image_report
 from .catalogue import ALL, FAMILIES
 from .experiment import DEFAULT, THESIS, Results
@@ -49,8 +49,8 @@ def families_of(results: Results) -> list[str]:
 
 def tables(results: Results) -> list[Table]:
     """For a terminal: a table of scenes and one of image sequences, those that were run."""
-    found = [_table(results)] if results.outcomes else []
-    return [*found, image_report.table(results.images)] if results.images else found
+    shown = [_table(results)] if results.outcomes else []
+    return [*shown, image_report.table(results.images)] if results.images else shown
 
 
 def _table(results: Results) -> Table:
@@ -76,11 +76,14 @@ def traces(results: Results) -> str:
 
 
 def as_json(results: Results) -> Any:
-    """Everything but the traces as plain values."""
+    """Everything but the traces, for JSON."""
+    images = [
+        {"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in results.images
+    ]
     runs = [
         {"family": o.family, "method": o.method, "seed": o.seed, **vars(o.figures)} for o in results.outcomes
     ]
-    return plain({"seeds": results.seeds, "images": image_report.as_json(results.images), "runs": runs})
+    return {"seeds": results.seeds, "images": images, "runs": runs}
 
 
 def markdown(results: Results, picture: str) -> str:
@@ -128,9 +131,7 @@ def _head(results: Results) -> str:
     opening = _OPENING.format(
         seeds=f"Seed{'s' if len(results.seeds) > 1 else ''} {listed} ({role}).",
         part="" if ran == set(ALL) else f" Here are {len(ran)} of {len(ALL)} families.",
-        both=", of NMI and delay the default method before the thesis method"
-        if len(results.methods) > 1
-        else "",
+        both=_BOTH if len(results.methods) > 1 else "",
     )
     return "\n\n".join(["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS])
 
@@ -187,9 +188,6 @@ def _mean_trace(results: Results, family: str, method: str) -> tuple[Array, Arra
     traces = [trace for outcome in results.of(family, method) for trace in outcome.traces]
     length = min(len(trace.nmi) for trace in traces)
     seconds = np.array(traces[0].seconds[:length]) - traces[0].seconds[0]
-    nmi = np.array([trace.nmi_apart[:length] for trace in traces])
-    known = np.isfinite(nmi)
     # While everything is covered there is nothing to score.
-    total = np.where(known, nmi, 0.0).sum(axis=0)
-    count = known.sum(axis=0)
-    return seconds, np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    nmi = np.ma.masked_invalid([trace.nmi_apart[:length] for trace in traces])
+    return seconds, nmi.mean(axis=0).filled(np.nan)

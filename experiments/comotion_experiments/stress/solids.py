@@ -128,9 +128,9 @@ def observe_images(scene: ImageScene, seed: int) -> ImageTracks:
     rng = np.random.default_rng(seed)
     positions, objects = [np.empty((scene.frames, 0, 2))], [np.empty(0, np.int64)]
     for index, solid in enumerate(scene.solids):
-        found = _tracks(scene, index, times, rng)
-        positions.append(found)
-        objects.append(np.full(found.shape[1], solid.object, np.int64))
+        tracks = _tracks(scene, index, times, rng)
+        positions.append(tracks)
+        objects.append(np.full(tracks.shape[1], solid.object, np.int64))
     exact = np.concatenate(positions, axis=1)
     noise = scene.sigma * rng.normal(size=exact.shape)
     if scene.drift:
@@ -195,9 +195,9 @@ def _hides(solid: Solid, eye: Array, ray: Array, times: Array) -> Flags:
     way = np.einsum("tji,tnj->tni", pose.rotations, ray)
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
     half = solid.size / 2.0
-    one, other = (-half - start) / way, (half - start) / way
-    enters = np.minimum(one, other).max(axis=2)
-    leaves = np.maximum(one, other).min(axis=2)
+    low, high = (-half - start) / way, (half - start) / way
+    enters = np.minimum(low, high).max(axis=2)
+    leaves = np.maximum(low, high).min(axis=2)
     return np.asarray((enters < leaves) & (leaves > 0) & (enters < 1.0 - _SURFACE_M), np.bool_)
 
 

@@ -156,9 +156,9 @@ class Extrinsics:
         """Transform points [N, 3] from the camera frame to the target frame, float64 [N, 3]."""
         return np.asarray(points, np.float64).reshape(-1, 3) @ self.rotation.T + self.translation
 
-    def inverse(self, frame: str = "camera") -> "Extrinsics":
+    def inverse(self) -> "Extrinsics":
         """Return the transformation from the target frame to the camera."""
-        return Extrinsics(self.rotation.T, -self.rotation.T @ self.translation, frame)
+        return Extrinsics(self.rotation.T, -self.rotation.T @ self.translation, "camera")
 
     def after(self, inner: "Extrinsics") -> "Extrinsics":
         """Return the transformation that applies `inner` first, then this one."""

@@ -2,14 +2,13 @@
 
 from .kinematics import Encoders, Kinematics, LinkPoses
 from .model import load_model
-from .samples import JointSample, SampleError, joint_sample
+from .samples import JointSample, joint_sample
 
 __all__ = [
     "Encoders",
     "JointSample",
     "Kinematics",
     "LinkPoses",
-    "SampleError",
     "joint_sample",
     "load_model",
 ]

@@ -30,10 +30,6 @@ class JointSample:
     positions: Vector
 
 
-SampleError = InputError
-"""The error of an input that is not a valid joint sample."""
-
-
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> JointSample:
     """Build and validate a sample.
 

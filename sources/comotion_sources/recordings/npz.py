@@ -100,8 +100,8 @@ def read_npy(path: Path, fps: float | None = None) -> Recording:
 
 def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     if "positions" not in archive:
-        found = {key: _array(archive, key) for key in NAMES if key in archive}
-        return tracks_recording(name, found, fps)
+        arrays = {key: _array(archive, key) for key in NAMES if key in archive}
+        return tracks_recording(name, arrays, fps)
     positions = _numbers(archive, "positions", 3)
     if fps is not None and "times" not in archive:
         times = np.arange(len(positions)) / fps

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..parts import Part, rate_of
-from ..streams import OFFLINE_SESSION, Stream, merged, numbered
+from ..streams import Stream, merged, numbered
 from .recording import RecordedFrames, Recording, decimate, split_markers
 
 DEFAULT_NAME = "replay"
@@ -67,7 +67,6 @@ def recording_batches(
     split: int = 1,
     rates: Sequence[float] | None = None,
     source: str = DEFAULT_NAME,
-    session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
 ) -> Iterator[TruthBatch | ObservationBatch]:
     """Yield the messages that a replay of the recording publishes, in time order.
@@ -76,10 +75,8 @@ def recording_batches(
     ----------
     recording, split, rates, source
         As in :func:`recording_streams`, as are the errors.
-    session
-        Session of every source.
     epoch_ns
         Stamp of the first instant.
     """
     streams = recording_streams(recording, split=split, rates=rates, source=source)
-    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=True)
+    return merged(streams, epoch_ns=epoch_ns, publish_sigma=True)

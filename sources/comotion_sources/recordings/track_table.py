@@ -44,7 +44,7 @@ def read_csv(path: Path, fps: float | None = None) -> Recording:
     cells = row * len(ids) + column
     if len(np.unique(cells)) < len(cells):
         raise RecordingError("a frame has a track twice")
-    place = np.stack([columns[one] for one in "xyz" if one in columns], axis=1)
+    place = np.stack([columns[name] for name in "xyz" if name in columns], axis=1)
     arrays = {"positions": _grid(cells, place, len(stamps), len(ids))}
     for name in (*SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA):
         if name in columns:
@@ -70,7 +70,7 @@ def _read(path: Path) -> dict[str, NDArray[np.float64]]:
     columns = dict(zip(header, table.T, strict=True))
     if "hypothesis" in columns:
         # Of comotion segment: its confidence is that of the hypothesis.
-        columns = {name: one for name, one in columns.items() if name not in CONFIDENCE}
+        columns = {name: column for name, column in columns.items() if name not in CONFIDENCE}
     if not {"x", "y"} <= columns.keys():
         raise RecordingError("it has no columns x and y")
     return columns
@@ -108,10 +108,10 @@ def _is_number(cell: str) -> bool:
 
 
 def _column(columns: Mapping[str, NDArray[np.float64]], names: Sequence[str], what: str) -> NDArray[Any]:
-    found = next((columns[name] for name in names if name in columns), None)
-    if found is None:
+    column = next((columns[name] for name in names if name in columns), None)
+    if column is None:
         raise RecordingError(f"it has no column {what!r}; its first line names the columns")
-    return found
+    return column
 
 
 def _grid(cells: NDArray[np.intp], values: NDArray[np.float64], frames: int, tracks: int) -> NDArray[Any]:

@@ -62,10 +62,9 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     RecordingError
         If there are no positions or no times, or shapes do not fit.
     """
-    found = _points(_one(arrays, POSITIONS))
-    if found is None:
+    place = _points(_one(arrays, POSITIONS))
+    if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
-    place = found
     if place.shape[2] == 2 and _within_one(place):
         raise RecordingError("its positions lie within 0 to 1: multiply them by width and height in px")
     probability = _per_point(arrays, SEEN, place) * (1 - _per_point(arrays, HIDDEN, place, missing=0.0))
@@ -89,12 +88,12 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
 
 def _one(arrays: Arrays, names: Sequence[str]) -> NDArray[np.float64] | None:
     """The first array of these names, without an axis of one batch."""
-    found = next((arrays[name] for name in names if name in arrays), None)
-    if found is None:
+    array = next((arrays[name] for name in names if name in arrays), None)
+    if array is None:
         return None
-    if found.dtype.kind not in "biuf":
+    if array.dtype.kind not in "biuf":
         raise RecordingError(f"its array {next(n for n in names if n in arrays)!r} has no numbers")
-    return np.asarray(found, np.float64)
+    return np.asarray(array, np.float64)
 
 
 def _points(array: NDArray[np.float64] | None) -> NDArray[np.float64] | None:

@@ -119,7 +119,7 @@ def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list
 
 def _cloud(message: Any, received_ns: int) -> Observed:
     fields = {field.name: field for field in message.fields}
-    name = next((one for one in ID_FIELDS if one in fields), None)
+    name = next((field for field in ID_FIELDS if field in fields), None)
     if name is None or not {"x", "y", "z"} <= fields.keys():
         raise InputError(f"a cloud needs the fields x, y, z and one of {', '.join(ID_FIELDS)}")
     count = int(message.width) * int(message.height)
@@ -127,7 +127,7 @@ def _cloud(message: Any, received_ns: int) -> Observed:
     if len(data) < count * step:
         raise InputError("a cloud is shorter than it says")
     order = ">" if message.is_bigendian else "<"
-    chosen = [fields[one] for one in ("x", "y", "z", name)]
+    chosen = [fields[field] for field in ("x", "y", "z", name)]
     try:
         kind = np.dtype(
             {

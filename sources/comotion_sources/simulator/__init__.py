@@ -1,7 +1,7 @@
 """The simulator: scenes of rigid bodies with known truth."""
 
 from .motion import Poses
-from .offline import batches, stream
+from .offline import batches, streams
 from .simulation import Simulation, Split, simulate
 from .spec import SceneSpec, load_scene, scene_names
 
@@ -14,5 +14,5 @@ __all__ = [
     "load_scene",
     "scene_names",
     "simulate",
-    "stream",
+    "streams",
 ]

@@ -4,25 +4,38 @@ from collections.abc import Iterator, Sequence
 
 from comotion_schemas import ObservationBatch, TruthBatch
 
-from ..streams import OFFLINE_SESSION, Stream, merged, numbered
+from ..streams import Stream, merged, numbered
 from .simulation import Simulation
 
 DEFAULT_NAME = "simulator"
 
 
-def stream(simulation: Simulation, name: str | None = None) -> Stream:
-    """Build the stream of one simulated source.
+def streams(simulations: Sequence[Simulation], name: str | None = None) -> list[Stream]:
+    """Build the streams of simulated sources, to be played live or offline.
 
     Parameters
     ----------
-    simulation
-        The source.
+    simulations
+        The sources.
     name
-        Name of the source; None: ``simulator``, or ``simulator-k`` for part k of several.
+        Name of the source; with several sources, the k-th is ``<name>-k``. None: ``simulator``, or
+        ``simulator-k`` for part k of several.
     """
+    return [
+        _stream(
+            simulation,
+            numbered(DEFAULT_NAME, simulation.part.index, simulation.part.count)
+            if name is None
+            else numbered(name, k, len(simulations)),
+        )
+        for k, simulation in enumerate(simulations)
+    ]
+
+
+def _stream(simulation: Simulation, name: str) -> Stream:
     spec = simulation.spec
     return Stream(
-        name=name or numbered(DEFAULT_NAME, simulation.part, simulation.parts),
+        name=name,
         space=spec.space,
         unit=spec.unit,
         dim=spec.dim,
@@ -36,8 +49,6 @@ def stream(simulation: Simulation, name: str | None = None) -> Stream:
 def batches(
     simulations: Simulation | Sequence[Simulation],
     *,
-    source: str = DEFAULT_NAME,
-    session: str = OFFLINE_SESSION,
     epoch_ns: int = 0,
     publish_sigma: bool = False,
 ) -> Iterator[TruthBatch | ObservationBatch]:
@@ -47,17 +58,10 @@ def batches(
     ----------
     simulations
         One source, or several of the same scene.
-    source
-        Name of the source; with several sources, the k-th is ``<source>-k``.
-    session
-        Session of every source, 16 hexadecimal digits.
     epoch_ns
         Stamp of the start of the scene, nanoseconds since the Unix epoch.
     publish_sigma
         Publish the true noise of every feature.
     """
     chosen = [simulations] if isinstance(simulations, Simulation) else simulations
-    streams = [
-        stream(simulation, numbered(source, simulation.part, simulation.parts)) for simulation in chosen
-    ]
-    return merged(streams, session=session, epoch_ns=epoch_ns, publish_sigma=publish_sigma)
+    return merged(streams(chosen), epoch_ns=epoch_ns, publish_sigma=publish_sigma)

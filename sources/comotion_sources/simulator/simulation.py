@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..frames import Frame
-from ..parts import Part, rate_of
+from ..parts import WHOLE, Part, rate_of
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec, frame_count
@@ -38,8 +38,8 @@ class Simulation:
         Factor on the noise of every feature, finite and at least 0.
     time_scale
         Scene seconds per second, above 0 and at most 1000: 2 plays twice as fast.
-    part, parts
-        This source has number `part` (from 0) of `parts`; each feature belongs to exactly one.
+    part
+        Which of several sources this is; each feature belongs to exactly one.
     split
         Divide single ``features``, so that every source observes every body, or whole ``objects``.
 
@@ -57,8 +57,7 @@ class Simulation:
         rate: float | None = None,
         noise: float = 1.0,
         time_scale: float = 1.0,
-        part: int = 0,
-        parts: int = 1,
+        part: Part = WHOLE,
         split: Split = "features",
     ) -> None:
         self.spec = spec
@@ -66,12 +65,12 @@ class Simulation:
         self.rate = spec.rate if rate is None else rate
         self.noise = noise
         self.time_scale = time_scale
-        self.part, self.parts = part, parts
+        self.part = part
         self._check()
-        self._phase = (_PHASE_STEP * part) % 1.0
+        self._phase = (_PHASE_STEP * part.index) % 1.0
         self._actors = draw_actors(spec, seed)
         divided = self._actors.slot if split == "features" else self._actors.object
-        self._mine = np.flatnonzero(divided % parts == part)
+        self._mine = np.flatnonzero(divided % part.count == part.index)
         self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._mine]).any())
 
     @property
@@ -122,8 +121,6 @@ class Simulation:
             raise InputError(f"noise factor {self.noise:g} is negative or infinite")
         if not 0 < self.time_scale <= 1000:
             raise InputError(f"time scale {self.time_scale:g} is not within 0 to 1000")
-        if not 0 <= self.part < self.parts:
-            raise InputError(f"part {self.part + 1} of {self.parts} does not exist")
 
     def _time(self, number: int) -> float:
         return (number + self._phase) / self.rate
@@ -140,7 +137,7 @@ class Simulation:
         gap = self._actors.gap[rows]
         at = t * self.time_scale
         rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
-        rng = stream(self.seed, NOISE, self.part, number)
+        rng = stream(self.seed, NOISE, self.part.index, number)
         rotations, exact = self._exact(rows, t)
         sigma = self._actors.sigma[rows] * self.noise
         return Frame(
@@ -215,8 +212,7 @@ def simulate(
             rate=rate,
             noise=noise,
             time_scale=time_scale,
-            part=each.index,
-            parts=each.count,
+            part=each,
             split=split,
         )
         for each, rate in chosen

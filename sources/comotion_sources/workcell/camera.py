@@ -143,7 +143,6 @@ class WorkcellCamera:
         self._news = threading.Condition()
         self._history = JointHistory(self.scene.joints)
         self._subscriber: Any = None
-        self._undecodable = 0
 
     def attach(self, session: zenoh.Session, keys: Keys) -> None:
         """Follow the joint states of a scene."""
@@ -219,7 +218,6 @@ class WorkcellCamera:
         try:
             message = decode(bytes(sample.payload))
         except DecodeError:
-            self._undecodable += 1
             return
         if isinstance(message, JointStates):
             with self._news:

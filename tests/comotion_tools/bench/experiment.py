@@ -11,7 +11,7 @@ import numpy as np
 from comotion import FusionConfig
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.processes import Progress, alone, quiet
-from comotion_experiments.tables import plain
+from comotion_schemas.plain import plain
 
 from .machine import Machine, describe_machine
 from .scene import SceneSpec

@@ -103,7 +103,7 @@ Examples:
             results = run_experiment(
                 rules, families, parse_seeds(self.seeds), self.data or (), jobs=self.jobs, progress=note
             )
-        self.report("ablation", report.markdown(results), report.as_json(results))
+        self.report("ablation", report.markdown(results), results)
 
 
 @dataclass(kw_only=True)
