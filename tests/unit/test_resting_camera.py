@@ -127,6 +127,24 @@ def test_the_background_keeps_its_id_when_something_larger_begins_to_move():
     assert background not in {found[68][one] for one in range(WALL, WALL + 90)}
 
 
+def test_what_came_to_rest_stays_a_body_when_one_with_most_of_the_features_enters():
+    scene, fusion = Scene(), Fusion(FusionConfig(window=1.0))
+    scene.wall = scene.wall[:15]
+    scene.hand = np.concatenate([scene.hand, scene.rng.uniform([0, 200], [200, 400], (120, 2))])
+    shift = np.repeat(path(30, 20, after=130)[:, None], HAND + 120, axis=1)
+    shift[:, HAND:] = np.arange(180)[:, None, None] * [2.0, 0.0]
+    for number in range(180):
+        seen = 15 + HAND + (120 if number >= 70 else 0)
+        fusion.ingest(batch(number, np.arange(seen), scene.at(shift[number])[:seen]))
+        if number % 3 == 2:
+            labels = fusion.update(stamp(number)).track_hypothesis
+        if number == 68:
+            before = labels
+    # Eight in ten move: that is no sign of a camera that moves.
+    np.testing.assert_array_equal(labels[: 15 + HAND], before)
+    assert len({*before.tolist(), *labels.tolist()} - {UNDETERMINED}) == 3
+
+
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
     found = play(Fusion(FusionConfig()), Scene(noise), path(150, 0))

@@ -78,8 +78,10 @@ class Belief:
     Parameters
     ----------
     labels
-        int64 [capacity]; hypotheses of slots so far, negative for none. The one with most members becomes the
-        background, the others bodies.
+        int64 [capacity]; hypotheses of slots so far, negative for none. The one with most members at rest
+        becomes the background, the others bodies.
+    resting
+        intp [n]; slots of trajectories at rest.
 
     Attributes
     ----------
@@ -87,8 +89,9 @@ class Belief:
         By column of the evidence; None for a free one. The first is the background.
     """
 
-    def __init__(self, window: Window, labels: Labels) -> None:
-        known, counts = np.unique(labels[labels >= 0], return_counts=True)
+    def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
+        known = np.unique(labels[labels >= 0])
+        counts = (labels[resting] == known[:, None]).sum(axis=1)
         known = known[np.argsort(-counts, kind="stable")]
         self.bodies: list[Body | None] = [
             Body(0, 0, len(known) > 0, len(known) > 0) for _ in range(max(len(known), 1))
@@ -111,8 +114,8 @@ class Belief:
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         votes = nearest_votes(recent.position, labels, len(self.bodies), recent.reach)
         self._place(recent.slots, votes)
-        self._seen[recent.slots] |= recent.seen[0]
         gain, motion = self._gains(recent, rest, labels, votes)
+        self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
         self._evidence[recent.slots] = np.clip(evidence, -_MOST, _MOST)
@@ -138,6 +141,11 @@ class Belief:
         labels = self.labels(slots)
         told = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
         return np.where(told & shown[labels], labels, NO_HYPOTHESIS)
+
+    def rests(self, window: Window, slots: Slots) -> Bools:
+        """Whether each slot is of the background, and was seen to rest, bool [n]."""
+        self._admit(window, slots)
+        return np.asarray((self.labels(slots) == BACKGROUND) & self._seen[slots])
 
     def publish(self) -> Bools:
         """Whether each body was published before, bool [K]; from now on all that are shown were."""
@@ -212,7 +220,8 @@ class Belief:
         gain[:, BACKGROUND] = rest
         for column, body in self._living():
             members = labels == column
-            found = group_gain(recent, members)
+            # What is a member by its place alone does not say how the body moves: another may pass before it.
+            found = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
             if found is None:
                 continue
             held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)
@@ -239,7 +248,8 @@ class Belief:
         labels = self.labels(recent.slots)
         members = {column: labels == column for column in motion}
         self._together.compare(recent, members, motion)
-        while (pair := self._together.merged()) is not None:
+        shown = {column for column, body in self._living() if body.shown}
+        while (pair := self._together.merged(shown)) is not None:
             kept, gone = sorted(pair, key=lambda one: (self._born(one), one))
             self._evidence[:, kept] = self._evidence[:, [kept, gone]].max(axis=1)
             self._drop(gone)
@@ -255,8 +265,7 @@ class Belief:
             if size:
                 body.seen_ns = stamp_ns
             body.support = body.support + 1 if size >= LEAST_MEMBERS else 0
-            lasted = body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
-            body.shown |= lasted and self._together.alone(column)
+            body.shown |= body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
             fades = not body.shown and (age_ns > _UNSHOWN_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)

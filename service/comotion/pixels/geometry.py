@@ -5,22 +5,17 @@ matrix per frame pair still explains both, over a wide baseline to within the no
 not share one.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
+from .fits import Model, affine, fundamental, median, residuals
 from .key_frames import KeyFrames
-
-Model = Callable[[Floats, Floats, Bools], Callable[[Floats], Floats]]
-"""Points [P, n, 2] in both frames of P pairs, and which are seen -> weights [P, n] -> squared residuals."""
 
 # A group is represented by so many of its members in a frame pair.
 _POINTS = 50
-# Rounds of reweighting in robust fits, and px²; smallest typical squared residual that weights refer to.
-_ROUNDS, _LEAST_TYPICAL = 3, 0.01
 # Key frames from the first to the second of a near pair, and how many of these are looked at.
 _NEAR_STEP, _NEAR_PAIRS = 4, 8
 # Fewer key frames show no wide baseline. Wide pairs are half of the key frames apart; one more is of the
@@ -40,8 +35,6 @@ _CHI2_MEDIAN_1D = 0.455
 # px; added to residuals so that the ratio of two tiny ones does not decide: of fundamental matrices, and of
 # affine motions.
 _EPIPOLAR_FLOOR_PX, _AFFINE_FLOOR_PX = 0.05, 0.3
-# px² per unit of weight; points on a line still have an affine motion.
-_RIDGE_PX2 = 1e-3
 # px; a group that moves less in a frame pair rests, if the other moves so many times as far. Of 127
 # decisions on the development sequences where this was so, none was between parts of one body.
 _RESTING_PX, _TIMES_AS_FAR = 1.5, 10.0
@@ -90,17 +83,17 @@ class _Views:
     @cached_property
     def motion(self) -> Floats:
         """Median motion in each pair, px."""
-        return _median(np.linalg.norm(self.y - self.x, axis=2), self.seen)
+        return median(np.linalg.norm(self.y - self.x, axis=2), self.seen)
 
     @cached_property
     def epipolar(self) -> Floats:
         """Median squared residual under a fundamental matrix of its own in each pair, px²."""
-        return _median(_residuals(_fundamental, self.x, self.y, self.seen.astype(float)), self.seen)
+        return median(residuals(fundamental, self.x, self.y, self.seen.astype(float)), self.seen)
 
     @cached_property
     def affine(self) -> Floats:
         """Median squared residual under an affine motion of its own in each pair, px²."""
-        return _median(_residuals(_affine, self.x, self.y, self.seen.astype(float)), self.seen)
+        return median(residuals(affine, self.x, self.y, self.seen.astype(float)), self.seen)
 
     @cached_property
     def variance(self) -> Floats:
@@ -112,9 +105,9 @@ class _Views:
         both = [self.x[rows], other.x[rows]], [self.y[rows], other.y[rows]]
         # A large group must not outvote a small one.
         prior = [one.seen[rows] / np.sqrt(one.count[rows, None]) for one in (self, other)]
-        square = _residuals(model, *(np.concatenate(part, axis=1) for part in (*both, prior)))
+        square = residuals(model, *(np.concatenate(part, axis=1) for part in (*both, prior)))
         n = self.seen.shape[1]
-        return _median(square[:, :n], self.seen[rows]), _median(square[:, n:], other.seen[rows])
+        return median(square[:, :n], self.seen[rows]), median(square[:, n:], other.seen[rows])
 
 
 class Geometry:
@@ -144,7 +137,7 @@ class Geometry:
         rows = np.flatnonzero(np.minimum(a.count, b.count) >= _LEAST_POINTS)
         if not len(rows):
             return None
-        joint = np.maximum(*a.joint(b, rows, _fundamental))
+        joint = np.maximum(*a.joint(b, rows, fundamental))
         own = (a.epipolar[rows] + b.epipolar[rows]) / 2
         return Comparison(float(_log_ratio(joint, own, _EPIPOLAR_FLOOR_PX).mean()), _one_rests(a, b, rows))
 
@@ -157,7 +150,7 @@ class Geometry:
             return False
         excess = [
             np.maximum(square / _CHI2_MEDIAN_1D, 1e-12) / self._expected(views)[rows]
-            for square, views in zip(a.joint(b, rows, _fundamental), (a, b), strict=True)
+            for square, views in zip(a.joint(b, rows, fundamental), (a, b), strict=True)
         ]
         return bool(0.5 * np.log(np.maximum(*excess)).mean() > _CONTRADICTION)
 
@@ -178,13 +171,13 @@ class Geometry:
         if not len(rows) or _one_rests(a, b, rows):
             return False
         own = np.maximum(a.affine[rows], b.affine[rows])
-        parallax = _log_ratio(np.maximum(*a.joint(b, rows, _affine)), own, _AFFINE_FLOOR_PX)
+        parallax = _log_ratio(np.maximum(*a.joint(b, rows, affine)), own, _AFFINE_FLOOR_PX)
         if parallax.mean() > _PARALLAX_EXCESS:
             return False
         excess = np.maximum(
             *(
                 _log_ratio(square, _CHI2_MEDIAN_1D * views.variance[rows], _EPIPOLAR_FLOOR_PX)
-                for square, views in zip(a.joint(b, rows, _fundamental), (a, b), strict=True)
+                for square, views in zip(a.joint(b, rows, fundamental), (a, b), strict=True)
             )
         )
         return bool(
@@ -247,70 +240,3 @@ def _one_rests(a: _Views, b: _Views, rows: Ints) -> bool:
     """Whether in one of some pairs one group rests while the other moves."""
     slow, fast = np.minimum(a.motion, b.motion)[rows], np.maximum(a.motion, b.motion)[rows]
     return bool(((slow < _RESTING_PX) & (fast > _TIMES_AS_FAR * np.maximum(slow, _SLOWEST_PX))).any())
-
-
-def _median(values: Floats, seen: Bools) -> Floats:
-    """Median of those that are seen, [P]; 0 of none."""
-    ranked, count = np.sort(np.where(seen, values, np.inf), axis=1), seen.sum(axis=1)
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, seen.shape[1] - 1)
-    middle = np.take_along_axis(ranked, np.stack([low, high], axis=1), axis=1).mean(axis=1)
-    return np.where(count > 0, middle, 0.0)
-
-
-def _residuals(model: Model, x: Floats, y: Floats, prior: Floats) -> Floats:
-    """Squared residuals [P, n] under reweighted fits; `prior` [P, n] weighs points, 0 where there is none."""
-    seen = prior > 0
-    fit, weight = model(x, y, seen), prior
-    square = fit(weight)
-    for _ in range(_ROUNDS - 1):
-        typical = np.maximum(_median(square, seen), _LEAST_TYPICAL)[:, None]
-        square = fit(prior / np.sqrt(1 + square / (4 * typical)))
-    return square
-
-
-def _fundamental(x: Floats, y: Floats, seen: Bools) -> Callable[[Floats], Floats]:
-    """Squared Sampson distances under the normalised eight-point method (Hartley 1997)."""
-    (p, u, left), (q, v, right) = _normalised(x, seen), _normalised(y, seen)
-    rows = (v[..., :, None] * u[..., None, :]).reshape(*seen.shape, 9)
-
-    def squares(weight: Floats) -> Floats:
-        scaled = rows * weight[..., None]
-        vector = np.linalg.eigh(scaled.mT @ scaled)[1][..., 0]
-        a, s, b = np.linalg.svd(vector.reshape(-1, 3, 3))
-        s[:, 2] = 0
-        matrix = right.mT @ (a * s[:, None] @ b) @ left
-        there, back = p @ matrix.mT, q @ matrix
-        gradient = (there[..., :2] ** 2).sum(axis=2) + (back[..., :2] ** 2).sum(axis=2)
-        return np.asarray((q * there).sum(axis=2) ** 2 / np.maximum(gradient, 1e-12))
-
-    return squares
-
-
-def _affine(x: Floats, y: Floats, seen: Bools) -> Callable[[Floats], Floats]:
-    """Squared distances from an affine motion."""
-    _, rows, normalising = _normalised(x, seen)
-    move = y - x
-    # The ridge holds the linear part, per px of place; `rows` are scaled.
-    ridge = _RIDGE_PX2 * normalising[:, 0, 0, None, None] ** 2 * np.diag([1.0, 1.0, 0.0])
-
-    def squares(weight: Floats) -> Floats:
-        weighted = (rows * weight[..., None]).mT
-        normal = weighted @ rows + weight.sum(axis=1)[:, None, None] * ridge + 1e-9 * np.eye(3)
-        field = np.linalg.solve(normal, weighted @ move)
-        return np.asarray(((move - rows @ field) ** 2).sum(axis=2))
-
-    return squares
-
-
-def _normalised(x: Floats, seen: Bools) -> tuple[Floats, Floats, Floats]:
-    """Homogeneous points [P, n, 3], the same at mean distance √2 from 0, and the matrix for it [P, 3, 3]."""
-    count = np.maximum(seen.sum(axis=1), 1)[:, None]
-    centre = (x * seen[..., None]).sum(axis=1) / count
-    apart = np.linalg.norm(x - centre[:, None], axis=2) * seen
-    scale = np.sqrt(2) / np.maximum(apart.sum(axis=1) / count[:, 0], 1e-9)
-    matrix = np.zeros((len(x), 3, 3))
-    matrix[:, 0, 0] = matrix[:, 1, 1] = scale
-    matrix[:, :2, 2] = -scale[:, None] * centre
-    matrix[:, 2, 2] = 1
-    points = np.concatenate([x, np.ones((*seen.shape, 1))], axis=2)
-    return points, points @ matrix.mT, matrix

@@ -18,8 +18,8 @@ _SEEDS, _PICKED = 12, 7
 _MOTION_WEIGHT = 10.0
 # nat; mean gain from which on two groups move as one.
 _AS_ONE = 0.3
-# Comparisons with motion as one until two bodies are merged, and the limit of what is summed up.
-_MERGE_AFTER, _MOST_SUM = 4.0, 7.0
+# Comparisons with motion as one until two bodies are merged, and if one is not shown; limit of the sum.
+_MERGE_AFTER, _MERGE_UNSHOWN, _MOST_SUM = 4.0, 0.5, 7.0
 # Comparisons that a group of the whole window counts for.
 _VOTE = 1.3
 # px; of two groups that both move less over the longest time scale, nothing is learnt.
@@ -112,13 +112,12 @@ class Together:
         for (a, first), (b, second) in combinations(sorted(group.items()), 2):
             self._add((a, b), _VOTE if first == second else -_VOTE)
 
-    def merged(self) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough."""
-        return next((pair for pair, total in self._sums.items() if total > _MERGE_AFTER), None)
-
-    def alone(self, body: int) -> bool:
-        """Whether it has moved as one with no other body so far."""
-        return all(total <= 0 for pair, total in self._sums.items() if body in pair)
+    def merged(self, shown: set[int]) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough: soon, if not both of them are shown."""
+        for pair, total in self._sums.items():
+            if total > (_MERGE_AFTER if shown.issuperset(pair) else _MERGE_UNSHOWN):
+                return pair
+        return None
 
     def forget(self, body: int) -> None:
         """A body is no more."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Ints, Labels, Slots
+from ..arrays import Bools, Ints, Labels, Slots
 from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
@@ -16,8 +16,9 @@ from .recent import Recent, recent_motion
 
 # ns between two instants at which motion is taken in, however often updates are made.
 _STEP_NS = 100_000_000
-# Share of the trajectories at rest above which the camera rests: something large may move before it.
-_LEAST_SHARE = 0.3
+# Share at rest above which the camera rests: of all trajectories, as something large may move before it, and
+# of its background once it has rested.
+_LEAST_SHARE, _LEAST_OF_BACKGROUND = 0.3, 0.4
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Fewer trajectories do not tell. They are looked at over the longest of the first time
@@ -67,11 +68,11 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._look(recent)
+            self._look(window, recent)
             if self._evidence < 0:
                 self._belief = None
                 continue
-            self._belief = self._belief or Belief(window, labels)
+            self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
             self._belief.step(window, recent, instant)
             self._steps += 1
             if self._steps % _EVERY == 0:
@@ -98,16 +99,27 @@ class RestingCamera:
             return slots[:0], np.zeros(0, np.intp)
         return slots[ready], group(frames.of(ready), self._config).labels
 
-    def _look(self, recent: Recent) -> None:
-        seen = recent.seen[:_SCALES]
+    def _look(self, window: Window, recent: Recent) -> None:
+        """Judge by all trajectories, and once the camera rests by its background alone.
+
+        What moves may have most of the features, and a camera that moves moves the background.
+        """
+        seen, least = recent.seen[:_SCALES], _LEAST_SHARE
+        if self._belief is not None and self._evidence > 0:
+            seen, least = seen & self._belief.rests(window, recent.slots), _LEAST_OF_BACKGROUND
         enough = np.flatnonzero(seen.sum(axis=1) >= _LEAST_TRACKS)
         if not len(enough):
             return
         scale = int(enough[-1])
-        square = (recent.displacement[scale] ** 2).sum(axis=1)
-        still = square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)
-        change = min(max(_WEIGHT * (float(still[seen[scale]].mean()) - _LEAST_SHARE), _FALL), _RISE)
+        share = float(_still(recent, scale)[seen[scale]].mean())
+        change = min(max(_WEIGHT * (share - least), _FALL), _RISE)
         self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
+
+
+def _still(recent: Recent, scale: int) -> Bools:
+    """Whether each trajectory has not moved over one of the time scales, bool [n]."""
+    square = (recent.displacement[scale] ** 2).sum(axis=1)
+    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)))
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
